@@ -7,17 +7,20 @@ on the same twin, 32 s of a 0.5 m square, with the same gain, on-board sensors a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain
 from ballbot.control.references import figure_eight, square
+from ballbot.estimation.interface import EstimatorName
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.stages import DEFAULT_OPTIONS, IdentificationOptions
-from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Twin
-from ballbot.workflows.comparison import Comparison, compare
+from ballbot.workflows.comparison import ComparedRun, Comparison, run_comparison
 from campaigns.section import Section
 
 RECORDED = 48.0  # seconds of each log
@@ -52,16 +55,27 @@ def identified(
     return identify(robot, logs, bounds=bounds, seed=0, options=options)
 
 
-def compare_compensations(
-    robot: Robot, *, seeds: Sequence[int], progress: ProgressCallback = ignore_progress
-) -> Comparison:
+def compare_compensations(robot: Robot, *, seeds: Sequence[int]) -> Comparison:
     """Return the twin's position errors with no, full and partial compensation of the friction in `robot`."""
     gain = design_gain(robot).gain
     controllers = {kind: Controller(robot, gain, compensation=kind) for kind in ("none", "full", "partial")}
-    reference = square(side=0.5, period=32.0)
-    return compare(
-        lambda: Twin(robot), controllers, reference, duration=RUN, seeds=seeds, threads=2, progress=progress
-    )
+    runs = [
+        ComparedRun(
+            candidate=name,
+            controller=controller,
+            plant=partial(_twin, robot),
+            reference=partial(square, side=0.5, period=32.0),
+            duration=RUN,
+            seed=seed,
+        )
+        for name, controller in controllers.items()
+        for seed in seeds
+    ]
+    return run_comparison(runs)
+
+
+def _twin(robot: Robot, _: EstimatorName) -> Twin:
+    return Twin(robot)
 
 
 def campaign() -> Section:
@@ -69,14 +83,16 @@ def campaign() -> Section:
     comparison = compare_compensations(identified_robot(Robot.load("alten")), seeds=SEEDS)
     rows = []
     for name in ("none", "full", "partial"):
-        summary, halved = comparison.summary(name), halvings(comparison, name)
-        errors = (summary.peak_position_error, summary.worst_position_error, summary.rms_position_error)
+        scores, halved = comparison.scores_of(name), halvings(comparison, name)
+        stood = [one for one in scores if one.ended is None]
+        peaks = np.array([one.peak_position_error for one in stood])
+        errors = (peaks.mean(), peaks.max(), np.mean([one.rms_position_error for one in stood]))
         rows.append(
             [
                 name,
                 *(f"{error:.3f}" for error in errors),
                 f"{sum(halved)} of {len(halved)}",
-                f"{summary.falls}",
+                f"{len(scores) - len(stood)}",
             ]
         )
     return Section(
@@ -98,7 +114,7 @@ def campaign() -> Section:
 
 def halvings(comparison: Comparison, name: str) -> list[bool]:
     """Return, for each seed, whether this compensation at least halves the peak error of none, without a fall."""
-    pairs = zip(comparison.scores[name], comparison.scores["none"], strict=True)
+    pairs = zip(comparison.scores_of(name), comparison.scores_of("none"), strict=True)
     return [
         one.ended is None and one.peak_position_error <= 0.5 * none.peak_position_error for one, none in pairs
     ]

@@ -5,8 +5,8 @@
 
 The study is of the nominal twin. Each faulty twin (`campaigns.faulty_twins`) runs the square once with the precise
 controller, whose log is evaluated, and once without compensation, for the true verdict. The constants of
-`ballbot.workflows.controller_prediction` and `controller_differences` come from the development set, which has other
-seeds. Logs are kept in build/controller_prediction: an interrupted campaign continues.
+`ballbot.workflows.controller_prediction` come from the development set, which has other seeds. Logs are kept in
+build/controller_prediction: an interrupted campaign continues.
 """
 
 from __future__ import annotations
@@ -19,9 +19,15 @@ from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.workflows.comparison import fraction_with_interval
-from ballbot.workflows.controller_differences import NUMBERS, Difference, signature_of
-from ballbot.workflows.controller_prediction import Prediction, lognormal_interval, predict
-from ballbot.workflows.controller_verdict import SHOWN, QuantityResult, Verdict, evaluate_log
+from ballbot.workflows.controller_prediction import (
+    SHOWN,
+    ControllerVerdict,
+    Prediction,
+    QuantityResult,
+    evaluate_log,
+    lognormal_interval,
+    predict,
+)
 from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
 from campaigns.faulty_twins import (
     CONTROLLERS,
@@ -29,15 +35,13 @@ from campaigns.faulty_twins import (
     FaultyTwin,
     Studied,
     drawn,
-    healthy,
     recorded,
     studied,
-    study_logs,
 )
 from campaigns.section import Section
 
-#: seeds of twins without faults, of those that the constants are made from, and of those that are judged
-HEALTHY, DEVELOPMENT, JUDGED = range(900, 910), range(1000, 1076), range(2000, 2050)
+#: seeds of twins that the constants are made from, and of those that are judged
+DEVELOPMENT, JUDGED = range(1000, 1076), range(2000, 2050)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +49,7 @@ class Outcome:
     """A faulty twin, the verdict on its log, and what is true."""
 
     twin: FaultyTwin
-    verdict: Verdict
+    verdict: ControllerVerdict
     seen: Performance  #: with the precise controller
     fell: bool
     without: Performance  #: without compensation
@@ -59,7 +63,7 @@ class Outcome:
 
 def prediction_of(study: Studied) -> Prediction:
     """Return what the study predicts of the precise controller."""
-    made = predict(replace(study.choice, chosen="precise"), logs=study_logs())
+    made = predict(replace(study.choice, chosen="precise"))
     assert made is not None
     return made
 
@@ -75,11 +79,11 @@ def outcomes(seeds: Sequence[int], *, of: str) -> list[Outcome]:
 
 
 def _outcome(study: Studied, prediction: Prediction, twin: FaultyTwin, logs: dict[str, Log]) -> Outcome:
-    controller, robot = study.controllers["precise"], study.found.robot
+    controller = study.controllers["precise"]
     log, without = logs["precise"], logs["none"]
     return Outcome(
         twin=twin,
-        verdict=evaluate_log(prediction, log, robot, controller),
+        verdict=evaluate_log(prediction, log, controller),
         seen=performance_of(log, controller),
         fell=log.ended is not None,
         without=performance_of(without, study.controllers["none"]),
@@ -110,10 +114,10 @@ def section(found: Sequence[Outcome]) -> Section:
         before=f"One study of the nominal twin predicts the precise controller's square (32 s) from 20 perturbed"
         f" plants; {len(found)} twins with faults that the study did not contain ({len(KINDS)} kinds, mild to severe, "
         f"half"
-        " of them with a second, mild fault) run it once each. The model discrepancy and the usual sizes of symptoms"
-        f" were chosen on {len(DEVELOPMENT)} other faulty twins and {len(HEALTHY)} without faults. The interval of "
-        f"the fraction of all quantities treats them as independent, which those of one run are not. Errors are those "
-        f"of the logged state, as measured by the robot itself.",
+        " of them with a second, mild fault) run it once each. The model discrepancy was chosen on"
+        f" {len(DEVELOPMENT)} other faulty twins. The interval of the fraction of all quantities treats them as"
+        " independent, which those of one run are not. Errors are those "
+        "of the logged state, as measured by the robot itself.",
         columns=[
             "quantity",
             "inside its 95 % interval",
@@ -122,7 +126,7 @@ def section(found: Sequence[Outcome]) -> Section:
             "measured over predicted",
         ],
         rows=rows,
-        after=f"{_verdict_words(found)} {_difference_words(found)}",
+        after=_verdict_words(found),
     )
 
 
@@ -164,15 +168,6 @@ def _named(wrong: Sequence[Outcome]) -> str:
     return f": {'; '.join(words)}" if words else ""
 
 
-def _difference_words(found: Sequence[Outcome]) -> str:
-    refuted = [one for one in found if not one.verdict.confirmed]
-    listed = sum(bool(one.verdict.differences) for one in refuted)
-    return (
-        f"{len(refuted)} predictions are refuted; of {listed} of these runs a number of the motion or the torques"
-        " differs from the study's and is listed."
-    )
-
-
 def _quantity(one: Outcome, name: str) -> QuantityResult:
     return next(each for each in one.verdict.quantities if each.name == name)
 
@@ -200,14 +195,6 @@ def calibrate() -> None:
     for controller in CONTROLLERS:
         of_controller = [one[controller] for one in logs]
         _print_discrepancy(study, controller, [log for log in of_controller if log.ended is None])
-    expected = prediction_of(study).signature
-    print("usual differences of a robot without faults:")
-    runs = [one["precise"] for one in recorded([healthy(seed) for seed in HEALTHY], of="healthy")]
-    numbers = [signature_of(log, study.found.robot) for log in runs]
-    for name, number in NUMBERS.items():
-        pairs = [Difference(name=name, measured=one[name], predicted=expected[name]) for one in numbers]
-        away = number.usual * np.sqrt(np.mean([one.usual_sizes**2 for one in pairs]))
-        print(f"    {name}: RMS {away:.3g}, now {number.usual:g}")
 
 
 def _print_discrepancy(study: Studied, controller: str, logs: Sequence[Log]) -> None:

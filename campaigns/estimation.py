@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import Reference, named_reference, square
-from ballbot.estimation.interface import Estimator, Reading, StateErrors, state_errors
+from ballbot.estimation.interface import EstimationErrors, Estimator, Reading, state_errors
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.kalman_model import FilterNoise
 from ballbot.estimation.onboard import OnboardState
@@ -23,7 +23,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.workflows.comparison import Comparison, compare
+from ballbot.workflows.comparison import ComparedRun, Comparison, mean_with_interval
 from campaigns.section import Section
 
 REFERENCES = ("square", "hold", "figure_eight")
@@ -76,7 +76,7 @@ class SideBySide:
 
 def side_by_side(
     robot: Robot, scenario: Scenario, reference: Reference, *, seed: int, duration: float = DURATION
-) -> dict[str, StateErrors]:
+) -> dict[str, EstimationErrors]:
     """Return each estimator's errors on one run that the thesis's own steers."""
     h = scenario.sensors.sample_time
     thesis = Listener(OnboardState(robot, sample_time=h))
@@ -96,7 +96,7 @@ def side_by_side(
     }
 
 
-def in_closed_loop(robot: Robot, *, seeds: Sequence[int], duration: float = 64.0) -> dict[str, Comparison]:
+def in_closed_loop(robot: Robot, *, seeds: Sequence[int], duration: float = 64.0) -> Comparison:
     """Return how near to a square the robot stays where the estimator steers; compensation of the true friction."""
     nominal = Scenario.nominal(robot)
     biased = replace(nominal, name="biased", sensor_faults=BIASED)
@@ -112,20 +112,27 @@ def in_closed_loop(robot: Robot, *, seeds: Sequence[int], duration: float = 64.0
         f"biased AHRS: {THESIS}": (biased, lambda: OnboardState(robot, sample_time=h)),
         f"biased AHRS: {ALONE}": (biased, lambda: KalmanFilter(robot, sample_time=h)),
     }
-    return {
-        name: compare(
-            lambda scenario=scenario, estimator=estimator: Twin(robot, scenario, estimator=estimator()),
-            controllers,
-            square(),
+    runs = [
+        ComparedRun(
+            candidate=name,
+            controller=controller,
+            plant=lambda _, scenario=scenario, estimator=estimator: Twin(
+                robot, scenario, estimator=estimator()
+            ),
+            reference=square,
             duration=duration,
-            seeds=seeds,
-            threads=THREADS,
+            seed=seed,
+            course=loop,
         )
-        for name, (scenario, estimator) in loops.items()
-    }
+        for loop, (scenario, estimator) in loops.items()
+        for name, controller in controllers.items()
+        for seed in seeds
+    ]
+    with ThreadPoolExecutor(THREADS) as pool:
+        return Comparison(runs=tuple(runs), results=tuple(pool.map(ComparedRun.result, runs)))
 
 
-def rows(name: str, found: Sequence[dict[str, StateErrors]]) -> list[list[str]]:
+def rows(name: str, found: Sequence[dict[str, EstimationErrors]]) -> list[list[str]]:
     """Return a row for each estimator: means over the runs, and the worst drift over the thesis's on the same run."""
     table = []
     for estimator in found[0]:
@@ -154,7 +161,7 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
     biased = replace(nominal, name="biased", sensor_faults=BIASED)
     cases = [(name, nominal, name) for name in REFERENCES] + [("square, biased AHRS", biased, "square")]
 
-    def run(job: tuple[tuple[str, Scenario, str], int]) -> dict[str, StateErrors]:
+    def run(job: tuple[tuple[str, Scenario, str], int]) -> dict[str, EstimationErrors]:
         (_, scenario, reference), seed = job
         return side_by_side(robot, scenario, named_reference(reference), seed=seed, duration=duration)
 
@@ -186,7 +193,7 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
     )
 
 
-def _loops(found: dict[str, Comparison]) -> str:
+def _loops(found: Comparison) -> str:
     lines = [
         "With the estimator in the loop, two rounds of the square, true position from the reference once settled; "
         "torque noise is the torque's RMS change from sample to sample.",
@@ -195,18 +202,21 @@ def _loops(found: dict[str, Comparison]) -> str:
         "| torque noise, compensated | falls |",
         "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
-    for name, comparison in found.items():
-        none, partial = (comparison.summary(kind) for kind in ("none", "partial"))
-        cells = [
-            f"{scale * value:{shape}}"
-            for one in (none, partial)
-            for scale, value, shape in (
-                (1e3, one.rms_position_error, ".0f"),
-                (1e3, one.peak_position_error, ".0f"),
-                (1.0, one.rms_torque_change, ".3f"),
-            )
-        ]
-        lines.append(f"| {name} | {' | '.join(cells)} | {none.falls + partial.falls} |")
+    for name in dict.fromkeys(one.course for one in found.runs):
+        cells, falls = [], 0
+        for kind in ("none", "partial"):
+            scores = found.scores_of(kind, name)
+            stood = [one for one in scores if one.ended is None]
+            falls += len(scores) - len(stood)
+            for scale, key, shape in (
+                (1e3, "rms_position_error", ".0f"),
+                (1e3, "peak_position_error", ".0f"),
+                (1.0, "rms_torque_change", ".3f"),
+            ):
+                cells.append(
+                    f"{scale * mean_with_interval([getattr(one, key) for one in stood]).mean:{shape}}"
+                )
+        lines.append(f"| {name} | {' | '.join(cells)} | {falls} |")
     return "\n".join(lines)
 
 

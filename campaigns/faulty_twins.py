@@ -247,11 +247,6 @@ def is_severe(seed: int) -> bool:
     return bool(np.random.default_rng([seed, 29]).random() < SEVERE)
 
 
-def healthy(seed: int) -> FaultyTwin:
-    """Return the twin that was studied, with another seed."""
-    return FaultyTwin(seed=seed, kind="none")
-
-
 def _with(twin: FaultyTwin, scenario: Scenario) -> FaultyTwin:
     return replace(twin, scenario=scenario)
 
@@ -286,11 +281,6 @@ def studied() -> Studied:
     return _kept("study.pickle", _study)
 
 
-def study_logs() -> list[Log]:
-    """Return the logs that the study is of, from file if they are there."""
-    return _kept("study_logs.pickle", _study_logs)
-
-
 def _study_logs() -> list[Log]:
     controller = nominal_controller(ROBOT)
     return [
@@ -300,7 +290,7 @@ def _study_logs() -> list[Log]:
 
 
 def _study() -> Studied:
-    found = identify(ROBOT, study_logs(), seed=0)
+    found = identify(ROBOT, _study_logs(), seed=0)
     made = candidates(found, sample_time=SAMPLE_TIME)
     controllers = {name: made[name] for name in CONTROLLERS}
     plants = draw_plants(found, scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)

@@ -27,11 +27,10 @@ from ballbot.control.parts import example_parts
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference, read_reference, reference_text
 from ballbot.errors import InputError, UnsuitedController
-from ballbot.identification.axis.file_columns import AxisColumns
-from ballbot.identification.axis.reading import read_axis_record
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
-from ballbot.log import STATE_NAMES, Log
+from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.formats import WRITTEN_SUFFIXES, read_foreign_table
 from ballbot.log.log import LONGEST
@@ -49,7 +48,6 @@ from ballbot.twin import Scenario
 from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.vision.video import open_video
 from ballbot.workflows.courses import built_in_sets, read_courses
-from ballbot.workflows.excite import deviations_found
 
 ALTEN = Robot.load("alten")
 
@@ -281,11 +279,6 @@ def _sweep() -> bytes:
     ).encode()
 
 
-def _errors() -> bytes:
-    errors = {name: 0.001 * (k + 1) for k, name in enumerate(STATE_NAMES)}
-    return json.dumps({"held_out": {"rmse_with_friction": errors}}, indent=1).encode()
-
-
 def _judge_log(path: Path) -> None:
     log = Log.read(path)
     _assert_log(log)
@@ -418,14 +411,8 @@ def _judge_sweep(path: Path) -> None:
     assert not np.isinf(sweep.covariances).any()
 
 
-def _judge_deviations(path: Path) -> None:
-    values = deviations_found(path)
-    assert values.shape == (10,)
-    assert (np.isfinite(values) & (values > 0.0)).all()
-
-
 def _judge_axis(path: Path) -> None:
-    record = read_axis_record(path, AxisColumns(reference="reference"))
+    record = read_axis_record(path, AxisColumns())
     assert np.isfinite(record.force).all()
     assert np.isfinite(record.position).all()
     assert 0.0 < record.sample_time < math.inf
@@ -469,7 +456,6 @@ _MAKERS: dict[str, Callable[[], Target]] = {
     "bounds": lambda: Target(suffix=".toml", samples=(_BOUNDS.encode(),), judge=_judge_bounds),
     "reference": lambda: Target(suffix=".csv", samples=(_csv(_reference()),), judge=_judge_reference),
     "sweep's results": lambda: Target(suffix=".json", samples=(_sweep(),), judge=_judge_sweep),
-    "identified errors": lambda: Target(suffix=".json", samples=(_errors(),), judge=_judge_deviations),
     "axis record, CSV": lambda: Target(suffix=".csv", samples=(_csv(_axis()),), judge=_judge_axis),
     "axis record, MATLAB": lambda: Target(suffix=".mat", samples=_mat(_axis()), judge=_judge_axis),
     "motion capture": lambda: Target(suffix=".csv", samples=(_csv(_film()),), judge=_judge_film),

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ballbot import Log, Robot
@@ -22,7 +23,6 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.comparison import ComparedRun, RunResult, run_comparison
-from ballbot.workflows.metrics import cycle_amplitude
 from campaigns.compensation import identified_robot
 from campaigns.section import Section
 
@@ -99,6 +99,25 @@ def _task_reference(name: str) -> Reference:
 def _task_measure(log: Log) -> NDArray[np.float64]:
     cycle = cycle_amplitude(log) if log.ended is None else np.nan
     return np.array([cycle, abs(log["psi"][-1] - log["ref_psi"][-1])])
+
+
+#: slower than this is drift [Hz]
+_MIN_CYCLE_FREQUENCY = 0.5
+
+
+def cycle_amplitude(log: Log, *, settle: float = 6.0) -> float:
+    """Return the amplitude of the strongest periodic motion along x or y [m], faster than 0.5 Hz.
+
+    The true position counts where the log has it. A line's amplitude comes from the spectrum of the whole run from
+    `settle` on under a Hann window, and so is that of a cycle which lasts.
+
+    """
+    place = log.truth() if "true_x" in log else log
+    late = log.t - log.t[0] >= settle
+    high = scipy.signal.butter(2, _MIN_CYCLE_FREQUENCY, "high", fs=1.0 / log.sample_time, output="sos")
+    window = np.hanning(np.count_nonzero(late))
+    lines = [np.abs(np.fft.rfft(scipy.signal.sosfiltfilt(high, place[name][late]) * window)) for name in "xy"]
+    return float(2.0 * np.max(lines) / window.sum())
 
 
 def outcome(result: RunResult) -> Outcome:

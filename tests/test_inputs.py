@@ -40,7 +40,6 @@ from ballbot.robot.file import robot_text
 from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.courses import read_courses
-from ballbot.workflows.excite import deviations_found
 from tests.support.log_examples import smooth_log
 from tests.support.paths import ROOT
 
@@ -54,7 +53,6 @@ READERS: dict[str, Callable[[Path], object]] = {
     "bounds": read_bounds,
     "mapping": read_mapping,
     "sweep": lambda path: read_sweep(path, wheel_count=3),
-    "deviations": deviations_found,
 }
 
 

@@ -43,15 +43,12 @@ NOT_COMPILED = {
         for name in ("Armstrong", "Classical", "Dahl", "FrictionLaw", "LuGre", "Smoothed")
     },
     "made by the package, from a log or a design": {
-        *(f"ballbot.workflows.excite.{name}" for name in ("Design", "Trial", "excite", "task")),
+        *(f"ballbot.workflows.excite.{name}" for name in ("Design", "LoopRuns", "excite", "task")),
         *(f"ballbot.identification.{name}" for name in ("Identification", "WindowErrors")),
         *(f"ballbot.identification.axis.{name}" for name in ("AxisIdentification", "InverseFit")),
         "ballbot.thesis.lagrangian.Equations",
         *(f"ballbot.validation.{name}" for name in ("ErrorPair", "RecoveredGain", "StateErrors")),
-        *(
-            f"ballbot.validation.alignment.{name}"
-            for name in ("Clock", "Frame", "Lever", "MotionFit", "PositionError", "SensorErrors")
-        ),
+        *(f"ballbot.validation.alignment.{name}" for name in ("Clock", "MotionFit", "SensorErrors")),
     },
 }
 

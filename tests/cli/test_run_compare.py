@@ -23,7 +23,6 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.workflows.controller_choice import NamedCourse
-from ballbot.workflows.controller_differences import signature_of
 from ballbot.workflows.controller_prediction import Prediction, checksum_of, performance_intervals
 from ballbot.workflows.metrics import Performance, performance_of
 
@@ -46,7 +45,7 @@ def study(tmp_path_factory):
     plant = SensedPlant(Model(KNOWN), imperfections_of(SCENARIO, known=KNOWN), estimator=controller.estimator)
     reference = COURSE.reference_spec.reference()
     log = simulate(plant, controller, reference, duration=COURSE.duration, seed=1).without_truth()
-    seen, signature = performance_of(log, controller), signature_of(log, KNOWN)
+    seen = performance_of(log, controller)
     random = np.random.default_rng(0)
     similar = [
         Performance.from_array(seen.to_array() * np.exp(0.1 * random.standard_normal(5))) for _ in range(20)
@@ -64,7 +63,6 @@ def study(tmp_path_factory):
         draws=20,
         chosen=performance_intervals(similar, discrepancy=factor),
         none=performance_intervals(without, discrepancy=factor),
-        signature=signature,
     )
     write_text(folder / "results.json", as_json({"prediction": prediction}))
     write_robot(KNOWN, folder / "robot.toml")

@@ -34,14 +34,13 @@ def bad_file(tmp_path, bad):
     return path
 
 
-@pytest.mark.parametrize("command", ["study", "identify", "validate", "align", "spin", "check"])
+@pytest.mark.parametrize("command", ["study", "identify", "validate", "align", "spin"])
 def test_an_error_in_a_log_stops_a_command_with_one_sentence_and_no_folder(
     tmp_path, bad_file, capsys, command
 ):
     out = tmp_path / "out"
     words = {
         "align": [str(bad_file), str(bad_file)],
-        "check": ["alten", "--predict", str(bad_file)],
         "spin": ["none.mp4", "--log", str(bad_file), "--robot", "alten"],
         "validate": ["alten", str(bad_file), "--against", "thesis"],
     }.get(command, ["alten", str(bad_file)])

@@ -1,4 +1,4 @@
-"""Standard deviations of a robot's parameters: in its file, and carried through to poles, gains and predictions."""
+"""Standard deviations of a robot's parameters: in its file, and carried through to poles and gains."""
 
 import json
 import math
@@ -13,15 +13,11 @@ from hypothesis import strategies as st
 from ballbot import InputError, Model, Robot
 from ballbot.cli.main import main
 from ballbot.control.presets import design_gain
-from ballbot.log import STATE_NAMES
-from ballbot.mechanics.engine.run import Lanes, simulate_lanes
-from ballbot.mechanics.parameters import pack, selector
 from ballbot.robot.components import PARAMETERS, Correlation, InertiaPoint
 from ballbot.robot.file import robot_text, write_robot
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
-from ballbot.workflows.robot_check import pole_spread, prediction_band
-from tests.support.identification_examples import balancing_log
+from ballbot.workflows.robot_check import pole_spread
 
 ALTEN = Robot.load("alten")
 CENTER: InertiaPoint = "center_of_mass"
@@ -261,62 +257,19 @@ class TestPropagation:
             propagate(known_to({"ball.inertia": 1.0}), lambda one: np.array(one.ball.mass))
 
 
-class TestPredictions:
-    def test_the_band_is_what_one_deviation_does(self):
-        log, deviation = balancing_log().between(2.0, 8.0), 0.004
-        band = prediction_band(known_to({"body.center_of_mass": deviation}), log, draws=400)
-        body = ALTEN.body
-        ends = [
-            ALTEN.replace(body=replace(body, center_of_mass=body.center_of_mass + sign * deviation))
-            for sign in (1.0, -1.0)
-        ]
-        starts = np.searchsorted(log.t, band.starts - 1e-9)
-        torques = np.array([np.column_stack([log[f"u{i}"] for i in (1, 2, 3)])[k : k + 50] for k in starts])
-        initial = np.array([np.column_stack([log[name] for name in STATE_NAMES])[k] for k in starts])
-        moved = [
-            simulate_lanes(
-                selector("exact", 3),
-                Lanes(parameters=pack(one, "exact")[None], initial=initial, torques=torques),
-                sample_time=0.005,
-                steps=5,
-            ).states
-            for one in ends
-        ]
-        expected = 0.5 * np.abs(moved[0] - moved[1])[:, -1]
-        # 400 draws: 3.5 %, four of those, and a little curvature
-        large = expected > 0.05 * expected.max(axis=0)
-        np.testing.assert_allclose(band.deviation[:, -1][large], expected[large], rtol=0.15)
-        assert ((band.lower <= band.nominal + 1e-9) & (band.nominal - 1e-9 <= band.upper)).mean() > 0.99
-        assert band.t[-1] == pytest.approx(0.25)
-
-    def test_threads_do_not_matter_and_known_robots_have_no_band(self):
-        log = balancing_log().between(2.0, 5.0)
-        bands = [prediction_band(known_to(SOME), log, draws=5, threads=count) for count in (1, 2)]
-        assert (bands[0].upper == bands[1].upper).all()
-        for robot in (ALTEN, known_to({"ball.radius": 0.0})):
-            with pytest.raises(InputError, match="No value of alten has a standard deviation"):
-                prediction_band(robot, log)
-        with pytest.raises(InputError, match="2 or more"):
-            prediction_band(known_to(SOME), log, draws=1)
-
-
 class TestCommands:
     @pytest.mark.slow
     def test_check_and_design_carry_it_through(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-        robot, log = tmp_path / "mine.toml", tmp_path / "log.csv"
+        robot = tmp_path / "mine.toml"
         write_robot(known_to(SOME), robot)
-        balancing_log().between(2.0, 5.0).write(log)
-        assert main(["check", str(robot), "--predict", str(log), "--out", str(tmp_path)]) == 0
-        printed = capsys.readouterr().out
-        assert "its standard deviation is 0.0" in printed
-        assert "spread by the standard deviations" in printed
+        assert main(["check", str(robot), "--out", str(tmp_path)]) == 0
+        assert "its standard deviation is 0.0" in capsys.readouterr().out
         results = json.loads((tmp_path / "results.json").read_text())
         pole = results["unstable_pole_uncertainty"]
         assert pole["interval_95"][0] < results["unstable_pole"] < pole["interval_95"][1]
         assert results["standard_deviations"]["wheels.azimuths"] == [0.004, 0.0, 0.008]
-        assert results["prediction"]["standard_deviation_at_end"]["phi"] > 0.0
         assert main(["design", str(robot), "--out", str(tmp_path / "soft")]) == 0
-        assert "+- =" in capsys.readouterr().out
+        assert "Standard deviation of each entry" in capsys.readouterr().out
         gain = json.loads((tmp_path / "soft" / "results.json").read_text())
         assert np.shape(gain["gain_standard_deviation"]) == (3, 10)
 
@@ -333,5 +286,5 @@ class TestCommands:
         )  # the gain does not depend on it
         for robot in ("alten", str(rolling)):
             assert main(["design", robot, "--out", str(without)]) == 0
-            assert "+-" not in capsys.readouterr().out
+            assert "Standard deviation of each entry" not in capsys.readouterr().out
             assert "Standard deviation of each entry" not in (without / "report.html").read_text("utf-8")

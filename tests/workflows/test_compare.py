@@ -1,42 +1,20 @@
-"""Comparisons of controllers on one plant, and the commands from a design to a comparison."""
+"""The commands from a design to a comparison."""
 
 import json
 
 import numpy as np
 import pytest
 
-from ballbot import Controller, InputError, Log, Model
+from ballbot import InputError, Log
 from ballbot.cli.main import main
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import square
 from ballbot.robot.file import write_robot
-from ballbot.workflows.comparison import compare
+from ballbot.workflows.comparison import run_comparison
 from tests.support.control_examples import FRICTION, alten
-
-
-@pytest.mark.slow
-def test_comparing_on_the_model():
-    robot = alten(FRICTION)
-    controllers = {name: nominal_controller(robot, compensation=name) for name in ("none", "full", "partial")}
-    falling = controllers | {"limp": Controller(robot, np.zeros((3, 10)))}
-    runs = {"duration": 16.0, "seeds": [4, 5]}
-    found = compare(lambda: Model(robot), falling, square(), **runs)
-    again = compare(lambda: Model(robot), falling, square(), **runs, threads=2)
-    bare = found.summary("none")
-    for name in ("full", "partial"):
-        better = found.summary(name)
-        assert better.falls == 0
-        assert better.peak_position_error < 0.5 * bare.peak_position_error
-    limp = found.summary("limp")
-    assert limp.falls == limp.runs == 2
-    assert np.isnan(limp.peak_position_error)
-    assert all(found.scores[name] == again.scores[name] for name in controllers)
-    assert found.scores["none"][0] != found.scores["none"][1]
 
 
 def test_empty_comparison_is_refused():
     with pytest.raises(InputError, match="nothing to compare"):
-        compare(lambda: Model(alten()), {}, square(), duration=1.0, seeds=[1])
+        run_comparison([])
 
 
 @pytest.mark.slow

@@ -15,11 +15,9 @@ from ballbot.errors import InputError
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import identify
 from ballbot.identification.stages import IdentificationOptions
-from ballbot.log import STATE_NAMES
 from ballbot.report.excitation import gain_sentence
 from ballbot.workflows.excitation_design import DesignEffort, criterion, design, multisine_family
 from ballbot.workflows.excitation_task import Law, RunLimits, expected_errors, peaks_of, run_on_model, task
-from ballbot.workflows.excite import deviations_found
 from tests.support.control_examples import FRICTION, alten, four_wheeled
 from tests.support.identification_examples import NOISE, balancing_log, noisy
 
@@ -200,16 +198,9 @@ def test_limits_must_be_positive(name, value):
         replace(LIMITS, **{name: value})
 
 
-def found_file(tmp_path):
-    path = tmp_path / "found.json"
-    errors = dict(zip(STATE_NAMES, DEVIATIONS.tolist(), strict=True))
-    path.write_text(json.dumps({"held_out": {"rmse_with_friction": errors}}))
-    return path
-
-
 @pytest.mark.slow
 def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
-    words = ["excite", "alten", "--no-try", "--found", str(found_file(tmp_path)), "--duration", "10"]
+    words = ["excite", "alten", "--duration", "10", "--law", "coulomb"]
     words += ["--generations", "1", "--population", "4", "--out", str(tmp_path / "out")]
     assert main(words) == 0
     results = json.loads((tmp_path / "out" / "results.json").read_text())
@@ -217,14 +208,13 @@ def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
     assert results["expected"]["designed"]["worst"] == scaled.max()
     both = math.sqrt(scaled.max() * np.exp(np.log(scaled).mean()))
     assert results["criterion_after_each_generation"][-1] == pytest.approx(both, rel=1e-12)
-    assert results["limits_held_on_loop"] is None
-    for name in ("run.svg", "errors.svg"):
-        assert (tmp_path / "out" / name).read_text().startswith("<svg")
+    assert results["limits_held_on_loop"] is True
+    # the noise of the sensors comes on top of the model's peaks, within the margin left for it
+    peaks = results["on_loop"]["designed"]["peaks"], results["peaks_on_model"]["designed"]
+    assert peaks[0]["torque"] > 0.5 * peaks[1]["torque"]
     told = capsys.readouterr().out
     assert "worst, % of bounds" in told
-    assert (
-        f"{results['expected']['square']['worst'] / scaled.max():.1f} times smaller than a square's" in told
-    )
+    assert "The loop with sensors stayed within all limits." in told
     out = tmp_path / "out"
     follow = ["--reference", str(out / "reference.csv"), "--controller", str(out / "controller.toml")]
     assert main(["simulate", "alten", *follow, "--duration", "10", "--out", str(tmp_path / "run")]) == 0
@@ -239,36 +229,6 @@ def test_design_worse_than_a_square_is_reported():
     assert "some parameters cannot be identified" in gain_sentence(math.inf)
 
 
-@pytest.mark.slow
-def test_the_command_tries_it_on_the_loop_with_sensors(tmp_path, capsys):
-    words = [
-        "excite",
-        "alten",
-        "--duration",
-        "6",
-        "--law",
-        "coulomb",
-        "--generations",
-        "1",
-        "--population",
-        "4",
-    ]
-    assert main([*words, "--out", str(tmp_path)]) == 0
-    results = json.loads((tmp_path / "results.json").read_text())
-    assert results["limits_held_on_loop"] is True
-    assert set(results["on_loop"]) == {"square", "designed"}
-    # the noise of the sensors comes on top of the model's peaks, within the margin left for it
-    assert (
-        results["on_loop"]["designed"]["peaks"]["torque"]
-        > 0.5 * results["peaks_on_model"]["designed"]["torque"]
-    )
-    assert "The loop with sensors stayed within all limits." in capsys.readouterr().out
-
-
 def test_bad_input_is_refused_in_one_sentence(tmp_path, capsys):
-    path = tmp_path / "none.json"
-    path.write_text("{}")
-    with pytest.raises(InputError, match=r"not a results\.json of"):
-        deviations_found(path)
     assert main(["excite", "alten", "--lean", "-1", "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.count("\n") == 1

@@ -5,40 +5,24 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import (
-    PAGE,
-    CommandResult,
-    WholeNumber,
-    input_files,
-    open_result,
-)
-from ballbot.control.controller import Controller
+from ballbot.cli.context import PAGE, OutFolder, RobotName, Seed, WholeNumber, open_result
 from ballbot.control.file import write_controller
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
-from ballbot.files import write_text
 from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
-from ballbot.report.excitation import (
-    errors_picture,
-    excitation_parts,
-    excitation_report,
-    followed_run,
-    run_figure,
-)
-from ballbot.report.style import drawn
+from ballbot.report.excitation import excitation_report
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits
-from ballbot.workflows.excite import Excitation, ExcitationOptions, deviations_found
+from ballbot.workflows.excite import ExcitationOptions
 from ballbot.workflows.excite import excite as find
 
-_WRITTEN = (PAGE, "reference.csv", "controller.toml", "results.json", "run.svg", "errors.svg")
+_WRITTEN = (PAGE, "reference.csv", "controller.toml", "results.json")
 
 
 @Parameter(name="*")
@@ -58,7 +42,7 @@ class LimitOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SearchOptions:
+class ExciteSearchOptions:
     """The search for the run."""
 
     duration: float = 32.0
@@ -70,31 +54,13 @@ class SearchOptions:
     population: WholeNumber = 16
     """References tried in each generation."""
 
-    seed: WholeNumber = 0
-    """Random seed. The same seed gives the same result."""
+    seed: Seed = 0
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class TrialOptions:
-    """The trial on the compiled loop with sensors."""
-
-    tried: Annotated[bool, Parameter(name="--try", negative="--no-try")] = True
-    """Run the excitation and a square of the same length on the loop with sensors, with the scenario's friction, half
-    and one and a half times as much and three seeds each, and identify friction from a log of both."""
-
-    scenario: str = "nominal"
-    """Sensors, drive, play and true friction of the trial: a scenario's name or file, as in ballbot record."""
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class IdentificationOptions:
+class ExciteFitOptions:
     """The identification that the run is for."""
-
-    found: Path | None = None
-    """results.json of `ballbot identify`, from which the accuracy of predicted states is taken. If not given, that
-    of the loop around the square is used."""
 
     law: Law = "stribeck"
     """The friction law that will be identified."""
@@ -102,43 +68,40 @@ class IdentificationOptions:
     bounds: Path | None = None
     """The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds."""
 
-    window: float = 0.25
-    """Length of the windows of the identification [s]."""
 
-
-_LIMITS, _SEARCH = LimitOptions(), SearchOptions()
-_TRIAL, _IDENTIFICATION = TrialOptions(), IdentificationOptions()
+_LIMITS, _SEARCH = LimitOptions(), ExciteSearchOptions()
+_IDENTIFICATION = ExciteFitOptions()
 
 
 def excite(
-    robot: str,
+    robot: RobotName,
     /,
     *,
     within: LimitOptions = _LIMITS,
-    search: SearchOptions = _SEARCH,
-    trial: TrialOptions = _TRIAL,
-    identification: IdentificationOptions = _IDENTIFICATION,
+    search: ExciteSearchOptions = _SEARCH,
+    scenario: str = "nominal",
+    identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
-    out: Path,
+    out: OutFolder,
 ) -> None:
-    """Design an informative excitation within limits on lean, floor space and torque, and try it on the loop
-    with sensors.
+    """Design an informative excitation within limits on lean, floor space and torque.
 
     Example: ballbot excite alten --lean 8 --floor 1 --torque 3 --out experiment
 
-    Example: ballbot excite found/robot.toml --found found/results.json --controller mine.toml --out experiment
+    Example: ballbot excite found/robot.toml --controller mine.toml --out experiment
+
+    The excitation and a square of the same length also run on the compiled loop with sensors, with the scenario's
+    friction, half and one and a half times as much and three seeds each: do the limits hold?
 
     Writes report.html, reference.csv (t, ref_x, ref_y, ref_psi: follow it with controller.toml beside it, on the robot
-    or by ballbot record nominal --reference experiment/reference.csv), results.json, run.svg and errors.svg.
+    or by ballbot record nominal --reference experiment/reference.csv) and results.json.
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file, with or without identified friction.
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
-    out
-        The folder to write into.
+    scenario
+        Sensors, drive, play and true friction of the loop: a scenario's name or file, as in ballbot record.
     """
     described = Robot.load(robot)
     limits = RunLimits(
@@ -148,10 +111,9 @@ def excite(
     )
     effort = DesignEffort(generations=search.generations, population=search.population)
     chosen = named_controller(controller, described)
-    scenario = load_scenario(trial.scenario, described)
+    conditions = load_scenario(scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
-    deviations = deviations_found(identification.found) if identification.found else None
-    inputs = input_files(robot, trial.scenario, controller, identification.found, identification.bounds)
+    inputs = [robot, scenario, controller, identification.bounds]
     with open_result(out, command="excite", writes=_WRITTEN, inputs=inputs, seed=search.seed) as result:
         with result.progress("excite") as bar:
             found = find(
@@ -159,32 +121,15 @@ def excite(
                 chosen,
                 limits=limits,
                 duration=search.duration,
-                scenario=scenario,
-                options=ExcitationOptions(
-                    deviations=deviations,
-                    tried=trial.tried,
-                    law=identification.law,
-                    bounds=bounds,
-                    window=identification.window,
-                    effort=effort,
-                ),
+                scenario=conditions,
+                options=ExcitationOptions(law=identification.law, bounds=bounds, effort=effort),
                 run=Run(seed=search.seed, progress=bar.report),
             )
+        page = excitation_report(found, result.origin)
         with result.replaced() as new:
-            _write(found, chosen, result, new)
-    result.show(excitation_parts(found))
+            write_reference(found.design.times, found.design.poses, new / "reference.csv")
+            write_controller(chosen, new / "controller.toml")
+            result.write_json(found.results(), new)
+            result.write_page(page, new)
+    result.show(page.parts())
     result.show_file("reference.csv", PAGE)
-
-
-def _write(found: Excitation, controller: Controller, result: CommandResult, folder: Path) -> None:
-    design, limits = found.design, found.task.limits
-    write_reference(design.times, design.poses, folder / "reference.csv")
-    write_controller(controller, folder / "controller.toml")
-    shown = followed_run(found)
-    run = drawn(lambda: run_figure(shown, limits), name="run")
-    errors = errors_picture(found)
-    write_text(folder / "run.svg", run)
-    write_text(folder / "errors.svg", errors.markup)
-    result.write_json(found.results(), folder)
-    page = excitation_report(found, found.task.robot, errors=errors, made=result.origin)
-    result.write_page(page, folder)

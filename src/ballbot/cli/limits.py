@@ -4,31 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
-from ballbot.cli.context import PAGE, CommandResult, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, OutFolder, WholeNumber, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
-from ballbot.report.limits import (
-    MOST_CONTROLLERS,
-    limit_parts,
-    limit_pictures,
-    limits_report,
-)
+from ballbot.report.limits import MOST_CONTROLLERS, limits_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, twin_limits
-from ballbot.workflows.recovery_region import REFINEMENTS, Loop
+from ballbot.workflows.recovery_region import Loop
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
-_WRITTEN = (PAGE, "results.json", "planes.svg", "directions.svg", "heights.svg")
-_MOST_REFINEMENTS = 6  # four million points a plane
+_WRITTEN = (PAGE, "results.json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,11 +37,10 @@ def limits(
     /,
     *,
     grip: float = 1.0,
-    refinements: WholeNumber = REFINEMENTS,
     twin: bool = False,
     scenario: str = "nominal",
     seed: WholeNumber = 1,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
@@ -57,8 +48,7 @@ def limits(
     bound assumes that wheels never slip. Both respect the torque limit and the motors' speed limit, and have the
     sensors, delay, noise, floor and payload of the scenario on the compiled loop, but not its play.
 
-    Writes report.html, planes.svg (lean and lean rate in the worst direction), directions.svg, heights.svg and
-    results.json.
+    Writes report.html and results.json.
 
     Example: ballbot limits found/robot.toml none full --twin --out limits
 
@@ -71,24 +61,19 @@ def limits(
         compare, LABEL=... renames one, and a trailing @kalman selects the estimator.
     grip
         Friction coefficient of the wheels on the ball.
-    refinements
-        How many times the coarse grid of the planes is refined by half along the boundary, 0 to 6; 3 gives
-        257 x 257 points, as fine as they are drawn.
     twin
         Also find the limits on the twin, in four directions: with slip and play.
     scenario
         A scenario's name or file.
     seed
         Random seed of the runs.
-    out
-        The folder to write into.
     """
     described, candidates = Robot.load(robot), parse_candidates(controllers)
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
-    _check(len(chosen), grip=grip, refinements=refinements, seed=seed)
+    _check(len(chosen), grip=grip, seed=seed)
     truth = load_scenario(scenario, described)
     found = _Found()
-    inputs = input_files(robot, [one.file for one in candidates if one.file], scenario)
+    inputs = [robot, [one.file for one in candidates if one.file], scenario]
     with (
         open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result,
         result.progress("limits") as bar,
@@ -100,17 +85,28 @@ def limits(
 
             loop = Loop(robot=described, controller=controller, scenario=truth, grip=grip, seed=seed)
             run = Run(seed=seed, progress=report)
-            found.model[name] = find_limits(loop, refinements=refinements, run=run)
+            found.model[name] = find_limits(loop, run=run)
             if twin:
                 found.twin[name] = twin_limits(loop, found.model[name], directions=_ON_TWIN, run=run)
         bar.begin_writing()
-        with result.replaced() as new:
-            _write(found, described, grip, truth.name, result, new)
-    result.show(limit_parts(found.model, found.twin))
+        results = {
+            "robot": described.name,
+            "grip": grip,
+            "scenario": truth.name,
+            "controllers": {
+                name: to_results(one) | {"twin": found.twin.get(name, ())}
+                for name, one in found.model.items()
+            },
+        }
+        page = limits_report(
+            described, found.model, found.twin, grip=grip, scenario=truth.name, made=result.origin
+        )
+        result.write(results, page)
+    result.show(page.parts())
     result.show_file(PAGE)
 
 
-def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> None:
+def _check(controllers: int, *, grip: float, seed: int) -> None:
     """Raise InputError unless the numbers are in range."""
     if controllers > MOST_CONTROLLERS:
         raise InputError(f"There are {controllers} controllers; at most {MOST_CONTROLLERS} can be compared.")
@@ -118,8 +114,6 @@ def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> Non
         raise InputError(
             f"--grip is {grip:g}; it must be a positive friction coefficient, such as 1 for rubber on rubber."
         )
-    if not 0 <= refinements <= _MOST_REFINEMENTS:
-        raise InputError(f"--refinements is {refinements}; it must be from 0 to {_MOST_REFINEMENTS}.")
     check_seed(seed)
 
 
@@ -129,20 +123,3 @@ def _law(name: str, controller: object) -> Controller:
             f"{name} is a controller of your own; limits are computed for controller files only."
         )
     return controller
-
-
-def _write(
-    found: _Found, robot: Robot, grip: float, scenario: str, result: CommandResult, folder: Path
-) -> None:
-    by_controller = {
-        name: to_results(one) | {"twin": found.twin.get(name, ())} for name, one in found.model.items()
-    }
-    results = {"robot": robot.name, "grip": grip, "scenario": scenario, "controllers": by_controller}
-    result.write_json(results, folder)
-    pictures = limit_pictures(found.model, found.twin)
-    for name, picture in pictures.items():
-        write_text(folder / f"{name}.svg", picture.markup)
-    page = limits_report(
-        robot, found.model, found.twin, pictures=pictures, grip=grip, scenario=scenario, made=result.origin
-    )
-    result.write_page(page, folder)

@@ -1,30 +1,24 @@
-"""`ballbot twin`: the twin's own files, and the thesis's recommendations tried on it."""
+"""`ballbot twin`: the twin's own files."""
 
 from __future__ import annotations
 
-import os
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from cyclopts import App
 
-from ballbot.cli.context import PAGE, input_files, open_result, parse_seeds
 from ballbot.cli.output import show_written
 from ballbot.errors import InputError
 from ballbot.files import check_file, check_new_file, write_text
-from ballbot.report.blocks import table
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
-from ballbot.twin.model_files import model_text
+from ballbot.twin.model_files import robot_urdf
 from ballbot.twin.scenario_file import load_scenario, write_scenario
 
-ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendations tried on it.
+ABOUT = """The twin's MuJoCo model and its scenarios.
 
 Example: ballbot twin export alten --out twin.xml
 """
-
-_WRITTEN = (PAGE, "results.json")
 
 twin = App(name="twin", help=ABOUT)
 
@@ -34,37 +28,42 @@ def export(
     robot: str,
     /,
     *,
-    scenario: str = "nominal",
+    scenario: str | None = None,
     mounting: Mounting = "floor",
     out: Path,
 ) -> None:
-    """Write the twin as MJCF, for MuJoCo's viewer and other tools.
+    """Write the twin as MJCF, for MuJoCo's viewer and other tools, or the robot with its own friction as URDF, for ROS.
 
     Example: ballbot twin export alten --scenario nominal --out twin.xml
 
+    Example: ballbot twin export mine.toml --out mine.urdf
+
     Effects that depend on speed or time are left out: dry friction has its value at rest; motors, supply and pushes
-    are missing. `ballbot new NAME.urdf --from alten` writes the robot alone, as MJCF or URDF, and reads it again.
+    are missing. Every roller is a body with one contact.
 
     Parameters
     ----------
     robot
         A preset's name or a robot file.
     scenario
-        A named scenario or a scenario file.
+        A named scenario or a scenario file; "nominal" by default. URDF has none.
     mounting
         floor, stand (held, wheels in the air) or upside_down (held, the ball on the wheels).
     out
-        The file to write, .xml.
+        The file to write, .xml or .urdf.
     """
     described = Robot.load(robot)
-    if out.suffix.lower() != ".xml":
-        raise InputError(
-            f"{out} must end in .xml: the twin is written as MJCF. The robot alone, without the twin's faults, is "
-            f"written as MJCF or URDF by: ballbot new {out.stem}.urdf --from {robot}"
-        )
+    kind = out.suffix.lower()
+    if kind not in (".xml", ".urdf"):
+        raise InputError(f"{out} must end in .xml for MJCF, or in .urdf.")
+    if kind == ".urdf" and (scenario or mounting != "floor"):
+        raise InputError("URDF has the robot alone: leave out --scenario and --mounting, or write .xml.")
     check_file(out)
-    document = twin_mjcf(described, load_scenario(scenario, described), mounting=mounting)
-    write_text(out, model_text(ET.fromstring(document)))
+    if kind == ".urdf":
+        write_text(out, robot_urdf(described))
+    else:
+        chosen = load_scenario(scenario or "nominal", described)
+        write_text(out, twin_mjcf(described, chosen, mounting=mounting) + "\n")
     show_written(out)
 
 
@@ -89,50 +88,3 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path, for
     check_new_file(out, force=force)
     write_scenario(load_scenario(source, described), out)
     show_written(out)
-
-
-@twin.command
-def recommendations(
-    robot: str = "alten", /, *, seeds: str = "1-5", duration: float = 64.0, out: Path
-) -> None:
-    """Try what the thesis recommends: single-row wheels, a stiffer ball, less play, sensor fusion.
-
-    Example: ballbot twin recommendations alten --seeds 1-5 --out recommended
-
-    Prints position error and torque noise before and after, without and with friction compensation; writes
-    report.html, and results.json with every run's scores.
-
-    Parameters
-    ----------
-    robot
-        A preset's name or a robot file.
-    seeds
-        Random seeds, such as 1-10 or 1,4,7-9.
-    duration
-        Length of a run around a square of 0.5 m [s].
-    out
-        The folder to write into.
-    """
-    from ballbot.report.twin import recommendations_report
-    from ballbot.workflows.twin_recommendations import HEADINGS, rows, try_recommendations
-
-    described, numbers = Robot.load(robot), parse_seeds(seeds)
-    inputs = input_files(robot)
-    with open_result(
-        out, command="twin recommendations", writes=_WRITTEN, inputs=inputs, seed=seeds
-    ) as result:
-        with result.progress("trying the recommendations") as bar:
-            found = try_recommendations(
-                described,
-                seeds=numbers,
-                duration=duration,
-                threads=os.cpu_count() or 1,
-                progress=bar.report,
-            )
-        scores = {name: comparison.scores for name, comparison in found.items()}
-        with result.replaced() as new:
-            result.write_json(scores, new)
-            result.write_page(recommendations_report(described, found, result.origin), new)
-    title = "Position error after settling, and torque noise"
-    result.show([table(title, HEADINGS, rows(found))])
-    result.show_file(PAGE)

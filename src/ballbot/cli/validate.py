@@ -6,10 +6,8 @@ With `--prediction`, a log made with a study's controller is compared with what 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-
-from cyclopts import Parameter
 
 from ballbot.cli.context import (
     PAGE,
@@ -24,32 +22,33 @@ from ballbot.cli.output import emit, print_parts, standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, finding_results
+from ballbot.findings import by_severity, finding_results
 from ballbot.fitting.run import Run, check_seed
 from ballbot.log.formats import is_log_file
-from ballbot.mechanics.parameters import Formulation
-from ballbot.report.blocks import Block
 from ballbot.report.prediction import (
-    StudyFolder,
     next_steps,
     prediction_report,
     prediction_results,
     verdict_parts,
 )
 from ballbot.report.run import over_time
-from ballbot.report.validation import validation_parts, validation_results
-from ballbot.report.validation_page import validation_report
+from ballbot.report.validation import validation_report, validation_results
 from ballbot.report.words import logs_words
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, join_validations, validate_logs
 from ballbot.validation.validation import fitted_findings
-from ballbot.workflows.controller_prediction import Prediction, read_prediction
-from ballbot.workflows.controller_verdict import EXPLAINED_CODES, Verdict, check_controller, evaluate_log
+from ballbot.workflows.controller_prediction import (
+    EXPLAINED_CODES,
+    Prediction,
+    check_controller,
+    evaluate_log,
+    read_prediction,
+)
 
 _WRITTEN = (PAGE, "results.json")
 
 
-def validate_prediction(
+def _validate_prediction(
     results: Path,
     inputs: Sequence[str],
     *,
@@ -58,34 +57,12 @@ def validate_prediction(
     mapping: Path | None,
     accept: Accept,
 ) -> None:
-    """Compare one log with a study's prediction, print the verdict, and write it if a folder is given.
-
-    Parameters
-    ----------
-    results : Path
-        The study's results.json.
-    inputs : sequence of str
-        The log; or a robot's preset or file, and the log.
-    out : Path, optional
-    controller : Path, optional
-        The controller's file; that beside the results if not given.
-    mapping : Path, optional
-        Of the log.
-    accept : list of str, optional
-        Codes of errors of the log to ignore.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or does not belong to the prediction, or the log is not one of the course.
-    """
+    """Compare one log with a study's prediction, print the verdict, and write it if a folder is given."""
     prediction = read_prediction(results)
     source, log_path = _robot_and_log(results, inputs)
     robot = Robot.load(source)
-    files = StudyFolder(
-        results=results, robot=Path(source), controller=controller or results.with_name("controller.toml")
-    )
-    driver = _predicted_controller(files.controller, prediction, robot)
+    controller = controller or results.with_name("controller.toml")
+    driver = _predicted_controller(controller, prediction, robot)
     log = read_balancing_log(log_path, mapping, robot)
     # what the robot does wrong, the verdict is about
     accepted = [*(accept or ()), *sorted(EXPLAINED_CODES)]
@@ -93,17 +70,31 @@ def validate_prediction(
         robot, {log_path: log}, accept=accepted, source=source, mappings={log_path: mapping}, show=False
     )
     try:
-        verdict = evaluate_log(prediction, log, robot, driver)
+        verdict = evaluate_log(prediction, log, driver, log_findings=found)
     except InputError as error:
         raise InputError(f"{log_path}: {error}") from None
-    steps = next_steps(verdict, prediction, files)
-    console = standard_output()
-    print_parts(verdict_parts(verdict, steps), console)
+    steps = next_steps(verdict, prediction, results=results, robot=Path(source), controller=controller)
+    stated = prediction_results(verdict, prediction, steps)
+    print_parts(verdict_parts(verdict, steps), standard_output())
     show_findings(found)
-    emit({"prediction": prediction_results(verdict, prediction, steps), "findings": finding_results(found)})
-    if out is not None:
-        used = [results, files.controller, log_path, *([mapping] if mapping else [])]
-        _write_verdict(out, verdict, prediction, steps, found, series=over_time(log, robot), files=used)
+    emit({"prediction": stated, "findings": finding_results(found)})
+    if out is None:
+        return
+    used = [results, *input_files([log_path], controller, mapping)]
+    with open_result(out, command="validate", writes=_WRITTEN, inputs=used) as result:
+        page = prediction_report(
+            verdict,
+            prediction,
+            title=f"{log_path}: the controller against its prediction",
+            steps=steps,
+            series=over_time(log, robot),
+            findings=found,
+            made=result.origin,
+        )
+        with result.replaced() as new:
+            result.write_json({"prediction": stated}, new, findings=found)
+            result.write_page(page, new)
+    result.show_file(PAGE)
 
 
 def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
@@ -133,52 +124,13 @@ def _predicted_controller(path: Path, prediction: Prediction, robot: Robot) -> C
     return controller
 
 
-def _write_verdict(
-    out: Path,
-    verdict: Verdict,
-    prediction: Prediction,
-    steps: Sequence[str],
-    found: Sequence[Finding],
-    *,
-    series: Sequence[Block],
-    files: Sequence[Path],
-) -> None:
-    title = f"{files[2]}: the controller against its prediction"
-    with open_result(out, command="validate", writes=_WRITTEN, inputs=files) as result:
-        page = prediction_report(
-            verdict, prediction, title=title, steps=steps, series=series, findings=found, made=result.origin
-        )
-        with result.replaced() as new:
-            verdict_results = prediction_results(verdict, prediction, steps)
-            result.write_json({"prediction": verdict_results}, new, findings=found)
-            result.write_page(page, new)
-    result.show_file(PAGE)
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ModelOptions:
-    """The two models that are compared."""
-
-    against: str | None = None
-    """The second model: another robot (preset or file), or this robot with other equations of motion, exact or thesis.
-    By default the same robot without friction."""
-
-    formulation: Formulation = "exact"
-    """Equations of motion of both robots: exact, or thesis (approximate ones of a published ballbot model, to compare
-    with)."""
-
-
-_PAIR = ModelOptions()
-
-
 def validate(
     robot: str,
     /,
     *logs: Path,
     out: Path | None = None,
     prediction: Path | None = None,
-    pair: ModelOptions = _PAIR,
+    against: str | None = None,
     controller: Path | None = None,
     mapping: Path | None = None,
     seed: WholeNumber = 0,
@@ -211,6 +163,9 @@ def validate(
         The folder to write into. Optional with --prediction: without it, nothing is written.
     prediction
         The results.json of a study, with the prediction for its controller.
+    against
+        The second model: another robot (preset or file), or thesis for this robot with the equations of motion of the
+        published thesis. By default the same robot without friction.
     controller
         The controller file that was used when the logs were recorded. Without it, the gain is estimated from each log;
         with --prediction it is controller.toml beside the results.
@@ -220,16 +175,16 @@ def validate(
         Random seed of the noise floors. The same seed gives the same result.
     """
     if prediction is not None:
-        _refuse_models(pair, seed)
+        _refuse_models(against, seed)
         inputs = (robot, *map(str, logs))
-        validate_prediction(
+        _validate_prediction(
             prediction, inputs, out=out, controller=controller, mapping=mapping, accept=accept
         )
         return
     if out is None:
         raise InputError("--out is missing; name the folder to write into, such as --out checked.")
     check_seed(seed)
-    models = ModelPair.load(robot, against=pair.against, formulation=pair.formulation)
+    models = ModelPair.load(robot, against=against)
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)
     driver = read_controller(controller, described) if controller else None
@@ -256,24 +211,18 @@ def validate(
             validation,
             title=title,
             lead=f"Validated on {logs_words(named)}.",
-            example_of=next(iter(named)) if len(named) == 1 else "the first log that allows it",
             made=result.origin,
         )
         with result.replaced() as new:
             result.write_json({"validation": results}, new, findings=found)
             result.write_page(page, new)
-    result.show(validation_parts(validation))
+    result.show(page.parts())
     result.show_file(PAGE)
 
 
-def _refuse_models(pair: ModelOptions, seed: int) -> None:
+def _refuse_models(against: str | None, seed: int) -> None:
     """Refuse the options that choose models: a prediction is compared with a log, and no model is."""
-    given = {
-        "--against": pair.against is not None,
-        "--formulation": pair.formulation != "exact",
-        "--seed": seed != 0,
-    }
-    for option, is_given in given.items():
+    for option, is_given in {"--against": against is not None, "--seed": seed != 0}.items():
         if is_given:
             raise InputError(
                 f"{option} does not go with --prediction, which compares no models; leave it out."

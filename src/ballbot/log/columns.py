@@ -184,7 +184,7 @@ def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:
     dict of str to tuple
         By the file's name, Ballbot's, the factor to Ballbot's unit, and the file's unit.
     """
-    from ballbot.log.mapping_search.name_words import UNIT_OF
+    from ballbot.log.mapping_search.names import UNIT_OF
 
     names = list(names)
     found: dict[str, tuple[str, float, str]] = {}

@@ -73,7 +73,7 @@ def foreign_columns_of(frame: DataFrame) -> Columns:
     names = frame.columns.tolist()
     if len(set(names)) < len(names) or not all(isinstance(name, str) for name in names):
         raise InputError("The frame's columns must have a name each, a text that no other has.")
-    found = {name: _numbers(name, frame[name]) for name in names}
+    found = {str(name): _numbers(str(name), column) for name, column in frame.items()}
     key = "t" if frame.index.dtype.kind in "mM" and "t" not in found else frame.index.name
     if isinstance(key, str) and key not in found:
         found = {key: _numbers(key, frame.index), **found}

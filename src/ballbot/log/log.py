@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.arrays import format_duration
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
@@ -90,7 +89,6 @@ class Log:
         return (Log, (dict(self.columns), self.ended, self.changes))
 
     @staticmethod
-    @checked_arguments
     def read(path: str | Path, *, mapping: str | Path | LogMapping | None = None) -> Log:
         """Read a log from a file.
 
@@ -284,7 +282,6 @@ class Log:
             return self
         return Log({name: values[known] for name, values in self.columns.items()}, self.ended, self.changes)
 
-    @checked_arguments
     def between(self, start: float, end: float) -> Log:
         """Return the rows with start <= t < end [s].
 

@@ -2,156 +2,75 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.identification.quantities import BY_NAME
-from ballbot.report.blocks import Paragraph, Picture, Report, Sheet, section, table
-from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
+from ballbot.report.blocks import Paragraph, Report, Sheet, section, table
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture, thinned
-from ballbot.robot import Robot
 from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits, unit_heading
-from ballbot.workflows.excitation_task import RunLimits, run_on_model
-from ballbot.workflows.excite import Excitation, Trial
+from ballbot.workflows.excite import Excitation
+from ballbot.workflows.metrics import leans
 
 #: a square's bars and the design's
 _COLORS = (ORANGE, BLUE)
 _MARKS = ("o", "s")
-#: the wheels' lines
-_STYLES = ("-", "--", ":", "-.")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Followed:
-    """A run to be drawn: the design on the loop where it was tried, on the model otherwise."""
-
-    title: str
-    t: NDArray[np.float64]  #: (N,) [s]
-    states: NDArray[np.float64]  #: (N, 10)
-    torques: NDArray[np.float64]  #: (N, n) [N m]
-    poses: NDArray[np.float64]  #: (N, 3), as asked [m, m, rad]
-
-
-def followed_run(result: Excitation) -> Followed:
-    """Return the designed run to be drawn: on the loop with sensors if it was tried, else on the model."""
-    trial, poses = result.trials.get("designed"), result.design.poses
-    if trial is None:
-        log = run_on_model(result.task, result.design.reference).log
-        return Followed(title="on the model", t=log.t, states=log.states, torques=log.torques, poses=poses)
-    log, truth = trial.log, trial.log.truth()
-    return Followed(
-        title="on the loop", t=log.t, states=truth.states, torques=log.torques, poses=poses[: len(log)]
-    )
-
-
-def run_figure(shown: Followed, limits: RunLimits) -> Figure:
-    """Draw the path over the floor, and reference, lean and torques over time, with the limits."""
-    figure = Figure(figsize=(7.4, 4.2), layout="constrained")
-    grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.5))
-    _draw_path(figure.add_subplot(grid[:, 0]), shown, limits)
-    asked = figure.add_subplot(grid[0, 1])
-    lean, torque = (figure.add_subplot(grid[row, 1], sharex=asked) for row in (1, 2))
-    for column, (name, color, style) in enumerate(
-        (("$x$", BLUE, "-"), ("$y$", ORANGE, "--"), (r"$\psi$", INK, ":"))
-    ):
-        t, values = thinned(shown.t, shown.poses[:, column])
-        asked.plot(t, values, color=color, linestyle=style, linewidth=0.9, label=name)
-    asked.set_ylabel("asked for\n[m, rad]")
-    asked.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
-    asked.tick_params(labelbottom=False)
-    lean.tick_params(labelbottom=False)
-    lean.plot(*thinned(shown.t, _leans(shown)), color=BLUE, linewidth=0.8)
-    lean.axhline(np.degrees(limits.lean), color=INK, linewidth=0.8, linestyle="--")
-    lean.set_ylabel("lean\n[deg]")
-    for torques, color, style in zip(shown.torques.T, (BLUE, ORANGE, GREEN, MUTED), _STYLES, strict=False):
-        torque.plot(*thinned(shown.t, torques), color=color, linestyle=style, linewidth=0.7)
-    for side in (-1.0, 1.0):
-        torque.axhline(side * limits.torque, color=INK, linewidth=0.8, linestyle="--")
-    torque.set_ylabel("torques\n[N m]")
-    torque.set_xlabel("time [s]")
-    return figure
-
-
-def path_figure(shown: Followed, limits: RunLimits) -> Figure:
-    """Draw the path over the floor, with its limit."""
+def path_figure(result: Excitation) -> Figure:
+    """Draw the path over the floor on the loop, with its limit."""
+    limits, truth = result.task.limits, result.on_loop["designed"].log.truth()
     figure = Figure(figsize=(3.8, 3.6), layout="constrained")
-    _draw_path(figure.subplots(), shown, limits)
-    return figure
-
-
-def errors_figure(result: Excitation) -> Figure:
-    """Draw the standard errors of each parameter, expected and from the loop's logs, of a square and of the design."""
-    labels = result.task.question.labels
-    panels = [("expected", {"square": result.square.errors, "designed": result.design.errors})]
-    if result.trials:
-        panels.append(
-            (
-                "from the loop's logs (no mark: no number)",
-                {name: one.errors for name, one in result.trials.items()},
-            )
-        )
-    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
-    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    places = np.arange(len(labels))
-    for one, (title, runs) in zip(axes, panels, strict=True):
-        for (name, errors), color, mark in zip(runs.items(), _COLORS, _MARKS, strict=True):
-            shown = np.where(np.isfinite(errors), 100.0 * errors, np.nan)
-            one.plot(places, shown, linestyle="none", marker=mark, color=color, markersize=5, label=name)
-        one.set_yscale("log")
-        one.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        one.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(2.0, 0.4)))
-        one.set_xticks(places, labels, rotation=60)
-        one.set_title(title)
-        one.grid(axis="y", which="both", linewidth=0.4)
-    axes[0].set_ylabel("standard error\n[% of the bounds' width]")
-    axes[0].legend(fontsize=7.5)
-    return figure
-
-
-def _draw_path(axes: Axes, shown: Followed, limits: RunLimits) -> None:
+    axes = figure.subplots()
     turn = np.linspace(0.0, 2.0 * np.pi, 100)
     axes.plot(
         limits.floor * np.cos(turn), limits.floor * np.sin(turn), color=INK, linewidth=0.8, linestyle="--"
     )
-    axes.plot(*thinned(shown.states[:, 0], shown.states[:, 1]), color=BLUE, linewidth=0.9)
+    axes.plot(*thinned(truth["x"], truth["y"]), color=BLUE, linewidth=0.9)
     axes.plot(0.0, 0.0, marker="o", color=MUTED, markersize=3.5)
     axes.set_aspect("equal")
-    axes.set_title(f"path {shown.title}, limits dashed")
     for along in (axes.xaxis, axes.yaxis):
         along.set_major_locator(MaxNLocator(5))
     axes.set_xlabel("$x$ [m]")
     axes.set_ylabel("$y$ [m]")
+    return figure
+
+
+def errors_figure(result: Excitation) -> Figure:
+    """Draw the standard errors of each parameter expected of a square and of the design."""
+    labels = result.task.question.labels
+    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
+    axes = figure.subplots()
+    runs = {"square": result.square.errors, "designed": result.design.errors}
+    for (name, errors), color, mark in zip(runs.items(), _COLORS, _MARKS, strict=True):
+        shown = np.where(np.isfinite(errors), 100.0 * errors, np.nan)
+        axes.plot(shown, linestyle="none", marker=mark, color=color, markersize=5, label=name)
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(2.0, 0.4)))
+    axes.set_xticks(np.arange(len(labels)), labels, rotation=60)
+    axes.grid(axis="y", which="both", linewidth=0.4)
+    axes.set_ylabel("standard error\n[% of the bounds' width]")
+    axes.legend(fontsize=7.5)
+    return figure
 
 
 #: how a limit is shown: its unit, and by what its SI number is multiplied
 _SHOWN = {"lean": ("deg", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m", 1.0)}
 
 
-def excitation_parts(result: Excitation) -> Iterator[RenderableType]:
-    """Yield the limits, the standard errors and the verdict."""
-    yield _limits_table(result)
-    yield _errors_table(result)
-    for sentence in _verdict(result):
-        yield Text(sentence)
-
-
 def _limits_table(result: Excitation) -> Sheet:
     """Return each limit with the peaks of the square and of the design, on the model and on the loop."""
-    trials = result.trials
     runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
-    runs |= {f"{name}, loop": trial.peaks for name, trial in trials.items()}
+    runs |= {f"{name}, loop": one.peaks for name, one in result.on_loop.items()}
     rows = [
         (
             unit_heading(name, unit),
@@ -163,7 +82,7 @@ def _limits_table(result: Excitation) -> Sheet:
 
 
 def _errors_table(result: Excitation) -> Sheet:
-    """Return the standard errors: expected, and of identifications from the loop's logs; the worst of each last."""
+    """Return the standard errors expected, the worst of each run last."""
     question, wheels = result.task.question, result.task.robot.wheel_count
     units = {
         label: "" if one.unit == DIMENSIONLESS else one.unit
@@ -173,9 +92,6 @@ def _errors_table(result: Excitation) -> Sheet:
     believed = question.coordinates.physical(question.point)[question.coordinates.free]
     scaled = {"square": result.square.errors, "designed": result.design.errors}
     columns = {name: question.in_units(errors) for name, errors in scaled.items()}
-    for name, trial in result.trials.items():
-        scaled[f"{name}, loop"] = trial.errors
-        columns[f"{name}, loop"] = _errors_in_units(trial)[question.coordinates.free]
     rows = [
         (
             label,
@@ -187,16 +103,13 @@ def _errors_table(result: Excitation) -> Sheet:
     ]
     rows.append(("worst, % of bounds", "", "", *(_worst(errors) for errors in scaled.values())))
     headings = ("parameter", "unit", "assumed", *columns)
-    title = "Standard errors expected" + (", and from the loop's logs" if result.trials else "")
-    return table(title, headings, rows)
+    return table("Standard errors expected", headings, rows)
 
 
 def _verdict(result: Excitation) -> list[str]:
     """Return what to know of the design, in sentences."""
     sentences = [gain_sentence(float(result.square.errors.max() / result.design.errors.max()))]
-    if not result.trials:
-        return [*sentences, "The design has not been tried with sensors."]
-    trial = result.trials["designed"]
+    trial = result.on_loop["designed"]
     if trial.ended:
         return [*sentences, f"On the loop with sensors a run ended early: {trial.ended}. Lower the limits."]
     exceeded = result.task.limits.exceeded(trial.peaks)
@@ -222,10 +135,6 @@ def gain_sentence(gain: float) -> str:
     return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
 
 
-def _errors_in_units(trial: Trial) -> NDArray[np.float64]:
-    return np.concatenate([np.atleast_1d(one) for one in trial.found.standard_errors.values()])
-
-
 def _shown(name: str, value: float) -> str:
     return digits(value * _SHOWN[name][1])
 
@@ -239,32 +148,21 @@ def _worst(errors: NDArray[np.float64]) -> str:
     return f"{text} ({none} not identified)" if none else text
 
 
-def errors_picture(result: Excitation) -> Picture:
-    """Return the figure of the standard errors."""
-    caption = (
+def excitation_report(result: Excitation, made: Provenance) -> Report:
+    """Return the page."""
+    limits = result.task.limits
+    errors = (
         "Standard errors in percent of the bounds' width, of a square and of the design. Those expected are the least "
         "that are possible with the noise assumed: they compare runs."
     )
-    return drawn_picture("errors", partial(errors_figure, result), caption)
-
-
-def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made: Provenance) -> Report:
-    """Return the page; `errors` is the `errors_picture`."""
-    limits, shown = result.task.limits, followed_run(result)
     undecided = [
         "How much the real robot's friction differs from the assumed one: the design is best for the friction of "
         "the file.",
         "Whether the real robot stays within the limits: the simulation is not the robot. Have a hand near "
         "it.",
     ]
-    trial = result.trials.get("designed")
-    if trial is None:
-        undecided.insert(
-            0,
-            "Whether the design helps on a robot with play and noise: it was not tried with sensors.",
-        )
     return Report(
-        title=f"{robot.name}: an informative excitation",
+        title=f"{result.task.robot.name}: an informative excitation",
         lead=(
             f"{result.design.times[-1]:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of "
             f"floor and {limits.torque:.3g} N m of torque."
@@ -274,14 +172,16 @@ def excitation_report(result: Excitation, robot: Robot, *, errors: Picture, made
             section(
                 "The run",
                 _limits_table(result),
-                drawn_picture("path", partial(path_figure, shown, limits), "Dashed: the limit of the floor."),
-                _followed_series(shown, limits),
+                drawn_picture(
+                    "path", partial(path_figure, result), "On the loop. Dashed: the limit of the floor."
+                ),
+                _followed_series(result),
                 Paragraph(text=_HOW_TO_RUN),
             ),
             section(
                 "Expected errors",
                 _errors_table(result),
-                errors,
+                drawn_picture("errors", partial(errors_figure, result), errors),
             ),
         ],
         undecided=undecided,
@@ -300,16 +200,18 @@ _HOW_TO_RUN = (
 _POSE_LOOKS: tuple[Look, ...] = ("fifth", "sixth", "quiet")
 
 
-def _followed_series(shown: Followed, limits: RunLimits) -> TimeSeries:
-    """Return reference, lean and torques over time, with the limits."""
-    count = len(shown.t)
+def _followed_series(result: Excitation) -> TimeSeries:
+    """Return reference, lean and torques over time on the loop, with the limits."""
+    limits, log = result.task.limits, result.on_loop["designed"].log
     asked = [
-        Line(name=name, values=shown.poses[:count, place], look=look)
-        for place, (name, look) in enumerate(zip(("x [m]", "y [m]", "ψ [rad]"), _POSE_LOOKS, strict=True))
+        Line(name=name, values=values, look=look)
+        for name, values, look in zip(
+            ("x [m]", "y [m]", "ψ [rad]"), result.design.poses[: len(log)].T, _POSE_LOOKS, strict=True
+        )
     ]
-    lean = Line(name="lean", values=_leans(shown), look="measured")
+    lean = Line(name="lean", values=np.degrees(leans(log)), look="measured")
     return TimeSeries(
-        t=shown.t,
+        t=log.t,
         panels=(
             Panel(label="reference [m, rad]", lines=asked),
             Panel(
@@ -317,14 +219,10 @@ def _followed_series(shown: Followed, limits: RunLimits) -> TimeSeries:
             ),
             Panel(
                 label="torques [N m]",
-                lines=wheel_lines(list(shown.torques.T)),
+                lines=wheel_lines(list(log.torques.T)),
                 levels=(-limits.torque, limits.torque),
             ),
         ),
-        caption=f"Reference, lean and torques {shown.title}.",
+        caption="Reference, lean and torques on the loop.",
         level="limit",
     )
-
-
-def _leans(shown: Followed) -> NDArray[np.float64]:
-    return np.degrees(np.arccos(np.cos(shown.states[:, 2]) * np.cos(shown.states[:, 3])))

@@ -17,8 +17,7 @@ from ballbot.log import Log
 from ballbot.log.checks import check, check_uses
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
-from ballbot.log.mapping_search.found import Proposal
-from ballbot.log.mapping_search.text import Evaluation, answer_lines
+from ballbot.log.mapping_search.text import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
 from ballbot.report.blocks import Report, Sheet, Verbatim, section, table
 from ballbot.report.console import finding_line
@@ -273,16 +272,16 @@ def _proposal_results(found: Evaluation) -> dict[str, object]:
         "what": proposal.what,
         "roles": proposal.roles,
         "time_unit": proposal.time,
-        "wheel_unit": proposal.wheel,
+        "wheel_unit": proposal.motion.units[1] if proposal.motion else None,
         "lean_unit": proposal.lean,
-        "gyro": proposal.gyro,
+        "gyro": proposal.motion.gyro if proposal.motion else None,
         "placements": [] if tested is None else tested.placements,
         "margin": None if tested is None else tested.margin,
         "confidence": None if tested is None else tested.confidence,
         "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
         "lean_lag": None if tested is None else tested.lag,
         "disturbance": None if tested is None else tested.disturbance,
-        "heading": proposal.heading,
+        "heading": proposal.motion.heading if proposal.motion else None,
         "frame": proposal.frame,
         "drive": proposal.drive,
         "keep": proposal.keep,

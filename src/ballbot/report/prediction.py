@@ -1,72 +1,44 @@
-"""The verdict of `ballbot validate --prediction` on a controller: results.json, the page, and the next steps."""
+"""The verdict of `ballbot validate --prediction` on a controller: the terminal, the page, and the next steps."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from ballbot.findings import Finding, finding_results, texts
+from ballbot.findings import Finding
 from ballbot.printable import shell_line
-from ballbot.report.blocks import Block, Bullets, Report, Section, Sheet, section, table
+from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
 from ballbot.report.provenance import Provenance
 from ballbot.results import to_results
 from ballbot.rounding import unit_heading
 from ballbot.workflows.controller_choice import CANDIDATES
-from ballbot.workflows.controller_differences import NUMBERS
-from ballbot.workflows.controller_prediction import Prediction, PredictionInterval
-from ballbot.workflows.controller_verdict import SHOWN, QuantityResult, Verdict
+from ballbot.workflows.controller_prediction import (
+    SHOWN,
+    ControllerVerdict,
+    Prediction,
+    PredictionInterval,
+    QuantityResult,
+)
 
 #: factor on the compensated friction that is tried first
 _WEAKER = 0.8
 
 
-@dataclass(frozen=True, kw_only=True)
-class StudyFolder:
-    """The files of a study that a verdict's advice names."""
-
-    results: Path  #: its results.json
-    robot: Path
-    controller: Path
-
-    @property
-    def previous(self) -> Path:
-        """The controller that was used before this one."""
-        return self.results.with_name("previous_controller.toml")
-
-
-def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence[str]) -> dict[str, object]:
+def prediction_results(
+    verdict: ControllerVerdict, prediction: Prediction, steps: Sequence[str]
+) -> dict[str, object]:
     """Return what results.json holds of a verdict."""
-    return {
-        "confirmed": verdict.confirmed,
-        "recommendation": verdict.recommendation,
-        "reason": verdict.reason,
-        "ended": verdict.ended,
-        "quantities": {
-            one.name: {
-                "value": one.value,
-                "place": one.place,
-                "worse": one.worse,
-                "factor": one.factor,
-                **to_results(one.predicted),
-            }
-            for one in verdict.quantities
-        },
-        "none": verdict.none,
-        "differences": verdict.differences,
-        "findings": finding_results(verdict.findings),
-        "next_steps": steps,
-        "course": prediction.course,
-        "controller": prediction.controller,
-    }
+    quantities = {one.name: to_results(one) | to_results(one.predicted) for one in verdict.quantities}
+    own = {"next_steps": steps, "course": prediction.course, "controller": prediction.controller}
+    return to_results(verdict) | {"quantities": quantities} | own
 
 
 def prediction_report(
-    verdict: Verdict,
+    verdict: ControllerVerdict,
     prediction: Prediction,
     *,
     title: str,
@@ -76,20 +48,7 @@ def prediction_report(
     made: Provenance,
 ) -> Report:
     """Return the page of a verdict; `series` shows the run over time."""
-    course = prediction.course
-    rows = quantity_rows(verdict)
-    notice = frozenset(place for place, row in enumerate(rows) if "worse" in row[4] or "early" in row[4])
-    caption = (
-        "Each interval is to hold the value of one new run with 95 % probability on a robot with faults like those "
-        "that the intervals were calibrated on. On 50 other simulated robots with unknown faults 92 % of all "
-        "quantities were inside, 87 % of the peak errors."
-    )
-    headings = ("quantity", "measured", "predicted", "95 % interval", "verdict", "without compensation")
-    quantities = Sheet(headings=headings, rows=rows, caption=caption, shaded=notice)
-    undecided = [
-        "Whether another run of the same controller would be inside: one log is one run.",
-        "What caused a difference: several faults move one number alike, and several may act at once.",
-    ]
+    course, differences = prediction.course, verdict.differences
     return Report(
         title=title,
         lead=(
@@ -99,56 +58,42 @@ def prediction_report(
         ),
         verdict=[("", headline(verdict))],
         sections=[
-            section(
-                "Predicted and measured",
-                quantities,
-                Bullets(items=texts(verdict.findings)) if verdict.findings else None,
+            section("Predicted and measured", _quantities(verdict)),
+            *(
+                [section("What differs from the study's logs", Bullets(items=differences))]
+                if differences
+                else []
             ),
-            *([_difference_section(verdict)] if verdict.differences else []),
             section("What to do next", Bullets(items=steps)),
             section("The run", *series),
         ],
-        undecided=undecided,
+        undecided=[
+            "Whether another run of the same controller would be inside: one log is one run.",
+            "What caused a difference: several faults move one number alike, and several may act at once.",
+        ],
         made=made,
         findings=findings,
     )
 
 
-_DIFFERENCE_HEADINGS = ("what differs", "measured", "predicted", "times its usual difference")
+def verdict_parts(verdict: ControllerVerdict, steps: Sequence[str]) -> Iterator[RenderableType]:
+    """Yield the verdict, the predicted and measured quantities, what differs, and the next steps."""
+    yield Text(headline(verdict), style="bold")
+    yield _quantities(verdict)
+    for one in verdict.differences:
+        yield Text(f"Not so in the study's logs: {one}")
+    for line in steps:
+        yield Text(line)
 
 
-def _difference_section(verdict: Verdict) -> Section:
-    caption = (
-        "Predicted: by a simulated run, the friction's numbers by the study's logs. The usual difference is one of "
-        "robots without faults."
-    )
-    return section(
-        "What differs from the logs",
-        Sheet(headings=_DIFFERENCE_HEADINGS, rows=difference_rows(verdict), caption=caption),
-    )
-
-
-def difference_rows(verdict: Verdict) -> list[tuple[str, ...]]:
-    """Return rows: number and unit, measured, predicted, by how many times its usual difference it is off."""
-    return [
-        (
-            unit_heading(number.meaning, number.unit) if number.unit else number.meaning,
-            f"{number.scale * one.measured:.3g}",
-            f"{number.scale * one.predicted:.3g}",
-            f"{one.usual_sizes:.0f}",
-        )
-        for one, number in ((one, NUMBERS[one.name]) for one in verdict.differences)
-    ]
-
-
-def headline(verdict: Verdict) -> str:
+def headline(verdict: ControllerVerdict) -> str:
     """Return the verdict in one line."""
     return f"{verdict.reason} {verdict.recommendation.capitalize()} this controller."
 
 
-def quantity_rows(verdict: Verdict) -> list[tuple[str, ...]]:
-    """Return rows: quantity and unit, measured, predicted, its 95 % interval, its place, predicted without."""
-    return [
+def _quantities(verdict: ControllerVerdict) -> Sheet:
+    """Return each quantity as measured and as predicted."""
+    rows = [
         (
             unit_heading(SHOWN[one.name].words, SHOWN[one.name].unit),
             SHOWN[one.name].shown(one.value),
@@ -159,6 +104,15 @@ def quantity_rows(verdict: Verdict) -> list[tuple[str, ...]]:
         )
         for one in verdict.quantities
     ]
+    return Sheet(
+        headings=("quantity", "measured", "predicted", "95 % interval", "verdict", "without compensation"),
+        rows=rows,
+        caption=(
+            "Predicted and measured. Of 50 simulated robots with unknown faults 92 % of all quantities were inside "
+            "their intervals, 87 % of the peak errors."
+        ),
+        shaded=frozenset(place for place, one in enumerate(verdict.quantities) if one.worse),
+    )
 
 
 def predicted_rows(prediction: Prediction) -> list[tuple[str, ...]]:
@@ -174,62 +128,35 @@ def predicted_rows(prediction: Prediction) -> list[tuple[str, ...]]:
     ]
 
 
-def next_steps(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> list[str]:
+def next_steps(
+    verdict: ControllerVerdict, prediction: Prediction, *, results: Path, robot: Path, controller: Path
+) -> list[str]:
     """Return what to do, in sentences that name the study's files."""
-    steps = _advice(verdict, prediction, files)
-    if not verdict.findings:
-        return steps
-    own = f"Make sure first that the log was made with {files.controller}: the verdict is about that controller only."
-    return [own, *steps]
-
-
-def _advice(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> list[str]:
-    if verdict.recommendation == "keep":
-        return [f"Go on with {files.controller}."]
-    before = (
-        f"Go back to {files.previous}, the controller before this one."
-        if files.previous.exists()
-        else (
-            "Go back to the controller before this one, or to one without compensation: "
-            f"`{_design(files, 'nominal', 'none')} --out nominal`."
+    steps = []
+    if verdict.foreign:
+        steps.append(
+            "The torques are not those that the controller gives for the logged states. Make sure that the log was "
+            f"made with {controller}, from the start of a run: the verdict is about that controller only."
         )
-    )
-    again = "Run `ballbot study` again with this log among its logs."
+    if verdict.recommendation == "keep":
+        return [*steps, f"Go on with {controller}."]
     if verdict.recommendation == "revert":
-        return [before, again]
-    kind, compensation = CANDIDATES[prediction.controller]
-    weaker = f"{_design(files, kind, compensation)} --compensation-gain {_WEAKER:g}"
-    return [f"Compensate less friction: `{weaker} --out weaker`.", again]
-
-
-def _design(files: StudyFolder, kind: str, compensation: str) -> str:
-    words = ["ballbot", "design", str(files.robot), "--kind", kind, "--compensation", compensation]
-    return shell_line(words)
+        previous = results.with_name("previous_controller.toml")
+        steps.append(f"Go back to {previous}, the controller before this one.")
+    else:
+        kind, compensation = CANDIDATES[prediction.controller]
+        words = ["ballbot", "design", str(robot), "--kind", kind, "--compensation", compensation]
+        steps.append(
+            f"Compensate less friction: `{shell_line(words)} --compensation-gain {_WEAKER:g} --out weaker`."
+        )
+    return [*steps, "Run `ballbot study` again with this log among its logs."]
 
 
 def _place(one: QuantityResult) -> str:
-    if one.place == "inside":
-        return "inside"
     if not np.isfinite(one.value):
         return "outside (the run ended too early)"
-    return f"outside, {'better' if not one.worse else 'worse'}"
+    return "inside" if one.place == "inside" else f"outside, {'worse' if one.worse else 'better'}"
 
 
 def _interval(name: str, one: PredictionInterval) -> str:
     return f"{SHOWN[name].shown(one.low)} to {SHOWN[name].shown(one.high)}"
-
-
-_PREDICTION_HEADINGS = ("quantity", "measured", "predicted", "95 % interval", "", "without compensation")
-
-
-def verdict_parts(verdict: Verdict, steps: Sequence[str]) -> Iterator[RenderableType]:
-    """Yield the verdict, its findings, the predicted and measured quantities, what differs, and the next steps."""
-    yield Text(headline(verdict), style="bold")
-    for finding in verdict.findings:
-        yield Text(finding.text)
-    yield table("Predicted and measured", _PREDICTION_HEADINGS, quantity_rows(verdict))
-    if verdict.differences:
-        rows = difference_rows(verdict)
-        yield table("What differs from the logs", _DIFFERENCE_HEADINGS, rows)
-    for line in steps:
-        yield Text(line)

@@ -1,8 +1,8 @@
-"""The pages of the twin: a recorded run, runs of several seeds, and the thesis's recommendations tried on it."""
+"""The pages of the twin: a recorded run, and runs of several seeds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -12,12 +12,9 @@ from ballbot.file_formats import read_results
 from ballbot.report.blocks import Report, Sheet, section
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.run import over_time, run_sections, run_verdict
-from ballbot.robot import Robot
 from ballbot.rounding import digits
 from ballbot.twin.recording import Recording
-from ballbot.workflows.comparison import Comparison
 from ballbot.workflows.record import RecordJob, RecordOutcome, settings
-from ballbot.workflows.twin_recommendations import COMPENSATIONS, HEADINGS, NOMINAL, rows
 
 _HELD = {"driveline_sweep": "the wheels in the air", "upside_down": "upside down with the ball on its wheels"}
 _NOT_A_ROBOT = (
@@ -112,27 +109,3 @@ def seeds_report(job: RecordJob, outcomes: Sequence[RecordOutcome], made: Proven
 
 def _millimetres(metres: float | None) -> str:
     return "–" if metres is None else digits(1e3 * metres)
-
-
-def recommendations_report(robot: Robot, found: Mapping[str, Comparison], made: Provenance) -> Report:
-    """Return the page of the thesis's recommendations."""
-    sentences = []
-    for compensation, words in zip(COMPENSATIONS, ("Without compensation", "With it"), strict=True):
-        errors = {name: one.summary(compensation).rms_position_error for name, one in found.items()}
-        best = min(errors, key=lambda name: errors[name])
-        sentences.append(
-            f"{words} the smallest RMS error is that of “{best}”, {digits(1e3 * errors[best], 2)} mm; the nominal "
-            f"robot has {digits(1e3 * errors[NOMINAL], 2)} mm."
-        )
-    caption = "Means over the seeds, once settled; torque noise is the RMS change from sample to sample."
-    return Report(
-        title=f"{robot.name}: the thesis's recommendations, tried on the twin",
-        lead="Single-row wheels, a stiffer ball, less play and sensor fusion, singly and together, on the same seeds.",
-        verdict=[("", " ".join(sentences))],
-        sections=[section("Before and after", Sheet(headings=HEADINGS, rows=rows(found), caption=caption))],
-        undecided=[
-            _NOT_A_ROBOT,
-            "Differences that are smaller than those between seeds: results.json has every run's scores.",
-        ],
-        made=made,
-    )

@@ -1,11 +1,11 @@
 """What a user wants done, from robot and logs to a result: each workflow is a function that a command calls.
 
 study.py                  the main job: identify, validate, choose a controller on perturbed plants
-controller_*.py           the choice, the prediction for the next run, the verdict on it, and its likely causes
+controller_*.py           the choice, the prediction for the next run, and the verdict on it
 alternation.py            two controllers in turn on one robot, A B A B, the drift removed
 comparison.py, league.py  controllers against each other on the same courses with the same seeds
 excite.py                 an informative excitation for identification
 limits.py                 the largest tilts and impulses that a robot recovers from; what a reference demands
-robust_design.py          LQR weights for a robot whose parameters are uncertain
+robust_design.py          LQR weights for robots that differ from the one described
 record.py                 runs of the twin, into folders
 """

@@ -26,8 +26,10 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Sequence
+import traceback
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import TypeVar, cast, get_args
 
@@ -41,9 +43,9 @@ from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, checked_name
+from ballbot.files import sha256_of
 from ballbot.printable import shell_line
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.workflows.user_files import Checksums, changed_file, checksums_of, files_named
 
 _Result = TypeVar("_Result")
 
@@ -58,13 +60,13 @@ class UserController:
     estimator: (
         EstimatorName  #: of the on-board state that it is given; the user's `estimator`, else "onboard"
     )
-    checksums: Checksums  #: of all files that it is made of
+    checksums: Mapping[str, str]  #: SHA-256 of each file that it is made of, by its path
 
     def __init__(self, path: str, made_by: str, robot: Robot, estimator: EstimatorName | None = None) -> None:
         """Make it: `made_by(robot)` in the Python file at `path`; `estimator` replaces the one that it names."""
         self._path, self._made_by, self._robot = path, made_by, robot
         make = _attribute(path, made_by)
-        self.checksums = checksums_of(Path(path))
+        self.checksums = {str(file): sha256_of(file) for file in sorted({*_modules(Path(path)).values()})}
         self._take(self._guarded("when it was made", lambda: make(robot)))
         self.estimator = estimator or self._guarded("when it was looked at", lambda: estimator_of(self._made))
 
@@ -130,24 +132,22 @@ class UserController:
             return call()
         except InputError:
             raise
-        except BaseException as error:  # sys.exit ends nothing but this call
-            if isinstance(error, KeyboardInterrupt):
-                raise
+        except (Exception, SystemExit) as error:  # sys.exit ends nothing but this call
             raise InputError(
                 f"{self._place} failed {moment}: {_error_text(error, Path(self._path))}."
             ) from error
 
 
 def _remake(
-    path: str, made_by: str, robot: Robot, estimator: EstimatorName, checksums: Checksums
+    path: str, made_by: str, robot: Robot, estimator: EstimatorName, checksums: Mapping[str, str]
 ) -> UserController:
     """Return a copy of a controller, if the files that it is made of are as they were."""
-    changed = changed_file(checksums)
-    if changed:
-        raise InputError(
-            f"{os.path.relpath(changed)} was changed while {path}:{made_by} ran; begin anew, so that all runs are of "
-            "one controller."
-        )
+    for file, before in checksums.items():
+        if not Path(file).is_file() or sha256_of(Path(file)) != before:
+            raise InputError(
+                f"{os.path.relpath(file)} was changed while {path}:{made_by} ran; begin anew, so that all runs are of "
+                "one controller."
+            )
     return UserController(path, made_by, robot, estimator)
 
 
@@ -172,10 +172,8 @@ def _attribute(path: str, name: str) -> Callable[[Robot], object]:
             sys.path.append(folder)
         try:
             spec.loader.exec_module(module)
-        except BaseException as error:
+        except (Exception, SystemExit) as error:
             del sys.modules[module_name]
-            if isinstance(error, KeyboardInterrupt):
-                raise
             raise InputError(f"{path} cannot be run: {_error_text(error, file)}.") from error
     _check_names(path)
     make = getattr(sys.modules[module_name], name, None)
@@ -186,15 +184,21 @@ def _attribute(path: str, name: str) -> Callable[[Robot], object]:
     return make
 
 
+def _modules(path: Path) -> dict[str, Path]:
+    """Return a Python file and the modules beside it that it imports, however deep, by their names."""
+    finder = ModuleFinder(path=[str(path.resolve().parent)])
+    try:
+        finder.run_script(str(path.resolve()))
+    except SyntaxError:  # of a module whose import failed and was caught
+        return {"__main__": path.resolve()}
+    files = {name: getattr(one, "__file__", None) for name, one in finder.modules.items()}
+    return {name: Path(file) for name, file in files.items() if file}
+
+
 def _check_names(path: str) -> None:
     """Raise InputError if a module beside a file is not the one that is imported under its name."""
-    folder = Path(path).resolve().parent
-    for file in files_named(Path(path)):
-        if file == Path(path).resolve() or not file.is_relative_to(folder):
-            continue
-        parts = file.relative_to(folder).with_suffix("").parts
-        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        used = getattr(sys.modules.get(name), "__file__", None)
+    for name, file in _modules(Path(path)).items():
+        used = None if name == "__main__" else getattr(sys.modules.get(name), "__file__", None)
         if used and Path(used).resolve() != file:
             raise InputError(
                 f"{path} imports {name}, but {used} is in use under that name; give {file.name} another name."
@@ -203,23 +207,15 @@ def _check_names(path: str) -> None:
 
 def _error_text(error: BaseException, file: Path) -> str:
     """Return an error in words, with the last line of the user's file that it passed through."""
-    line, step = None, error.__traceback__
-    while step is not None:
-        if Path(step.tb_frame.f_code.co_filename).resolve() == file.resolve():
-            line = step.tb_lineno
-        step = step.tb_next
-    words = " ".join(f"{type(error).__name__}: {_text(error)}".split()).rstrip(".:")
+    lines = [
+        one.lineno
+        for one in traceback.extract_tb(error.__traceback__)
+        if Path(one.filename).resolve() == file.resolve()
+    ]
+    words = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".:")
     if isinstance(error, SystemExit):
-        words = f"it called sys.exit({_text(error)}), and a controller must not end the program"
-    return f"{words} (line {line})" if line else words
-
-
-def _text(error: BaseException) -> str:
-    """Return an error's text; converting it to text may itself fail."""
-    try:
-        return str(error)
-    except Exception:
-        return "?"
+        words = f"it called sys.exit({error}), and a controller must not end the program"
+    return f"{words} (line {lines[-1]})" if lines else words
 
 
 #: controllers that are not files

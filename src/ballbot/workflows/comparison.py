@@ -15,13 +15,11 @@ from __future__ import annotations
 import copy
 import json
 import os
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import TypeVar
 
 import numpy as np
 import scipy
@@ -38,7 +36,7 @@ from ballbot.fitting.sweep import Processes
 from ballbot.log import Log
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.progress import Progress
 from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
@@ -50,9 +48,6 @@ from ballbot.twin.scenario import Scenario
 from ballbot.workflows.metrics import SETTLE, Score, score
 
 CONFIDENCE = 0.95
-
-Piece = TypeVar("Piece")
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +174,7 @@ class LoopRobot:
     """A robot as the compiled loop runs it."""
 
     model: Model  #: the true one
-    imperfections: Imperfections | None = None  #: None if controllers see the true state
+    imperfections: Imperfections
 
     @staticmethod
     def of(robot: Robot, scenario: Scenario, *, known: Robot) -> LoopRobot:
@@ -189,10 +184,8 @@ class LoopRobot:
             imperfections=imperfections_of(scenario, known=known),
         )
 
-    def __call__(self, estimator: EstimatorName) -> Plant | Model:
+    def __call__(self, estimator: EstimatorName) -> Plant:
         """Return the plant that is the same, one period at a time."""
-        if self.imperfections is None:
-            return self.model
         return SensedPlant(self.model, self.imperfections, estimator=estimator)
 
 
@@ -283,19 +276,6 @@ def read_result(path: Path) -> RunResult | None:
     return RunResult(score=Score(**kept["score"]), measured=np.array(kept["measured"], dtype=np.float64))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Summary:
-    """A controller's scores over all seeds: means over the runs that did not end early, NaN if all did."""
-
-    peak_position_error: float  #: [m]
-    worst_position_error: float  #: the largest peak of any run that did not end early [m]
-    rms_position_error: float  #: [m]
-    rms_torque: float  #: [N m]
-    rms_torque_change: float  #: [N m]
-    falls: int  #: runs that ended early
-    runs: int
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
     """Runs with their results."""
@@ -315,32 +295,11 @@ class Comparison:
         """Return the scores of a controller on a course, in the order of the runs."""
         return tuple(result.score for result in self.of(candidate, course))
 
-    @property
-    def scores(self) -> Mapping[str, tuple[Score, ...]]:
-        """Scores of a comparison on one course, by controller, in the order of the runs."""
-        names = dict.fromkeys(run.candidate for run in self.runs)
-        return MappingProxyType({name: self.scores_of(name) for name in names})
-
-    def summary(self, candidate: str) -> Summary:
-        """Return one controller's scores over all seeds of a comparison on one course."""
-        scores = self.scores_of(candidate)
-        stood = [score for score in scores if score.ended is None]
-        return Summary(
-            peak_position_error=_mean([score.peak_position_error for score in stood]),
-            worst_position_error=max((score.peak_position_error for score in stood), default=np.nan),
-            rms_position_error=_mean([score.rms_position_error for score in stood]),
-            rms_torque=_mean([score.rms_torque for score in stood]),
-            rms_torque_change=_mean([score.rms_torque_change for score in stood]),
-            falls=len(scores) - len(stood),
-            runs=len(scores),
-        )
-
 
 def run_comparison(
     runs: Sequence[ComparedRun],
     *,
     processes: int | None = None,
-    threads: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> Comparison:
     """Make all runs and score them.
@@ -351,8 +310,6 @@ def run_comparison(
         Those of one course, by its name and duration, follow one reference.
     processes : int, optional
         One for each core by default; with one, all is computed in this process. The result does not depend on it.
-    threads : int, optional
-        Runs at a time in this process, instead of processes; plants and controllers need not be picklable then.
     run : Run, optional
         Its progress is reported; its seed is not used.
 
@@ -374,16 +331,13 @@ def run_comparison(
         made.update(zip(places, results, strict=True))
         run.progress(Progress(stage="comparing controllers", done=len(made), total=len(runs)))
 
-    together = [[runs[place] for place in block] for block in blocks]
-    for block, results in _in_threads(_run_block, together, threads or processes):
-        keep(blocks[block], results)
+    with closing(
+        _made_together([[runs[place] for place in block] for block in blocks], processes)
+    ) as made_blocks:
+        for block, results in zip(blocks, made_blocks, strict=True):
+            keep(block, results)
     slow = [runs[place] for place in alone]
-    made_alone = (
-        _in_threads(ComparedRun.result, slow, threads)
-        if threads
-        else Processes(count=processes).each(ComparedRun.result, slow)
-    )
-    with closing(made_alone):
+    with closing(Processes(count=processes).each(ComparedRun.result, slow)) as made_alone:
         for place, result in made_alone:
             keep([alone[place]], [result])
     return Comparison(runs=tuple(runs), results=tuple(made[place] for place in range(len(runs))))
@@ -395,10 +349,9 @@ def _loop_blocks(runs: Sequence[ComparedRun]) -> list[list[int]]:
     for place, one in enumerate(runs):
         if isinstance(one.plant, LoopRobot) and isinstance(one.controller, Controller):
             model, borne = one.plant.model, one.plant.imperfections
-            if borne is None or (borne.fix is None and _sampled_alike(borne, one.controller)):
+            if borne.fix is None and _sampled_alike(borne, one.controller):
                 key = (one.course, one.duration, one.controller.sample_time, one.controller.estimator)
-                key += (model.formulation, model.step, model.pivots, borne is None)
-                key += (borne is not None and borne.backlash > 0.0,)
+                key += (model.formulation, model.step, model.pivots, borne.backlash > 0.0)
                 alike.setdefault(key, []).append(place)
     return [places[k : k + LANES] for places in alike.values() for k in range(0, len(places), LANES)]
 
@@ -418,86 +371,20 @@ def _run_block(runs: Sequence[ComparedRun]) -> list[RunResult]:
         duration=runs[0].duration,
         initial_states=np.array([initial_state_of(one.seed) for one in runs]),
         imperfections=[
-            replace(robot.imperfections, seed=one.seed)
-            for robot, one in zip(robots, runs, strict=True)
-            if robot.imperfections
-        ]
-        or None,
+            replace(robot.imperfections, seed=one.seed) for robot, one in zip(robots, runs, strict=True)
+        ],
         threads=1,
     )
     return [one.result_of(batch.log(lane)) for lane, one in enumerate(runs)]
 
 
-def compare(
-    plant_factory: Callable[[], Plant | Model],
-    controllers: Mapping[str, Feedback],
-    reference: Reference,
-    *,
-    duration: float,
-    seeds: Sequence[int],
-    settle: float = SETTLE,
-    threads: int = 1,
-    progress: ProgressCallback = ignore_progress,
-) -> Comparison:
-    """Run every controller with every seed on one plant of any kind, and score the runs.
-
-    A seed gives all that is random in the plant, and an initial state at rest at the origin with a lean of up to 0.02
-    rad, so that a plant without noise is tried more than once, too.
-
-    Parameters
-    ----------
-    plant_factory : callable
-        Makes a plant; each run gets one of its own.
-    controllers : mapping of str to Feedback
-        By name; every run gets a copy.
-    reference : callable
-        f(t) -> (10,)
-    duration : float
-        Of a run [s].
-    seeds : sequence of int
-    settle : float
-        See `ballbot.workflows.metrics.settled` [s].
-    threads : int
-        Runs at a time. Plants whose work is compiled gain from it.
-    progress : callable, optional
-        Called after each run.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to run, or a run cannot be scored.
-    """
-    runs = [
-        ComparedRun(
-            candidate=name,
-            controller=controller,
-            plant=lambda _: plant_factory(),
-            reference=lambda: reference,
-            duration=duration,
-            seed=seed,
-            settle=settle,
-        )
-        for name, controller in controllers.items()
-        for seed in seeds
-    ]
-    return run_comparison(runs, threads=threads, run=Run(progress=progress))
-
-
-def _in_threads(
-    make: Callable[[Piece], Result], pieces: Sequence[Piece], count: int | None
-) -> Generator[tuple[int, Result], None, None]:
-    """Yield the place and the result of each piece, in their order, which threads of this process make."""
-    workers = min(count or os.cpu_count() or 1, len(pieces))
-    if workers < 2:
-        yield from ((place, make(piece)) for place, piece in enumerate(pieces))
-        return
-    pool, finished = ThreadPoolExecutor(workers), False
+def _made_together(
+    blocks: Sequence[Sequence[ComparedRun]], count: int | None
+) -> Generator[list[RunResult], None, None]:
+    """Yield the results of each block, in their order, which threads of this process make."""
+    pool, finished = ThreadPoolExecutor(count or os.cpu_count()), False
     try:
-        yield from enumerate(pool.map(make, pieces))
+        yield from pool.map(_run_block, blocks)
         finished = True
     finally:
         pool.shutdown(wait=finished, cancel_futures=True)
-
-
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if values else float("nan")

@@ -1,4 +1,4 @@
-"""What a controller will do on the robot's next run of a course: each quantity with its 95 % prediction interval.
+"""What a controller will do on the robot's next run of a course, and the verdict of that run's log.
 
 A study runs its candidates on robots drawn from what identification leaves uncertain. The performances of one
 candidate on those robots are taken as lognormal: the logarithm of a new one is Student's t about their mean,
@@ -7,40 +7,47 @@ candidate on those robots are taken as lognormal: the logarithm of a new one is 
 
 A real robot is no such plant: it has faults that no draw has. What these do is a model discrepancy, a factor that was
 calibrated on twins with faults that their study did not know (`DISCREPANCY`); it is added to the interval's half
-widths in the root of the sum of squares. Without it the interval holds on the robots drawn, and on no real robot.
+widths in the root of the sum of squares.
+
+The verdict says whether the prediction is confirmed, by how much not and in which quantity, and what to do:
+
+    revert   the run ended early, or its error is not below the interval predicted for the nominal gain without
+             compensation, or a quantity is worse than predicted and the controller compensates nothing
+    weaken   a quantity is worse than predicted, but the error is still clearly smaller
+    keep     nothing is worse than predicted
 """
 
 from __future__ import annotations
 
+import copy
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat, NonNegativeInt, PositiveFloat
 
 from ballbot.control.controller import Controller
-from ballbot.control.file import Table, controller_text
-from ballbot.control.references import REFERENCES
-from ballbot.errors import InputError
+from ballbot.control.file import controller_text
+from ballbot.errors import InputError, every
 from ballbot.file_formats import read_results, without_format
-from ballbot.log import Log
+from ballbot.findings import Finding
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import torque_names
 from ballbot.results import reported
 from ballbot.schema import validate_table
 from ballbot.summary import counted
+from ballbot.validation.closed_loop import delay_of
 from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, NamedCourse
-from ballbot.workflows.controller_differences import OF_FRICTION, signature_of
 from ballbot.workflows.metrics import QUANTITIES, Performance
 
 CONFIDENCE = 0.95
 #: fewest performances that an interval can be made of
 MIN_RUNS = 6
-#: longest course that is read from a file [s]; a row for each sample is compared with the log
-_MAX_COURSE = 3600.0
 
 #: factors (lower, upper) by which a faulty twin's quantity differs from the median of the robots drawn, at the 2.5th
 #: and 97.5th percentile of the faulty twins whose run did not end early, beyond the spread of the draws; of the torque
@@ -63,6 +70,32 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
         "torque_margin": (0.8, 4.3),
     },
 }
+
+
+@dataclass(frozen=True)
+class ShownQuantity:
+    """A number of `Performance` as sentences and tables show it."""
+
+    words: str
+    scale: float  #: from SI to the unit
+    unit: str
+    decimals: int
+    better: Literal["below", "above"] = "below"
+
+    def shown(self, value: float) -> str:
+        """Return a value in the unit, without it."""
+        return f"{self.scale * value:.{self.decimals}f}" if np.isfinite(value) else "–"
+
+
+SHOWN: Mapping[str, ShownQuantity] = MappingProxyType(
+    {
+        "peak_error": ShownQuantity("peak error", 1e3, "mm", 1),
+        "rms_error": ShownQuantity("RMS error", 1e3, "mm", 1),
+        "roughness": ShownQuantity("torque roughness", 1.0, "N m", 3),
+        "lean": ShownQuantity("lean", 1.0, "rad", 3),
+        "torque_margin": ShownQuantity("torque margin", 1e2, "%", 0, better="above"),
+    }
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,11 +124,9 @@ class Prediction:
     scenario: str  #: name of what is true of the robots
     draws: int  #: number of robots
     chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
-    none: (
-        Mapping[str, PredictionInterval] | None
-    )  #: the same without friction compensation; None if that falls
-    #: of the log of a predicted run; see `ballbot.workflows.controller_differences`
-    signature: Mapping[str, float]
+    #: the same without friction compensation; None if that falls
+    none: Mapping[str, PredictionInterval] | None
+    log_findings: tuple[str, ...] = ()  #: codes of what the checks of the study's logs found
 
     @reported
     def confidence(self) -> float:
@@ -103,14 +134,14 @@ class Prediction:
         return CONFIDENCE
 
 
-def predict(choice: ControllerChoice, *, logs: Sequence[Log] = ()) -> Prediction | None:
+def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> Prediction | None:
     """Return what the controller that was chosen will do on the next run of the course.
 
     Parameters
     ----------
     choice : ControllerChoice
-    logs : sequence of Log
-        Of the study: what they show of the friction is what the next log is compared with.
+    log_findings : sequence of Finding
+        Of the study's logs: what the next log has besides is what differs.
 
     Returns
     -------
@@ -128,22 +159,10 @@ def predict(choice: ControllerChoice, *, logs: Sequence[Log] = ()) -> Prediction
         torque_limit=controller.torque_limit,
         scenario=choice.plants[0].scenario.name,
         draws=len(choice.plants),
-        chosen=intervals_of(choice, chosen),
-        none=intervals_of(choice, "none") if len(without.scores) - without.falls >= MIN_RUNS else None,
-        signature=_expected_signature(choice, logs),
+        chosen=_intervals(choice, chosen),
+        none=_intervals(choice, "none") if len(without.scores) - without.falls >= MIN_RUNS else None,
+        log_findings=tuple(dict.fromkeys(one.code for one in log_findings)),
     )
-
-
-def _expected_signature(choice: ControllerChoice, logs: Sequence[Log]) -> dict[str, float]:
-    """Return the signature of a run with the chosen controller, but the study's logs' own friction.
-
-    A simulated robot that is given the identified friction loses energy besides, as in its rollers.
-    """
-    known = choice.plants[0].known
-    simulated = signature_of(choice.runs[choice.chosen or "none"].without_truth(), known)
-    measured = [signature_of(log, known) for log in logs]
-    of_friction = {name: [one[name] for one in measured if name in one] for name in OF_FRICTION}
-    return simulated | {name: float(np.mean(values)) for name, values in of_friction.items() if values}
 
 
 def checksum_of(controller: Controller) -> str:
@@ -151,14 +170,8 @@ def checksum_of(controller: Controller) -> str:
     return hashlib.sha256(without_format(controller_text(controller)).encode()).hexdigest()
 
 
-def intervals_of(choice: ControllerChoice, candidate: str) -> dict[str, PredictionInterval]:
-    """Return the intervals of a candidate's quantities; runs that ended early do not count.
-
-    Raises
-    ------
-    InputError
-        If fewer than six runs did not end early.
-    """
+def _intervals(choice: ControllerChoice, candidate: str) -> dict[str, PredictionInterval]:
+    """Return the intervals of a candidate's quantities; runs that ended early do not count."""
     trial = choice.trials[candidate]
     stood = [one for one, score in zip(trial.performances, trial.scores, strict=True) if score.ended is None]
     kind, _ = CANDIDATES[candidate]
@@ -186,10 +199,17 @@ def performance_intervals(
         raise InputError(
             f"Only {counted(len(performances), 'run')} did not end early; a prediction needs {MIN_RUNS} or more."
         )
-    table = np.array([one.to_array() for one in performances])
-    return {
-        name: _of_quantity(name, table[:, place], discrepancy[name]) for place, name in enumerate(QUANTITIES)
+    sizes = np.array([one.sizes() for one in performances])
+    found = {
+        name: lognormal_interval(sizes[:, place], discrepancy=discrepancy[name])
+        for place, name in enumerate(QUANTITIES)
     }
+    # the share of the torque limit that is left; no motor gives more than its limit
+    used = found["torque_margin"]
+    found["torque_margin"] = PredictionInterval(
+        median=1.0 - min(used.median, 1.0), low=1.0 - min(used.high, 1.0), high=1.0 - used.low
+    )
+    return found
 
 
 def lognormal_interval(
@@ -205,61 +225,13 @@ def lognormal_interval(
         Factors (at most 1, at least 1) by which what is new may differ besides.
     """
     logs = np.log(np.maximum(values, np.finfo(np.float64).tiny))
-    count = len(logs)
-    center = float(logs.mean())
+    count, center = len(logs), float(logs.mean())
     quantile = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
     half = quantile * float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / count)
     down, up = (float(np.hypot(half, np.log(factor))) for factor in discrepancy)
     return PredictionInterval(
         median=float(np.exp(center)), low=float(np.exp(center - down)), high=float(np.exp(center + up))
     )
-
-
-def _of_quantity(
-    name: str, values: NDArray[np.float64], discrepancy: tuple[float, float]
-) -> PredictionInterval:
-    if name != "torque_margin":
-        return lognormal_interval(values, discrepancy=discrepancy)
-    used = lognormal_interval(1.0 - values, discrepancy=discrepancy)
-    # no motor gives more than its limit
-    return PredictionInterval(
-        median=1.0 - min(used.median, 1.0), low=1.0 - min(used.high, 1.0), high=1.0 - used.low
-    )
-
-
-class _IntervalTable(Table):
-    median: FiniteFloat
-    low: FiniteFloat
-    high: FiniteFloat
-
-
-class _QuantitiesTable(Table):
-    peak_error: _IntervalTable
-    rms_error: _IntervalTable
-    roughness: _IntervalTable
-    lean: _IntervalTable
-    torque_margin: _IntervalTable
-
-
-class _CourseTable(Table):
-    name: str
-    duration: float = Field(ge=1.0, le=_MAX_COURSE)
-
-
-class _PredictionTable(Table):
-    """The object "prediction" of a study's results.json."""
-
-    course: _CourseTable
-    controller: str
-    checksum: str = Field(pattern="^[0-9a-f]{64}$")
-    torque_limit: PositiveFloat
-    plant: str = ""  # of earlier versions
-    scenario: str
-    draws: NonNegativeInt
-    confidence: PositiveFloat
-    chosen: _QuantitiesTable
-    none: _QuantitiesTable | None
-    signature: dict[str, FiniteFloat | None]
 
 
 def read_prediction(path: str | Path) -> Prediction:
@@ -271,49 +243,278 @@ def read_prediction(path: str | Path) -> Prediction:
         If the file cannot be read or holds no prediction.
     """
     tree = read_results(path)
-    found = tree.get("prediction") if isinstance(tree, dict) else None
-    if not isinstance(found, dict):
+    if not (isinstance(tree, dict) and tree.get("prediction")):
         raise InputError(
             f"{path} holds no prediction; give the results.json of `ballbot study`, which predicts what its controller "
             f"does if it draws {MIN_RUNS} robots or more."
         )
     try:
-        table = validate_table(_PredictionTable, found, of="the prediction in a results.json")
+        found = validate_table(Prediction, tree["prediction"], of="the prediction in a results.json")
+        found.course.reference_spec.reference()
     except InputError as error:
         raise InputError(f"{path}: prediction: {error}") from None
-    _check_table(table, path)
-    return Prediction(
-        course=NamedCourse(name=table.course.name, duration=table.course.duration),
-        controller=table.controller,
-        checksum=table.checksum,
-        torque_limit=table.torque_limit,
-        scenario=table.scenario,
-        draws=table.draws,
-        chosen=_intervals(table.chosen),
-        none=_intervals(table.none) if table.none else None,
-        signature={name: one for name, one in table.signature.items() if one is not None},
+    tables = (found.chosen, found.none or found.chosen)
+    if found.controller not in CANDIDATES or any(set(one) != set(QUANTITIES) for one in tables):
+        raise InputError(f"{path}: the prediction is not one of this version; run `ballbot study` again.")
+    return found
+
+
+Recommendation = Literal["keep", "weaken", "revert"]
+
+#: errors of a log's checks that describe the robot's motion: the verdict is about them, and is given all the same
+EXPLAINED_CODES = frozenset(
+    {
+        *(
+            "ball-axes",
+            "degrees",
+            "heading-sign",
+            "lean-axes",
+            "lean-scale",
+            "scale",
+            "sign",
+            "swapped",
+            "wheels",
+        ),
+        *("torque-order", "torque-scale", "torque-sign", "torque-unrelated", "torque-clipped", "dead-motor"),
+        *("constant", "held", "lean-offset", "reset", "spike", "stuck", "torque-delay"),
+        *("fall", "hands", "saturation", "disturbance"),
+    }
+)
+#: a log's reference may differ from the course's by this [m, rad], in this share of the rows: at jumps
+_SAME_POSE, _OTHER_ROWS = 0.005, 0.005
+#: a run that ends this much before the course has ended early [s]
+_SHORT = 0.05
+#: largest fraction of rows with missing values
+_MAX_MISSING = 0.02
+#: lean in the last half second of a log that ends early, from which it is a fall [rad]
+_FALLING, _LAST = 0.2, 0.5
+#: relative difference of sample times that is rounding
+_SAME_TIME = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuantityResult:
+    """A quantity of the new log beside its prediction."""
+
+    name: str
+    predicted: PredictionInterval
+    value: float  #: NaN if the run ended too early to show it
+
+    @reported
+    def place(self) -> Literal["inside", "below", "above"]:
+        """Where the value lies."""
+        return self.predicted.place(self.value)
+
+    @reported
+    def worse(self) -> bool:
+        """Whether it is outside its interval, on the worse side."""
+        return self.place not in ("inside", SHOWN[self.name].better)
+
+    @reported
+    def factor(self) -> float:
+        """Its size over that at the end of the interval that it is beyond; of the torque margin, the size is the share
+        of the torque limit that is used. One inside the interval, NaN without a value.
+        """
+        ends = {"inside": self.value, "below": self.predicted.low, "above": self.predicted.high}
+        size, end = self.value, ends[self.place]
+        if self.name == "torque_margin":
+            size, end = 1.0 - size, 1.0 - end
+        return size / end if end > 0.0 else np.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerVerdict:
+    """The verdict of one log on a controller."""
+
+    recommendation: Recommendation
+    reason: str  #: in sentences: confirmed or refuted, by how much and in which quantity
+    quantities: tuple[QuantityResult, ...]
+    none: Mapping[str, PredictionInterval] | None  #: predicted without compensation; None if that falls
+    ended: str | None  #: why the run ended before the course, or None
+    differences: tuple[str, ...]  #: what the log shows and the study's logs did not, in sentences
+    foreign: bool  #: whether the torques are not those that the controller gives for the logged states
+
+    @reported
+    def confirmed(self) -> bool:
+        """Whether the whole course was run, and no quantity is worse than predicted."""
+        return self.ended is None and not any(one.worse for one in self.quantities)
+
+    @property
+    def outside(self) -> tuple[QuantityResult, ...]:
+        """The quantities that lie outside their intervals."""
+        return tuple(one for one in self.quantities if one.place != "inside")
+
+
+def evaluate_log(
+    prediction: Prediction, log: Log, controller: Controller, *, log_findings: Sequence[Finding] = ()
+) -> ControllerVerdict:
+    """Return the verdict of a log that was made with a study's controller.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    log : Log
+        Of the course, with states, torques and reference; rows before the course are left out.
+    controller : Controller
+        The study's.
+    log_findings : sequence of Finding
+        What the checks of the log found.
+
+    Raises
+    ------
+    InputError
+        If the controller is not the one that was predicted, the log lacks a column, follows another course or has
+        another sample time, has many rows with missing values, or ends before the course without a fall.
+    """
+    check_controller(prediction, controller)
+    complete = log.complete(
+        "ref_x", "ref_y", "ref_psi", *STATE_NAMES, *torque_names(controller.robot.wheel_count)
+    )
+    missing = len(log) - len(complete)
+    if missing > _MAX_MISSING * len(log):
+        raise InputError(
+            f"{missing} of {len(log)} rows of the log lack a state, a torque or the reference. Record the course again."
+        )
+    run = course_of(complete, prediction, sample_time=controller.sample_time)
+    ended = _why_ended(run, prediction)
+    seen = Performance.of(run, torque_limit=prediction.torque_limit)
+    quantities = tuple(
+        QuantityResult(name=name, predicted=prediction.chosen[name], value=float(value))
+        for name, value in zip(QUANTITIES, seen.to_array(), strict=True)
+    )
+    recommendation, reason = _recommended(prediction, quantities, ended)
+    return ControllerVerdict(
+        recommendation=recommendation,
+        reason=reason,
+        quantities=quantities,
+        none=prediction.none,
+        ended=ended,
+        differences=tuple(one.text for one in log_findings if one.code not in prediction.log_findings),
+        foreign=_is_foreign(complete, controller),
     )
 
 
-def _check_table(table: _PredictionTable, path: str | Path) -> None:
-    """Raise InputError if course or controller is unknown, or an interval's bounds are not about its median."""
-    where = f"{path}: prediction"
-    if table.controller not in CANDIDATES:
+def check_controller(prediction: Prediction, controller: Controller) -> None:
+    """Raise InputError if the controller is not the one whose performance is predicted."""
+    if checksum_of(controller) != prediction.checksum:
         raise InputError(
-            f"{where}: controller is {table.controller!r}; it must be one of {', '.join(CANDIDATES)}."
+            "The controller's file is not the one whose performance is predicted: it was changed, or belongs to "
+            "another study. Give the controller.toml that stands beside the results.json, as `ballbot study` wrote it."
         )
-    if table.course.name not in REFERENCES:
-        raise InputError(
-            f"{where}: course.name is {table.course.name!r}; it must be one of {', '.join(REFERENCES)}."
-        )
-    for key, intervals in (("chosen", table.chosen), ("none", table.none)):
-        for name, one in _intervals(intervals).items() if intervals else ():
-            if not one.low <= one.median <= one.high:
-                raise InputError(
-                    f"{where}: {key}.{name} is {one.low:g}, {one.median:g}, {one.high:g}; low, median and high must "
-                    "ascend."
-                )
 
 
-def _intervals(table: _QuantitiesTable) -> dict[str, PredictionInterval]:
-    return {name: PredictionInterval(**getattr(table, name).model_dump()) for name in QUANTITIES}
+def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
+    """Return the rows of a log that follow the predicted course, from its start to its end or the log's.
+
+    The course begins with the log, or where the log's first jump of the reference is the course's.
+
+    Raises
+    ------
+    InputError
+        If the log has another sample time or follows another course.
+    """
+    course = prediction.course
+    how = f"record {course.duration:g} s of `{course.name}` from its start with this controller"
+    if abs(log.sample_time / sample_time - 1.0) > _SAME_TIME:
+        raise InputError(
+            f"The log's sample time is {log.sample_time:g} s and the controller's {sample_time:g} s; {how}, a row for "
+            "each update."
+        )
+    reference = course.reference_spec.reference()
+
+    first_row = float(log.t[0])
+    begins = [first_row]
+    jumps = _jumps(log.reference[:, [0, 1, 4]])
+    wanted = _jumps(np.array([reference(k * sample_time)[[0, 1, 4]] for k in range(len(log))]))
+    if jumps.size and wanted.size:
+        aligned = float(log.t[jumps[0]]) - float(wanted[0]) * sample_time
+        begins = [max(aligned, first_row), first_row]
+    for begin in begins:
+        first, last = np.searchsorted(
+            log.t, begin + np.array([-0.5 * sample_time, course.duration - 0.5 * sample_time])
+        )
+        run = log.select(slice(int(first), int(last)))
+        # missing rows shift the others
+        asked = np.array(
+            [reference(max(round((t - begin) / sample_time), 0) * sample_time)[[0, 1, 4]] for t in run.t]
+        )
+        apart = np.abs(run.reference[:, [0, 1, 4]] - asked).max(axis=1)
+        if np.mean(apart > _SAME_POSE) <= _OTHER_ROWS:
+            return run
+    raise InputError(
+        f"The log's reference is not the course {course.name!r} for which the performance is predicted; {how}."
+    )
+
+
+def _jumps(poses: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the rows of poses (N, 3) at which they have jumped."""
+    return np.flatnonzero(np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0) > _SAME_POSE) + 1
+
+
+def _why_ended(run: Log, prediction: Prediction) -> str | None:
+    """Return why a run ended before its course did; None if it did not.
+
+    Raises
+    ------
+    InputError
+        If it ends early without a sign of a fall or a stop: the log is a part of a run.
+    """
+    duration = prediction.course.duration
+    lasted = float(run.t[-1] - run.t[0]) + run.sample_time
+    if lasted >= duration - _SHORT - run.sample_time:
+        return None
+    if run.ended is not None:
+        return run.ended
+    last = run.between(float(run.t[-1]) - _LAST, np.inf)
+    lean = float(np.hypot(last["theta"], last["phi"]).max())
+    if lean > _FALLING:
+        return f"fallen: a lean of {lean:.2g} rad at t = {lasted:.3g} s of the course"
+    raise InputError(
+        f"The log has {lasted:.3g} s of the course {prediction.course.name!r} of {duration:g} s, and the robot is "
+        "upright at its end; record the whole course, or go back to the previous controller if this one stops by "
+        "itself."
+    )
+
+
+def _recommended(
+    prediction: Prediction, quantities: Sequence[QuantityResult], ended: str | None
+) -> tuple[Recommendation, str]:
+    """Return what to do, and whether the prediction is confirmed, by how much and in which quantity."""
+    if ended is not None:
+        return "revert", f"Refuted: the run ended before the course did ({ended})."
+    worse = [one for one in quantities if one.worse]
+    better = [SHOWN[one.name].words for one in quantities if one.place != "inside" and not one.worse]
+    if worse:
+        reason = f"Refuted: {every([_amount(one) for one in worse])}."
+    elif better:
+        verb = "is" if len(better) == 1 else "are"
+        reason = f"Confirmed: nothing is worse than predicted, and the {every(better)} {verb} better."
+    else:
+        reason = "Confirmed: all quantities lie inside their 95 % prediction intervals."
+    peak = quantities[QUANTITIES.index("peak_error")].value
+    none = prediction.none["peak_error"] if prediction.none and prediction.controller != "none" else None
+    if none is not None and not peak < none.low:
+        return "revert", (
+            f"{reason} The peak error of {1e3 * peak:.3g} mm is not clearly smaller than with the nominal gain without "
+            f"compensation ({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
+        )
+    if worse and CANDIDATES[prediction.controller][1] == "none":
+        return "revert", reason
+    return ("weaken" if worse else "keep"), reason
+
+
+def _amount(one: QuantityResult) -> str:
+    """Return by how much a quantity is worse than predicted, in words."""
+    shown, interval = SHOWN[one.name], one.predicted
+    value = f"the {shown.words} is {shown.shown(one.value)} {shown.unit}"
+    if one.name == "torque_margin":
+        return f"{value}, predicted {shown.shown(interval.low)} {shown.unit} or more"
+    return f"{value}, {one.factor:.2g} times the upper end of its interval"
+
+
+def _is_foreign(log: Log, controller: Controller) -> bool:
+    try:
+        delay_of(copy.deepcopy(controller), log)
+    except InputError:
+        return True
+    return False

@@ -32,13 +32,16 @@ from ballbot.identification.initial_states import linearize
 from ballbot.identification.parameters import Bounds, Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem
 from ballbot.identification.quantities import with_friction
-from ballbot.identification.stages import EVOLUTION_STEP, windows_for
+from ballbot.identification.stages import INNER_STEP, windows_for
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.batch import simulate_batch
+
+#: length of the windows that identification cuts a log into [s]
+WINDOW = 0.25
 
 PEAK_UNITS = {"lean": "rad", "floor": "m", "torque": "N m"}
 
@@ -115,7 +118,6 @@ class InformationProblem:
     coordinates: Coordinates
     point: NDArray[np.float64]  #: (p,), scaled, what is believed
     deviations: NDArray[np.float64]  #: (10,), of each state's prediction on the robot
-    window: float  #: [s]
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -157,7 +159,7 @@ def expected_errors(question: InformationProblem, logs: Sequence[Log]) -> NDArra
 def _information(question: InformationProblem, logs: Sequence[Log]) -> NDArray[np.float64]:
     """Return H (p, p) of the scaled parameters."""
     predictor = question.predictor
-    windows = windows_for(predictor, question.coordinates.upper, logs, duration=question.window)
+    windows = windows_for(predictor, question.coordinates.upper, logs, duration=WINDOW)
     # measurements off by exactly their deviations: identification takes its weights from the residuals
     off = replace(
         windows,
@@ -217,7 +219,6 @@ def task(
     deviations: NDArray[np.float64],
     law: Law = "stribeck",
     bounds: Bounds | None = None,
-    window: float = 0.25,
 ) -> ExcitationTask:
     """Return what to design an experiment for.
 
@@ -236,8 +237,6 @@ def task(
         The law whose parameters are estimated.
     bounds : Bounds, optional
         Identification's; errors count in shares of their width.
-    window : float
-        Identification's [s].
 
     Raises
     ------
@@ -250,12 +249,11 @@ def task(
     point = _believed(robot, coordinates)
     question = InformationProblem(
         predictor=Predictor(
-            robot=robot, formulation="exact", step=EVOLUTION_STEP, layout=coordinates.layout, threads=1
+            robot=robot, formulation="exact", step=INNER_STEP, layout=coordinates.layout, threads=1
         ),
         coordinates=coordinates,
         point=point,
         deviations=deviations,
-        window=window,
     )
     believed = with_friction(robot, coordinates.physical(point))
     return ExcitationTask(

@@ -1,8 +1,8 @@
-"""Design an informative excitation for a robot, beside the square one would drive without it, and try both.
+"""Design an informative excitation for a robot, beside the square one would drive without it, and run both.
 
-The excitation must stand above the deviations of states from their prediction over a window, friction known. Before
-the robot, both are tried on the compiled loop with the sensors of a scenario, with its friction, less and more of it:
-do the limits hold, and what does identification find in the log?
+The excitation must stand above the deviations of states from their prediction over a window, friction known: those of
+the compiled loop around the square. There both are run with the sensors of a scenario, with its friction, less and more
+of it: do the limits hold?
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +17,12 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, square
 from ballbot.errors import InputError
-from ballbot.file_formats import read_results
-from ballbot.findings import finding_results
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.identification import Bounds, Identification, identify
-from ballbot.identification.identify import estimated_parameters
+from ballbot.identification import Bounds
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
-from ballbot.log import STATE_NAMES, Log
-from ballbot.log.checks import CheckedLogs
+from ballbot.log import Log
 from ballbot.progress import Progress, in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
@@ -37,6 +31,7 @@ from ballbot.workflows.comparison import ComparedRun, LoopRobot, run_comparison
 from ballbot.workflows.excitation_design import DesignEffort, ExcitationDesign, design
 from ballbot.workflows.excitation_task import (
     FRICTIONS,
+    WINDOW,
     ExcitationTask,
     Law,
     ReferenceRun,
@@ -49,7 +44,7 @@ from ballbot.workflows.excitation_task import (
 )
 
 
-def deviations_in(log: Log, robot: Robot, *, window: float) -> NDArray[np.float64]:
+def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
     """Return the deviation of each state's prediction (10,) over the windows of a log.
 
     What a perfect identification would be left with: sensors, play and torque noise together.
@@ -59,8 +54,6 @@ def deviations_in(log: Log, robot: Robot, *, window: float) -> NDArray[np.float6
     log : Log
     robot : Robot
         With the friction that is true of the log.
-    window : float
-        [s]
 
     Raises
     ------
@@ -68,45 +61,21 @@ def deviations_in(log: Log, robot: Robot, *, window: float) -> NDArray[np.float6
         If the log has no window, as when the robot fell at once.
     """
     coordinates = scale_between(robot)
-    windows = cut_windows([log], wheel_count=robot.wheel_count, duration=window)
+    windows = cut_windows([log], wheel_count=robot.wheel_count, duration=WINDOW)
     if not len(windows):
-        raise InputError(f"The run is shorter than one window of {window:g} s; make it longer.")
+        raise InputError(f"The run is shorter than one window of {WINDOW:g} s; make it longer.")
     predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout)
     residuals = predictor.residuals(coordinates.nominal[None], windows, every=windows.comparison_interval)
     return np.sqrt((residuals**2).mean(axis=(0, 1, 2)))
 
 
-def deviations_found(path: str | Path) -> NDArray[np.float64]:
-    """Return the deviations (10,) that an identification's results.json has: those on windows held out.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is not such a file.
-    """
-    results = cast("dict[str, dict]", read_results(path))
-    try:
-        errors = results["held_out"]["rmse_with_friction"]
-        values = np.array([errors[name] for name in STATE_NAMES], dtype=np.float64)
-    except (ValueError, KeyError, TypeError):
-        raise InputError(
-            f"{path} is not a results.json of `ballbot identify`. Give that file with --found."
-        ) from None
-    if not np.all(np.isfinite(values) & (values > 0.0)):
-        raise InputError(f"{path} has no held-out errors for some states; identify from more logs.")
-    return values
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trial:
-    """Runs of a reference on the loop, and the identification from the first one's log."""
+class LoopRuns:
+    """Runs of a reference on the loop: each friction (factors) with each seed."""
 
     log: Log  #: of the first run, with its truth
     peaks: RunPeaks  #: the worst of all runs: true lean and place, torques as commanded
     ended: str | None  #: why a run ended early
-    #: (f,), scaled standard errors of the estimated parameters; NaN if undetermined
-    errors: NDArray[np.float64]
-    found: Identification
 
 
 #: runs of each reference with each friction, by their seeds
@@ -121,8 +90,7 @@ def _on_loop(
     *,
     duration: float,
     run: Run,
-) -> tuple[Log, RunPeaks, str | None]:
-    """Return the first log, the largest peaks and why a run ended, of each friction (factors) with each seed."""
+) -> LoopRuns:
     made = run_comparison(
         [
             ComparedRun(
@@ -147,7 +115,7 @@ def _on_loop(
     assert log is not None
     peaks = np.max([one.measured for one in made], axis=0).tolist()
     ended = next((one.score.ended for one in made if one.score.ended), None)
-    return log, RunPeaks(lean=peaks[0], floor=peaks[1], torque=peaks[2]), ended
+    return LoopRuns(log=log, peaks=RunPeaks(lean=peaks[0], floor=peaks[1], torque=peaks[2]), ended=ended)
 
 
 def _peaks(log: Log) -> NDArray[np.float64]:
@@ -169,20 +137,18 @@ class PlainSquare:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Excitation:
-    """A designed experiment with its expected errors and its trials."""
+    """A designed experiment with its expected errors and its runs on the loop."""
 
     task: ExcitationTask
     design: ExcitationDesign
     square: PlainSquare
-    trials: Mapping[str, Trial]  #: "square" and "designed" on the loop; empty where not tried
+    on_loop: Mapping[str, LoopRuns]  #: "square" and "designed"
 
     @property
-    def limits_held(self) -> bool | None:
-        """Whether all runs on the loop kept within the limits along the design; None where not tried."""
-        if not self.trials:
-            return None
-        trial = self.trials["designed"]
-        return trial.ended is None and not self.task.limits.exceeded(trial.peaks)
+    def limits_held(self) -> bool:
+        """Whether all runs on the loop kept within the limits along the design."""
+        runs = self.on_loop["designed"]
+        return runs.ended is None and not self.task.limits.exceeded(runs.peaks)
 
     def results(self) -> dict[str, object]:
         """Return what results.json holds; SI units, and errors also in shares of the bounds' width ("scaled")."""
@@ -201,7 +167,14 @@ class Excitation:
                 "square": self.square.run.peaks,
                 "designed": made.peaks,
             },
-            "on_loop": {name: self._tried(trial) for name, trial in self.trials.items()},
+            "on_loop": {
+                name: {
+                    "ended": one.ended,
+                    "peaks": one.peaks,
+                    "exceeded": self.task.limits.exceeded(one.peaks),
+                }
+                for name, one in self.on_loop.items()
+            },
             "limits_held_on_loop": self.limits_held,
             "criterion_after_each_generation": made.history,
             "sines": {
@@ -220,28 +193,13 @@ class Excitation:
             "worst": scaled.max(),
         }
 
-    def _tried(self, trial: Trial) -> dict[str, object]:
-        return {
-            "ended": trial.ended,
-            "peaks": trial.peaks,
-            "exceeded": self.task.limits.exceeded(trial.peaks),
-            "scaled": _by_label(self.task.question.labels, trial.errors),
-            "parameters": trial.found.to_dict()["parameters"],
-            "standard_errors": trial.found.to_dict()["standard_errors"],
-            "findings": finding_results(trial.found.findings),
-        }
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExcitationOptions:
-    """How an experiment is designed and tried."""
+    """How an experiment is designed."""
 
-    #: (10,) see `task`; by default those of the loop around the square
-    deviations: NDArray[np.float64] | None = None
-    tried: bool = True  #: whether design and square are tried on the loop and identified from
     law: Law = "stribeck"  #: identification's
     bounds: Bounds | None = None  #: identification's
-    window: float = 0.25  #: identification's [s]
     effort: DesignEffort | None = None  #: of the search
 
 
@@ -255,7 +213,7 @@ def excite(
     options: ExcitationOptions | None = None,
     run: Run = DEFAULT_RUN,
 ) -> Excitation:
-    """Design an experiment, compare it with a square of the same length, and try both on the loop with sensors.
+    """Design an experiment, compare it with a square of the same length, and run both on the loop with sensors.
 
     Parameters
     ----------
@@ -269,7 +227,7 @@ def excite(
         Of the loop, whose friction is the true one.
     options : ExcitationOptions, optional
     run : Run, optional
-        Its seed is that of the design and of the identification.
+        Its seed is that of the design.
 
     Raises
     ------
@@ -277,26 +235,21 @@ def excite(
         If no reference keeps within the limits, none within them identifies every parameter, or a run cannot be made.
     """
     robot, options = as_robot(robot), options or ExcitationOptions()
-    law, bounds, window = options.law, options.bounds or Bounds(), options.window
     plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
 
-    def follow(reference: Reference) -> tuple[Log, RunPeaks, str | None]:
+    def follow(reference: Reference) -> LoopRuns:
         return _on_loop(robot, scenario, controller, reference, duration=duration, run=run)
 
-    deviations = options.deviations
-    runs = {"square": follow(plain)} if options.tried or deviations is None else {}
-    if deviations is None:
-        true = robot.replace(friction=scenario.friction)
-        deviations = deviations_in(runs["square"][0].without_truth(), true, window=window)
+    along_square = follow(plain)
+    true = robot.replace(friction=scenario.friction)
     asked = task(
         robot,
         controller,
         limits=limits,
         duration=duration,
-        deviations=deviations,
-        law=law,
-        bounds=bounds,
-        window=window,
+        deviations=deviations_in(along_square.log.without_truth(), true),
+        law=options.law,
+        bounds=options.bounds,
     )
 
     def of_design(now: Progress) -> None:
@@ -304,23 +257,12 @@ def excite(
         run.progress(replace(now, note=note))
 
     made = design(asked, effort=options.effort, run=replace(run, progress=of_design))
-    coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=bounds)
-    if options.tried:
-        runs["designed"] = follow(made.reference)
-    trials: dict[str, Trial] = {}
-    for name, (log, peaks, ended) in runs.items() if options.tried else ():
-        logs = CheckedLogs.simulated(log.without_truth())
-        found = identify(robot, logs, law=law, bounds=bounds, window=window, run=run)
-        errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            scaled = errors / coordinates.slopes(coordinates.scaled(found.values))
-        trials[name] = Trial(log=log, peaks=peaks, ended=ended, errors=scaled[coordinates.free], found=found)
     driven = run_on_model(asked, plain)
     return Excitation(
         task=asked,
         design=made,
         square=PlainSquare(run=driven, errors=expected_errors(asked.question, [driven.log])),
-        trials=trials,
+        on_loop={"square": along_square, "designed": follow(made.reference)},
     )
 
 

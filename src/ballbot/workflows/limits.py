@@ -30,11 +30,8 @@ from ballbot.simulation.run import simulate
 from ballbot.summary import Summary, plotted, summarized
 from ballbot.twin import Twin
 from ballbot.workflows.recovery_region import (
-    COARSE,
     DURATION,
-    REFINEMENTS,
     Loop,
-    Reach,
     Region,
     map_region,
     reach,
@@ -100,12 +97,11 @@ _FASTEST = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Bounds:
+class LimitBounds:
     """The largest size from which a robot recovers, by direction."""
 
     lower: NDArray[np.float64]  #: no wheel slips
     upper: NDArray[np.float64]  #: if wheels never slip
-    runs: int = field(metadata=left_out)  #: that were computed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,25 +140,15 @@ class RobotLimits:
 
     directions: NDArray[np.float64]  #: (d,) on the floor, from x towards y [rad]
     heights: NDArray[np.float64]  #: (h,) of impulses above the ball's centre [m]
-    lean: Bounds  #: (d,): the lean at rest [rad]
-    impulse: Bounds  #: (h, d) [N s]
+    lean: LimitBounds  #: (d,): the lean at rest [rad]
+    impulse: LimitBounds  #: (h, d) [N s]
     plane: Plane  #: in the direction of the least lower bound of the lean
 
-    @reported
-    def runs(self) -> int:
-        """Number of runs that were computed."""
-        return self.lean.runs + self.impulse.runs + self.plane.lower.runs + self.plane.upper.runs
-
-    @reported
-    def points(self) -> int:
-        """Number of points of the two planes."""
-        return self.plane.lower.kept.size + self.plane.upper.kept.size
-
     @property
-    def central_impulse(self) -> Bounds:
+    def central_impulse(self) -> LimitBounds:
         """The impulses (d,) [N s] at the height of the centre of mass."""
         one = self.impulse
-        return Bounds(lower=one.lower[_CENTER], upper=one.upper[_CENTER], runs=one.runs)
+        return LimitBounds(lower=one.lower[_CENTER], upper=one.upper[_CENTER])
 
     def summary(self) -> Summary:
         """Return the largest tilt and impulse that are recovered from in every direction."""
@@ -180,7 +166,6 @@ class RobotLimits:
                     "directions",
                     f"{len(self.directions)}; the least tilt is towards {np.degrees(plane.direction):.0f}°",
                 ),
-                ("runs", str(self.runs)),
             ),
         )
 
@@ -208,64 +193,44 @@ class TwinLimit:
         return 0.95 * self.lower <= self.twin <= 1.05 * self.upper
 
 
-#: the stages of the planes
-_REGIONS = ("region without slip", "region with unlimited grip")
-
-
-def find_limits(loop: Loop, *, refinements: int = REFINEMENTS, run: Run = DEFAULT_RUN) -> RobotLimits:
+def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
     """Return the largest tilts and impulses from which a robot recovers.
 
     Parameters
     ----------
     loop : Loop
         Its grip is that of the lower bounds.
-    refinements : int
-        Of the planes' grid; 3 make 257 x 257 points, as fine as they are drawn.
     run : Run, optional
-        Its progress is reported after each grid; the loop has its own seed.
+        Its progress is reported; the loop has its own seed.
     """
     run.progress(Progress(stage="tilts"))
     unlimited = replace(loop, grip=np.inf)
     directions = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
-    lean = _bounds(_lean_reach(loop, directions), _lean_reach(unlimited, directions))
+    lean = LimitBounds(lower=_lean_reach(loop, directions), upper=_lean_reach(unlimited, directions))
     run.progress(Progress(stage="impulses"))
     heights = loop.robot.body.center_of_mass * np.array(HEIGHTS)
-    impulse = _bounds(
-        _impulse_reach(loop, directions, heights), _impulse_reach(unlimited, directions, heights)
+    impulse = LimitBounds(
+        lower=_impulse_reach(loop, directions, heights), upper=_impulse_reach(unlimited, directions, heights)
     )
     worst = float(directions[lean.lower.argmin()])
     widest = float(lean.upper[lean.lower.argmin()])
     growth = float(loop.model.linearize().poles().real.max())
     ends = (min(1.6 * widest, LARGEST_LEAN), 2.2 * growth * widest)
-    planes = []
-    for stage, one in zip(_REGIONS, (loop, unlimited), strict=True):
-
-        def report(intervals: int, stage: str = stage) -> None:
-            run.progress(Progress(stage=stage, done=intervals, total=COARSE << refinements))
-
-        planes.append(
-            map_region(
-                one.recovers,
-                lambda a, b: leaning_state(worst, a, b),
-                ends=ends,
-                refinements=refinements,
-                progress=report,
-            )
-        )
+    run.progress(Progress(stage="tilts and tilt rates"))
+    lower, upper = (
+        map_region(one.recovers, lambda a, b: leaning_state(worst, a, b), ends=ends)
+        for one in (loop, unlimited)
+    )
     return RobotLimits(
         directions=directions,
         heights=heights,
         lean=lean,
         impulse=impulse,
-        plane=Plane(direction=worst, lower=planes[0], upper=planes[1]),
+        plane=Plane(direction=worst, lower=lower, upper=upper),
     )
 
 
-def _bounds(lower: Reach, upper: Reach) -> Bounds:
-    return Bounds(lower=lower.sizes, upper=upper.sizes, runs=lower.runs + upper.runs)
-
-
-def _lean_reach(loop: Loop, directions: NDArray[np.float64]) -> Reach:
+def _lean_reach(loop: Loop, directions: NDArray[np.float64]) -> NDArray[np.float64]:
     return reach(
         loop.recovers,
         lambda sizes: leaning_state(directions, sizes),
@@ -274,7 +239,9 @@ def _lean_reach(loop: Loop, directions: NDArray[np.float64]) -> Reach:
     )
 
 
-def _impulse_reach(loop: Loop, directions: NDArray[np.float64], heights: NDArray[np.float64]) -> Reach:
+def _impulse_reach(
+    loop: Loop, directions: NDArray[np.float64], heights: NDArray[np.float64]
+) -> NDArray[np.float64]:
     robot = loop.robot
     return reach(
         loop.recovers,
@@ -324,7 +291,7 @@ def twin_limits(
         return log.ended is None
 
     limits = []
-    kinds: tuple[tuple[Kind, Bounds], ...] = (("lean", found.lean), ("impulse", found.central_impulse))
+    kinds: tuple[tuple[Kind, LimitBounds], ...] = (("lean", found.lean), ("impulse", found.central_impulse))
     for place in directions:
         direction = float(found.directions[place])
         for kind, bounds in kinds:

@@ -13,9 +13,7 @@ torque and a tenth of the lean remain as a margin for what is neglected. Tests c
 cut short.
 
 A ray is first tried in `LOOKS` places, so that a loss between two sizes from which the robot recovers is not
-overlooked. The first loss is then bisected, all rays in one batch. A plane is tried on a coarse grid; from then on
-only cells are halved whose corners, or whose neighbours' corners, differ. So a map of 66,000 points takes the runs
-along its edge.
+overlooked. The first loss is then bisected, all rays in one batch. A plane is tried on a grid.
 """
 
 from __future__ import annotations
@@ -203,17 +201,8 @@ def _outward(model: Model, lean: float, direction: float) -> float:
 LOOKS = 24
 #: of each ray, each to half the interval left: 1/24 of the ray becomes 1/12288
 _HALVINGS = 9
-#: a map's intervals a side: `COARSE` at first, then halved so many times
-COARSE, REFINEMENTS = 32, 3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Reach:
-    """How far along rays a robot recovers."""
-
-    sizes: NDArray[np.float64]  #: (...), up to which the robot recovered from every start tried
-    limited: NDArray[np.bool_]  #: (...), whether there is a loss up to the ray's end
-    runs: int
+#: points of a map a side, about as fine as it is drawn
+POINTS = 81
 
 
 def reach(
@@ -222,8 +211,8 @@ def reach(
     *,
     shape: tuple[int, ...],
     end: float,
-) -> Reach:
-    """Return how far along each of some rays a robot recovers, from zero to `end`.
+) -> NDArray[np.float64]:
+    """Return the sizes (*shape) up to which a robot recovered from every start tried along each of some rays.
 
     Parameters
     ----------
@@ -249,7 +238,7 @@ def reach(
         interval *= 0.5
         further = looked((kept + interval)[None])[0]
         kept = np.where(limited & further, kept + interval, kept)
-    return Reach(sizes=kept, limited=limited, runs=(LOOKS + _HALVINGS) * int(np.prod(shape)))
+    return kept
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -259,7 +248,6 @@ class Region:
     across: NDArray[np.float64]  #: (a,), the first coordinate
     along: NDArray[np.float64]  #: (b,), the second
     kept: NDArray[np.bool_]  #: (a, b)
-    runs: int  #: starts that were run; the others lie between starts that agree
 
     @property
     def area(self) -> float:
@@ -273,10 +261,8 @@ def map_region(
     start_of: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
     *,
     ends: tuple[float, float],
-    refinements: int = REFINEMENTS,
-    progress: Callable[[int], None] = lambda _: None,
 ) -> Region:
-    """Return from which starts of a rectangle about the origin a robot recovers, refined at the edge.
+    """Return from which starts of a rectangle about the origin a robot recovers.
 
     Parameters
     ----------
@@ -286,50 +272,7 @@ def map_region(
         From both coordinates (k,) to starts (k, 10).
     ends : tuple of float
         The rectangle reaches from minus to plus this in each coordinate.
-    refinements : int
-        Times that the coarse grid of 33 x 33 is halved; 3 make 257 x 257 points.
-    progress : callable, optional
-        Called with the grid's intervals a side after each grid.
     """
-    intervals = COARSE << refinements
-    across, along = (np.linspace(-end, end, intervals + 1) for end in ends)
-    kept = np.zeros((intervals + 1, intervals + 1), np.bool_)
-    known = np.zeros_like(kept)
-    runs = 0
-    stride = 1 << refinements
-    wanted = np.zeros_like(kept)
-    wanted[::stride, ::stride] = True
-    while True:
-        places = np.nonzero(wanted & ~known)
-        kept[places] = recovers(start_of(across[places[0]], along[places[1]]))
-        known[places] = True
-        runs += len(places[0])
-        progress(intervals // stride)
-        if stride == 1:
-            return Region(across=across, along=along, kept=kept, runs=runs)
-        wanted = _between(kept, stride)
-        stride //= 2
-
-
-def _between(kept: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
-    """Halve a grid in place where its cells agree, and return the points (a, b) of the others that are to be run."""
-    corners = kept[::stride, ::stride]
-    whole = corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:]
-    none = ~(corners[:-1, :-1] | corners[1:, :-1] | corners[:-1, 1:] | corners[1:, 1:])
-    mixed = np.pad(~(whole | none), 1)
-    cells = mixed.shape[0] - 2
-    open_cells = np.zeros((cells, cells), np.bool_)
-    for i in range(3):
-        for j in range(3):
-            open_cells |= mixed[i : i + cells, j : j + cells]
-    half = stride // 2
-    wanted = np.zeros_like(kept)
-    for i in (0, half, stride):
-        for j in (0, half, stride):
-            target = np.s_[
-                i : i + cells * stride - (stride - 1) : stride, j : j + cells * stride - (stride - 1) : stride
-            ]
-            wanted[target] |= open_cells
-            if half in (i, j):
-                kept[target] = np.where(open_cells, kept[target], whole)
-    return wanted
+    across, along = (np.linspace(-end, end, POINTS) for end in ends)
+    starts = start_of(np.repeat(across, POINTS), np.tile(along, POINTS))
+    return Region(across=across, along=along, kept=recovers(starts).reshape(POINTS, POINTS))

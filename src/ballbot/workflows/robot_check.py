@@ -1,18 +1,15 @@
 """Everything that `ballbot check` reports about a robot: derived quantities, matrices, poles, a swing, a reference.
 
-The standard deviations in a robot's file lead to those of its fastest pole and of predictions by Monte Carlo. The
+The standard deviations in a robot's file lead to that of its fastest pole by Monte Carlo. The
 faster of two poles that lie together, as those of a symmetric robot's two leans do, is no smooth function of the
 parameters; the delta method would halve the effect of a parameter that moves only one of them. The sources of the
 variance follow from linear propagation to the mean of the unstable poles, which is smooth.
-
-For predictions, each robot drawn predicts the same windows from the same states under the same torques, in one batch.
-The band is the effect of the parameters alone; noise, initial states and model errors come on top.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,18 +31,12 @@ from ballbot.identification.inertia import (
     swing_rows,
 )
 from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
-from ballbot.identification.windows import cut_windows
 from ballbot.log import Log
-from ballbot.log.checks import CheckedLogs
 from ballbot.log.checks.values import check_intervals
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.log.formats import is_log_file
-from ballbot.mechanics.engine.run import Lanes, simulate_lanes
-from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
-from ballbot.mechanics.parameters import pack, selector
-from ballbot.results import left_out, reported
 from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import Derived, derived_quantities
@@ -99,130 +90,6 @@ def _growths(robot: Robot) -> NDArray[np.float64]:
 def _mean_growth(robot: Robot) -> NDArray[np.float64]:
     growths = _growths(robot)
     return np.array([growths[growths > 0.0].mean()])
-
-
-#: longest inner step [s]
-BAND_STEP = 1e-3
-#: windows simulated at most, spread evenly over the log
-MAX_WINDOWS = 200
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PredictionBand:
-    """Predictions of w windows of m samples by robots as they may be."""
-
-    t: NDArray[np.float64] = field(metadata=left_out)  #: (m,) [s] after a window's start
-    starts: NDArray[np.float64] = field(metadata=left_out)  #: (w,) the log's t at each window's start [s]
-    measured: NDArray[np.float64] = field(metadata=left_out)  #: (w, m, 10)
-    nominal: NDArray[np.float64] = field(metadata=left_out)  #: (w, m, 10), by the file's values
-    deviation: NDArray[np.float64] = field(
-        metadata=left_out
-    )  #: (w, m, 10), standard deviation over the draws
-    lower: NDArray[np.float64] = field(metadata=left_out)  #: (w, m, 10), 2.5 % of the draws are below
-    upper: NDArray[np.float64] = field(metadata=left_out)  #: (w, m, 10), 2.5 % of the draws are above
-
-    @reported
-    def windows(self) -> int:
-        """Number of windows."""
-        return len(self.starts)
-
-    @reported
-    def horizon(self) -> float:
-        """Length of a window [s]."""
-        return float(self.t[-1])
-
-    @reported
-    def standard_deviation_at_end(self) -> dict[str, float]:
-        """Root mean square over the windows of each state's standard deviation at the window's end."""
-        return _by_state(np.sqrt((self.deviation[:, -1] ** 2).mean(axis=0)))
-
-    @reported
-    def rmse_at_end(self) -> dict[str, float]:
-        """Root mean square over the windows of each state's error at the window's end."""
-        return _by_state(np.sqrt(((self.nominal - self.measured)[:, -1] ** 2).mean(axis=0)))
-
-
-def prediction_band(
-    robot: Robot,
-    log: Log,
-    *,
-    window: float = 0.25,
-    draws: int = 200,
-    seed: int = 0,
-    threads: int | None = None,
-) -> PredictionBand:
-    """Predict windows of a log by many robots drawn from the standard deviations.
-
-    Parameters
-    ----------
-    robot : Robot
-        With standard deviations.
-    log : Log
-        With the ten states and the torques.
-    window : float
-        [s]
-    draws : int
-        Robots drawn.
-    seed : int
-    threads : int, optional
-        All cores by default; the result does not depend on it.
-
-    Raises
-    ------
-    InputError
-        If no parameter has a standard deviation, `draws` is below 2, or the log has no window.
-    """
-    stop_without_deviations(robot)
-    if draws < 2:
-        raise InputError(f"The number of draws is {draws}; it must be 2 or more, such as 200.")
-    windows = cut_windows([log], wheel_count=robot.wheel_count, duration=window)
-    if not len(windows):
-        raise InputError(
-            f"The log has no {window:g} s without a gap, a missing value or a fall; give a longer log."
-        )
-    count = min(MAX_WINDOWS, len(windows))
-    windows = windows.take(np.linspace(0, len(windows) - 1, count).astype(np.int64))
-    robots = (robot, *draw_robots(robot, draws, seed=seed))
-    law = wheel_law(*(one.friction for one in robots))
-    rows = [pack(one, "exact", law=law) for one in robots]
-    lanes = np.arange(len(rows) * count)
-    states = simulate_lanes(
-        selector("exact", robot.wheel_count, law=law),
-        Lanes(
-            parameters=np.array(rows),
-            initial=windows.initial,
-            torques=windows.torques,
-            parameter_of=lanes // count,
-            initial_of=lanes % count,
-            torque_of=lanes % count,
-        ),
-        sample_time=windows.sample_time,
-        steps=max(1, int(np.ceil(windows.sample_time / BAND_STEP - 1e-9))),
-        threads=threads,
-    ).states.reshape(len(rows), count, windows.samples, 10)
-    lower, upper = np.quantile(states[1:], [0.025, 0.975], axis=0)
-    return PredictionBand(
-        t=windows.sample_time * np.arange(1.0, windows.samples + 1.0),
-        starts=np.array([span.start for span in windows.spans]),
-        measured=windows.measured,
-        nominal=states[0],
-        deviation=states[1:].std(axis=0, ddof=1),
-        lower=lower,
-        upper=upper,
-    )
-
-
-def stop_without_deviations(robot: Robot) -> None:
-    """Raise InputError if no parameter of a robot has a standard deviation."""
-    if not uncertain(robot):
-        raise InputError(
-            f"No value of {robot.name} has a standard deviation; add standard_deviation to some values in "
-            "its file."
-        )
-
-
-def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
-    return dict(zip(STATE_NAMES, values.tolist(), strict=True))
 
 
 #: the thesis's names of the matrices, with what each does
@@ -394,8 +261,7 @@ class CheckedRobot:
     linear: LinearModel  #: the exact model about upright
     poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
     spread: PoleSpread | None  #: None if no value has a standard deviation
-    band: PredictionBand | None
-    findings: tuple[Finding, ...]  #: of the robot, and of the log that is predicted
+    findings: tuple[Finding, ...]  #: of the robot
     loop: CheckedLoop
     swing: CheckedSwing | None
     following: CheckedReference | None
@@ -419,7 +285,6 @@ class CheckedRobot:
             "unstable_pole_uncertainty": self.spread,
             "loop_margins": self.loop.results(),
             "findings": finding_results(self.findings),
-            "prediction": self.band,
             "swing": self.swing.results() if self.swing else None,
             "reference": self.following.results() if self.following else None,
         }
@@ -430,7 +295,6 @@ def check_robot(
     findings: Sequence[Finding],
     *,
     controller: str = "nominal",
-    log: CheckedLogs | None = None,
     swing: CheckedSwing | None = None,
     following: CheckedReference | None = None,
 ) -> CheckedRobot:
@@ -443,8 +307,6 @@ def check_robot(
         Of the robot.
     controller : str
         The controller whose margins are computed: a ready-made one or a file.
-    log : CheckedLogs, optional
-        A log to predict; the spread of the predictions then follows from the standard deviations.
     swing : CheckedSwing, optional
     following : CheckedReference, optional
     """
@@ -453,8 +315,7 @@ def check_robot(
     return CheckedRobot(
         robot=robot,
         spread=pole_spread(robot) if uncertain(robot) else None,
-        findings=by_severity([*findings, *(log.findings if log else ())]),
-        band=None if log is None else prediction_band(robot, next(iter(log.logs.values()))),
+        findings=by_severity(findings),
         loop=loop_of(robot, controller),
         swing=swing,
         following=following,

@@ -228,8 +228,6 @@ def _encoder_step(angles: NDArray[np.float64]) -> float | None:
 
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     """Return findings on the wheels' columns for this robot: number, order, sign, gain, or that none can be checked."""
-    from ballbot.log.mapping_search.placements import reversed_wheels
-
     columns = wheel_speed_names(robot.wheel_count)
     others = other_wheels(log, robot.wheel_count)
     if others:
@@ -251,7 +249,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
         return _gain_findings(found.gains, robot)
     # states that were computed from the wheels have the wheels' own mistake
     tested = wheel_test(log, robot)
-    wheels = reversed_wheels(tested.placements, tested.confidence) if tested else ()
+    wheels = tested.reversed_wheels if tested else ()
     if wheels:
         signs = [-1 if i in wheels else 1 for i in own]
         text = (

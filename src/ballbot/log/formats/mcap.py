@@ -2,7 +2,7 @@
 
 A log is written on one topic, /log: each row is a message with `t` and the other columns, and a missing value is left
 out. The topic's schema states the unit of each field; the file's metadata "ballbot" has the columns' names in their
-order. `replay` topics may be added: the scene of `ballbot.viewer.foxglove`.
+order.
 
 Files of others are read by the times and names of their messages (`ballbot.log.formats.messages`): JSON, and ROS 2
 messages (`ballbot.log.formats.ros`). Messages in other encodings are skipped.
@@ -13,8 +13,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from importlib.metadata import version
 from operator import itemgetter
 from pathlib import Path
@@ -30,17 +29,6 @@ from ballbot.log.formats.messages import Topic, first_time, joined, nanoseconds
 from ballbot.log.formats.ros import read_bag
 
 _METADATA, _LOG = "ballbot", "/log"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Channel:
-    """JSON messages to write on one topic."""
-
-    topic: str
-    schema: str  #: its name, by which Foxglove knows what to draw
-    definition: Mapping[str, object]  #: JSON schema
-    t: NDArray[np.float64]  #: (N,) [s], in the log's clock
-    messages: Sequence[Mapping[str, object]]  #: N
 
 
 def read_mcap(path: Path) -> Columns:
@@ -70,17 +58,13 @@ def read_mcap(path: Path) -> Columns:
     return {name: np.array([row.get(name, np.nan) for row in rows]) for name in json.loads(own[0])}
 
 
-def write_mcap(
-    path: Path, columns: Mapping[str, NDArray[np.float64]], replay: Sequence[Channel] = ()
-) -> None:
+def write_mcap(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
     """Write columns (N,) to an MCAP file, whole or not at all.
 
     Parameters
     ----------
     path : str or Path
     columns : mapping of str to ndarray
-    replay : sequence of Channel
-        Further topics.
 
     Raises
     ------
@@ -89,42 +73,24 @@ def write_mcap(
     """
     from mcap.writer import Writer
 
-    stream = io.BytesIO()
-    writer = Writer(stream)
-    writer.start(library=f"ballbot {version('ballbot')}")
-    origin = first_time(columns)
-    messages: list[tuple[int, int, bytes]] = []
-    for channel in (_log_channel(columns), *replay):
-        schema = writer.register_schema(
-            name=channel.schema, encoding="jsonschema", data=json.dumps(channel.definition).encode()
-        )
-        number = writer.register_channel(channel.topic, message_encoding="json", schema_id=schema)
-        times = nanoseconds(channel.t, origin=origin)
-        texts = (json.dumps(one).encode() for one in channel.messages)
-        messages += zip(times, (number,) * len(times), texts, strict=True)
-    for time, number, text in sorted(messages, key=itemgetter(0)):
-        writer.add_message(number, log_time=time, data=text, publish_time=time)
-    units = {name: unit_of(name) or "" for name in columns}
-    writer.add_metadata(_METADATA, {"columns": json.dumps(list(columns)), "units": json.dumps(units)})
-    writer.finish()
-    write_bytes(path, stream.getvalue())
-
-
-def _log_channel(columns: Mapping[str, NDArray[np.float64]]) -> Channel:
-    """Return the topic of a log's columns."""
     properties = {name: {"type": "number"} for name in columns}
     for name in columns:
         if unit := unit_of(name):
             properties[name] |= {"unit": unit, "description": f"[{unit}]"}
+    definition = {"title": "log", "type": "object", "properties": properties}
     rows = np.column_stack(list(columns.values()))
-    known = np.isfinite(rows).all()
-    messages = [dict(zip(columns, row, strict=True)) for row in rows.tolist()]
-    if not known:
-        messages = [{name: one for name, one in row.items() if math.isfinite(one)} for row in messages]
-    return Channel(
-        topic=_LOG,
-        schema="ballbot.log",
-        definition={"title": "log", "type": "object", "properties": properties},
-        t=columns.get("t", np.arange(len(rows), dtype=np.float64)),
-        messages=messages,
+    times = nanoseconds(columns.get("t", np.arange(len(rows), dtype=np.float64)), origin=first_time(columns))
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start(library=f"ballbot {version('ballbot')}")
+    schema = writer.register_schema(
+        name="ballbot.log", encoding="jsonschema", data=json.dumps(definition).encode()
     )
+    channel = writer.register_channel(_LOG, message_encoding="json", schema_id=schema)
+    for time, row in sorted(zip(times, rows.tolist(), strict=True), key=itemgetter(0)):
+        known = {name: value for name, value in zip(columns, row, strict=True) if math.isfinite(value)}
+        writer.add_message(channel, log_time=time, data=json.dumps(known).encode(), publish_time=time)
+    units = {name: unit_of(name) or "" for name in columns}
+    writer.add_metadata(_METADATA, {"columns": json.dumps(list(columns)), "units": json.dumps(units)})
+    writer.finish()
+    write_bytes(path, stream.getvalue())
