@@ -15,8 +15,7 @@ nothing. No units, radii or masses enter.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,27 +47,6 @@ FEWEST_SECONDS = 4.0
 TIMES, ALONG = 2.0, 0.85
 
 
-@dataclass(frozen=True, kw_only=True)
-class StuckEncoder:
-    """A hold of an encoder during which its wheel turned."""
-
-    wheel: int  #: from 0
-    start: float  #: [s]
-    end: float  #: [s]
-    times: float  #: size of the unexplained motion during the hold, over its size elsewhere
-    along: float  #: part of it that turning of the wheel explains
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Balancing:
-    """What is logged of a balancing robot, in the frame that turns with it."""
-
-    t: NDArray[np.float64]  #: (M,) [s], increasing
-    wheels: NDArray[np.float64]  #: (M, n) angles [rad], continued across resets
-    lean: NDArray[np.float64]  #: (M, 2) [rad]
-    heading: NDArray[np.float64] | None  #: (M,) [rad], continuous
-
-
 def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
     """Return an error for each hold of an encoder during which the rest of the motion says that its wheel turned."""
     names = wheel_angle_names(wheel_count)
@@ -79,43 +57,18 @@ def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
     known &= np.isfinite(heading) if heading is not None else True
     if known.sum() < 2:
         return []
+    t, wheels = log.t[known], np.column_stack([log[name][known] for name in names])
+    holds = [_holds(t, angle) for angle in wheels.T]
     lean = log["theta"] + 1j * log["phi"]
-    lean = lean * np.exp(-1j * heading) if heading is not None else lean
-    motion = Balancing(
-        t=log.t[known],
-        wheels=np.column_stack([log[name][known] for name in names]),
-        lean=np.column_stack([lean.real[known], lean.imag[known]]),
-        heading=None if heading is None else heading[known],
-    )
-    return stuck_findings(stuck_encoders(motion), names=names)
-
-
-def stuck_encoders(motion: Balancing) -> list[StuckEncoder]:
-    """Return the holds of encoders during which their wheels turned, by time."""
-    n = motion.wheels.shape[1]
-    holds = [_holds(motion.t, motion.wheels[:, wheel]) for wheel in range(n)]
-    if n < 3 or not any(holds):
-        return []
-    found: dict[tuple[int, float], StuckEncoder] = {}
-    for width in WIDTHS:
-        for one in _held_against_the_rest(motion, holds, width):
-            found.setdefault((one.wheel, one.start), one)
-    return sorted(found.values(), key=lambda one: one.start)
-
-
-def stuck_findings(found: Iterable[StuckEncoder], *, names: tuple[str, ...]) -> list[Finding]:
-    """Return an error for each hold of `stuck_encoders`; `names` are the columns of the wheels' angles."""
-    findings = []
-    for one in found:
-        name = names[one.wheel]
-        text = (
-            f"{name} holds its value from {one.start:.6g} to {one.end:.6g} s though its wheel turns: the lean, the "
-            f"heading and the other wheels leave {one.times:.2g} times as much of the motion unexplained as elsewhere, "
-            f"and {100 * one.along:.0f} % of that is what turning of this wheel would do. The encoder or its cable "
-            "failed, or messages were lost."
-        )
-        findings.append(error("stuck", text, name, time=one.start))
-    return findings
+    if heading is not None:  # in the frame that turns with it
+        lean, heading = lean * np.exp(-1j * heading), heading[known]
+    motion = np.column_stack([lean.real[known], lean.imag[known], *([] if heading is None else [heading])])
+    found: dict[tuple[str, float], Finding] = {}
+    for width in WIDTHS if any(holds) else ():
+        for wheel, text, start in _held_against_the_rest(t, wheels, motion, holds, width):
+            text = f"{names[wheel]} {text}"
+            found.setdefault((names[wheel], start), error("stuck", text, names[wheel], time=start))
+    return sorted(found.values(), key=lambda one: one.where.time or 0.0)
 
 
 def _holds(t: NDArray[np.float64], angle: NDArray[np.float64]) -> list[tuple[float, float]]:
@@ -137,16 +90,37 @@ def _holds(t: NDArray[np.float64], angle: NDArray[np.float64]) -> list[tuple[flo
 
 
 def _held_against_the_rest(
-    motion: Balancing, holds: list[list[tuple[float, float]]], width: float
-) -> Iterator[StuckEncoder]:
-    """Yield the faults that the motion shows through a filter of a width, by relations fitted where none holds."""
-    t, rows, apart = motion.t, even_rows(motion.t), APART * width
-    lean, wheels = smooth(rows, t, motion.lean, width=width), smooth(rows, t, motion.wheels, width=width)
-    usable = balancing_rows(lean.value, wheels.rate, None)
+    t: NDArray[np.float64],
+    wheels: NDArray[np.float64],
+    motion: NDArray[np.float64],
+    holds: list[list[tuple[float, float]]],
+    width: float,
+) -> Iterator[tuple[int, str, float]]:
+    """Yield the faults that a filter of a width shows, by relations fitted where no encoder holds.
+
+    Parameters
+    ----------
+    t : ndarray (M,)
+        [s]
+    wheels : ndarray (M, n)
+        Angles [rad], continued across resets.
+    motion : ndarray (M, 2) or (M, 3)
+        Lean in the frame that turns with the heading, and the heading if there is one [rad].
+    holds : list
+        Each wheel's, start and end [s].
+    width : float
+        [s]
+
+    Yields
+    ------
+    tuple
+        The wheel (from 0), the sentence without its name, and the hold's start [s].
+    """
+    rows, apart = even_rows(t), APART * width
+    moved, turned = smooth(rows, t, motion, width=width), smooth(rows, t, wheels, width=width)
+    lean = moved.value[:, :2]
+    usable = balancing_rows(lean, turned.rate, None)
     usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < LONGEST_GAP
-    y = lean.acceleration
-    if motion.heading is not None:
-        y = np.column_stack([y, smooth(rows, t, motion.heading[:, None], width=width).acceleration])
     free = usable.copy()
     for start, end in (one for of_wheel in holds for one in of_wheel):
         free &= (rows < start - apart) | (rows > end + apart)
@@ -155,7 +129,7 @@ def _held_against_the_rest(
     for wheel, held in enumerate(holds):
         if not held:
             continue
-        along, total = _unexplained_along(wheel, wheels.acceleration, lean.value, y, free)
+        along, total = _unexplained_along(wheel, turned.acceleration, lean, moved.acceleration, free)
         usual = float(np.quantile(_windows(along, free), 0.95))
         for start, end in held:
             inside = usable & (rows > start + apart) & (rows < end - apart)
@@ -164,7 +138,13 @@ def _held_against_the_rest(
             times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
             part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
             if times > TIMES and part > ALONG:
-                yield StuckEncoder(wheel=wheel, start=start, end=end, times=times, along=part)
+                text = (
+                    f"holds its value from {start:.6g} to {end:.6g} s though its wheel turns: the lean, the heading "
+                    f"and the other wheels leave {times:.2g} times as much of the motion unexplained as elsewhere, and "
+                    f"{100 * part:.0f} % of that is what turning of this wheel would do. The encoder or its cable "
+                    "failed, or messages were lost."
+                )
+                yield wheel, text, start
 
 
 def _unexplained_along(
