@@ -98,7 +98,7 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
     robot : Robot, optional
         With it, the wheels' columns are compared with the robot's kinematics and the torques with its limit.
     """
-    return _log_findings(log, None, None) if robot is None else check_logs({"": log}, robot=robot)
+    return check_logs({"": log}, robot=robot)
 
 
 def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) -> tuple[Finding, ...]:
@@ -133,26 +133,30 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
     return by_severity(findings)
 
 
-def check_logs(logs: Mapping[str, Log], *, robot: Robot) -> tuple[Finding, ...]:
+def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding, ...]:
     """Return the findings of a robot's logs, errors first, each with the log that it is about.
 
     Parameters
     ----------
     logs : mapping of str to Log
         By the names that messages use.
-    robot : Robot
-        Whose logs they are.
+    robot : Robot, optional
+        Whose logs they are; without it only the checks that need none are made.
     """
-    # importing the equations of motion takes time
-    from ballbot.log.checks.physics import different_robots, examine, torque_bounds
+    examined: dict[str, PhysicsOfLog] = {}
+    of_all: list[Finding] = []
+    if robot is not None:
+        # importing the equations of motion takes time
+        from ballbot.log.checks.physics import different_robots, examine, torque_bounds
 
-    examined = {name: examine(log, robot) for name, log in logs.items()}
+        examined = {name: examine(log, robot) for name, log in logs.items()}
+        of_all = [*different_robots(examined), *torque_bounds(examined.values(), robot)]
     findings = [
         replace(finding, where=replace(finding.where, file=name))
         for name, log in logs.items()
-        for finding in _log_findings(log, robot, examined[name])
+        for finding in _log_findings(log, robot, examined.get(name))
     ]
-    return by_severity([*findings, *different_robots(examined), *torque_bounds(examined.values(), robot)])
+    return by_severity([*findings, *of_all])
 
 
 def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:
@@ -237,7 +241,9 @@ def checked_logs(
         return logs
     named = as_logs(logs)
     refuse_copies(named)
-    findings = _without_robot(named) if robot is None else _with_robot(as_robot(robot), named)
+    described = None if robot is None else as_robot(robot)
+    of_robot = named_robot_findings(described) if described else ()
+    findings = by_severity([*of_robot, *check_logs(named, robot=described)])
     stop_on_errors(findings, accept=codes, going_on=going_on, more=more)
     return CheckedLogs(logs=named, findings=findings)
 
@@ -251,20 +257,8 @@ def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]
     logs : mapping of str to Log
         By the names that messages use.
     """
-    of_logs = (one for one in _without_robot(logs) if one.code not in _OF_BALANCING)
+    of_logs = (one for one in check_logs(logs, robot=None) if one.code not in _OF_BALANCING)
     return by_severity([*named_robot_findings(robot), *of_logs])
-
-
-def _with_robot(robot: Robot, named: Mapping[str, Log]) -> tuple[Finding, ...]:
-    return by_severity([*named_robot_findings(robot), *check_logs(named, robot=robot)])
-
-
-def _without_robot(named: Mapping[str, Log]) -> tuple[Finding, ...]:
-    return by_severity(
-        replace(finding, where=replace(finding.where, file=name))
-        for name, log in named.items()
-        for finding in check(log)
-    )
 
 
 __all__ = ["CheckedLogs", "bench_findings", "check", "check_logs", "checked_logs"]
