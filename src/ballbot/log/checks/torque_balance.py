@@ -96,7 +96,7 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
 
     n = len(names)
     own = tuple(range(n))
-    found = assign(driving, (1,) * n)
+    found = assign(driving, [1] * n)
     as_logged = 100.0 * max(1.0 - float(np.mean([_unexplained(driving, i) for i in own])), 0.0)
     changed = found.wheels != own or min(found.signs) < 0
     turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))

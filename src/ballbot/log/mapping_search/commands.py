@@ -172,8 +172,8 @@ def assign(driving: Driving, counted: Sequence[int]) -> Assignment:
     """Return the order and signs of the commands that the motion explains best.
 
     Of those that make nearly the same torques, as opposite wheels of four do while the heading stands still, the usual
-    one is taken: motors numbered as encoders, that all turn as these count (`counted`, signs by the robot's wheels), or
-    all alike.
+    one is taken: motors numbered as encoders, that all turn as these count, or all alike. `counted` are the signs with
+    which the encoders count, of the robot's wheels in turn.
     """
     totals = _left(driving)
     least = min(totals.values(), key=lambda one: float(one.sum()))
