@@ -131,12 +131,11 @@ def _place(error: ErrorDetails, tree: Any) -> tuple[str | int, ...]:
     """Return the keys and indices of an error's location that the file has, without pydantic's labels of a union."""
     place: list[str | int] = []
     for part in error["loc"]:
-        inside = isinstance(tree, Mapping) and part in tree
-        inside |= isinstance(tree, list) and isinstance(part, int) and part < len(tree)
-        if inside:
+        try:
             tree = tree[part]
-        elif error["type"] != "missing" or part is not error["loc"][-1]:
-            continue
+        except (KeyError, IndexError, TypeError):  # a label, or the key that is missing
+            if error["type"] != "missing" or part is not error["loc"][-1]:
+                continue
         place.append(part)
     return tuple(place)
 

@@ -392,8 +392,8 @@ def test_validate_writes_tables_and_results(folder: Path, tmp_path: Path, capsys
     walk().write(log)
     assert main(["validate", str(folder / "robot.toml"), str(log), "--out", str(tmp_path / "checked")]) == 0
     printed = capsys.readouterr().out
-    assert "open loop" in printed
-    assert "closed loop" in printed
+    assert "Open-loop errors over" in printed
+    assert "Closed-loop errors over" in printed
     results = json.loads((tmp_path / "checked" / "results.json").read_text(encoding="utf-8"))
     assert set(results["validation"]["by_log"]) == {"walk"}
     assert (tmp_path / "checked" / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")

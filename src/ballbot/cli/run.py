@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
+from rich.text import Text
 
 from ballbot.cli.context import PAGE, CommandResult, OutFolder, Seconds, WholeNumber, open_result
 from ballbot.cli.output import emit, notice_output, print_parts, standard_output, suggest_page
@@ -192,7 +193,8 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
         with Monitor(console) as shown:
             turns = measure_turns(robot, connection.operator, watch=shown.states_of(robot))
         check = check_turns(turns, robot.ball_from_wheels)
-        print_parts([wiring_sheet(check), *map(finding_line, check.findings)], console)
+        verdict = "The wiring is right." if check.passed else "The wiring is not right."
+        print_parts([Text(verdict), wiring_sheet(check), *map(finding_line, check.findings)], console)
         emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:
             robot.test(connection.operator)

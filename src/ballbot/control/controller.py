@@ -172,7 +172,7 @@ class Controller:
         return Summary(title=title, rows=(*rows, *gain_rows(self.gain)))
 
     def plot(self) -> Figure:
-        """Return the Bode diagram of the loop and its step response; an unstable loop has only its poles drawn."""
+        """Return the Bode diagram of the loop; of an unstable one its poles are drawn."""
         return plotted(self)
 
     def with_compensation(self, compensation: Compensation) -> Controller:

@@ -132,7 +132,7 @@ class Margins:
         )
 
     def plot(self) -> Figure:
-        """Return a figure of the Bode diagram and of the step response."""
+        """Return a figure of the Bode diagram."""
         return plotted(self)
 
     def results(self) -> dict[str, object]:

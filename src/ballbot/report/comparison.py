@@ -13,7 +13,6 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from ballbot.log import Log
@@ -21,7 +20,7 @@ from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, secti
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
-from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, thinned
+from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, plain_log_ticks, thinned
 from ballbot.report.words import ratio_digits
 from ballbot.rounding import unit_heading
 from ballbot.summary import counted
@@ -208,7 +207,7 @@ def overview_figure(league: League) -> Figure:
         for index in range(len(league.controllers)):
             _draw_controller(axes, league, index, metric)
         axes.set_xscale("log")
-        _plain_ticks(axes)
+        plain_log_ticks(axes.xaxis)
         axes.set_xlabel(unit_heading(metric.words, metric.unit))
         axes.grid(visible=False, axis="y")
     panels[0].set_yticks(range(rows), [label_of(course.name.replace("_", " ")) for course in league.courses])
@@ -303,15 +302,6 @@ def _mark_falls(axes: Axes, found: Standing, metric: Metric, place: float) -> No
         at, transform = 0.01, axes.get_yaxis_transform()
         words = f"{label_of(found.controller)}: {words}"
     axes.text(at, place, f" {words}", va="center", color=INK, fontsize=7, transform=transform)
-
-
-def _plain_ticks(axes: Axes) -> None:
-    """Label a logarithmic axis 1, 2, 5, 10 where it has less than two decades, else by its decades."""
-    low, high = axes.get_xlim()
-    narrow = high < 100.0 * low
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:

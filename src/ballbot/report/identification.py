@@ -33,7 +33,7 @@ from ballbot.identification.windows import Windows, standstill_torques
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import MAX_WHEELS, torque_names
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
-from ballbot.report.blocks import Block, Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, section
 from ballbot.report.palette import BLUE, MUTED
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
@@ -94,7 +94,7 @@ def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Itera
     """Yield the parameters, what they stand for, each wheel's friction, and the correlation of their errors."""
     yield _parameter_sheet(found)
     sentences = (represents_sentence(found.names), coulomb_sentence(found.coulomb, found.names))
-    yield Paragraph(text=" ".join(filter(None, sentences)))
+    yield Bullets(items=[one for one in sentences if one])
     caption = (
         "Friction of each wheel against its speed, with the 95 % band from the standard errors; below, the share of "
         "the logs at each speed."

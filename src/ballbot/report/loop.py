@@ -6,7 +6,6 @@ import math
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
@@ -21,7 +20,6 @@ from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import LineStyle, drawn_picture
 from ballbot.workflows.robot_check import state_order
 
-_NONE = np.zeros(0, np.complex128)
 #: of the wheels' lines, and of those of all wheels alike, distinct in grey
 _LOOKS: tuple[LineStyle, ...] = (
     {"color": BLUE, "linestyle": "-", "linewidth": 1.8},
@@ -40,30 +38,22 @@ _POINTS, _LOWEST = 400, 0.1
 STEPS = {"x": 0.1, "psi": math.radians(10.0)}
 
 
-def poles_figure(
-    *, open_loop: NDArray[np.complex128] = _NONE, closed_loop: NDArray[np.complex128] = _NONE
-) -> Figure:
-    """Return a robot's poles without control, those of the closed loop, or both; the unstable half is shaded.
+def poles_figure(poles: NDArray[np.complex128]) -> Figure:
+    """Return the poles of a closed loop; the unstable half is shaded.
 
     To the left is fast; on the real line nothing oscillates.
     """
     figure = Figure(figsize=(4.6, 2.6), layout="constrained")
     axes = figure.subplots()
-    if open_loop.size:
-        axes.plot(open_loop.real, open_loop.imag, "x", color=ORANGE, markersize=7, label="without control")
-    if closed_loop.size:
-        real, imaginary = closed_loop.real, closed_loop.imag
-        axes.plot(real, imaginary, "o", color=BLUE, markersize=4.5, mfc="none", label="closed loop")
+    axes.plot(poles.real, poles.imag, "o", color=BLUE, markersize=4.5, mfc="none")
     axes.axvspan(0.0, 1e3, color=SHADE)
     axes.axvline(0.0, color=MUTED, linewidth=0.8)
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    poles = np.concatenate([open_loop, closed_loop])
     height = max(1.0, 1.25 * float(np.abs(poles.imag).max()))
     left, right = min(-1.0, 1.12 * float(poles.real.min())), max(1.0, 1.5 * float(poles.real.max()))
     axes.set(xlim=(left, right), ylim=(-height, height))
     axes.set_xlabel("real part [rad/s]")
     axes.set_ylabel("imaginary part [rad/s]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
 
@@ -127,28 +117,6 @@ def bode_figure(margins: Margins) -> Figure:
     """Return the Bode diagram of the loop broken at each wheel."""
     figure = Figure(figsize=(7.4, 3.8), layout="constrained")
     gain, phase = figure.subplots(2, 1, sharex=True)
-    _draw_bode(gain, phase, margins)
-    return figure
-
-
-def margins_figure(margins: Margins) -> Figure:
-    """Return the Bode diagram of the broken loop, and its response to a step in x."""
-    figure = Figure(figsize=(9.6, 3.8), layout="constrained")
-    (gain, place), (phase, torque) = figure.subplots(2, 2, sharex="col", width_ratios=(1.3, 1.0))
-    _draw_bode(gain, phase, margins)
-    step = step_response(margins.loop, size=STEPS["x"])
-    place.axhline(1e3 * STEPS["x"], color=MUTED, linewidth=0.8)
-    place.plot(step.t, 1e3 * step.states[:, 0], color=BLUE)
-    place.set_ylabel("x [mm]")
-    for name, values, style in zip(margins.loop.wheels, step.torques.T, _LOOKS, strict=False):
-        torque.plot(step.t, values, label=name, **style)
-    torque.set_ylabel("torque [N m]")
-    torque.set_xlabel("time [s]")
-    torque.legend(loc="upper right", ncols=len(margins.loop.wheels))
-    return figure
-
-
-def _draw_bode(gain: Axes, phase: Axes, margins: Margins) -> None:
     loop = margins.loop
     omega = np.geomspace(_LOWEST, 0.999 * math.pi / loop.sample_time, _POINTS)
     alike = len(margins.rows()) == 2  # one row of each wheel, one of all
@@ -167,7 +135,8 @@ def _draw_bode(gain: Axes, phase: Axes, margins: Margins) -> None:
         axes.margins(x=0.0)
     gain.set_ylabel("gain [dB]")
     # outside: within the axes it would cover the crossing of 0 dB of some loops
-    gain.figure.legend(*gain.get_legend_handles_labels(), loc="outside upper left", ncols=4)
+    figure.legend(*gain.get_legend_handles_labels(), loc="outside upper left", ncols=4)
     phase.set_ylabel("phase [deg]")
     phase.yaxis.set_major_locator(MultipleLocator(90.0))
     phase.set_xlabel("frequency [rad/s]")
+    return figure

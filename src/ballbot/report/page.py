@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Mapping, Sequence
 from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -35,56 +34,8 @@ def page_of(report: Report) -> str:
     contents += [("undecided", "What the data cannot decide")]
     contents += [("checks", "Checks of the inputs")] if report.findings is not None else []
     blocks = [block for one in report.sections for block in one.blocks]
-    films = [block.part for block in blocks if isinstance(block, Film)]
-    return render(
-        "report",
-        {
-            "title": report.title,
-            "lead": report.lead,
-            "verdict": [(heading, with_symbols(words)) for heading, words in report.verdict],
-            "contents": [*contents, ("reproduce", "How to reproduce this")],
-            "sections": report.sections,
-            "anchors": anchors,
-            "undecided": [with_symbols(words) for words in report.undecided],
-            "errors": [one for one in report.findings or () if report.accepted and one.severity == "error"],
-            "accepted": report.accepted,
-            "findings": report.findings,
-            "made": report.made,
-        },
-        charts=any(isinstance(block, TimeSeries) for block in blocks),
-        style="".join(film.style for film in films[:1]),
-        scripts=[film.script for film in films[:1]],
-    )
-
-
-def _anchor(place: int, heading: str) -> str:
-    """Return a section's name in addresses: its heading's letters, different for each section."""
-    words = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-")
-    return f"{words or 'section'}-{place + 1}"
-
-
-def render(
-    template: str,
-    values: Mapping[str, object],
-    *,
-    charts: bool = False,
-    style: str = "",
-    scripts: Sequence[str] = (),
-) -> str:
-    """Return the page of a template of this package as HTML; a name that the template lacks is an error.
-
-    Parameters
-    ----------
-    template : str
-    values : mapping of str to object
-        Text of them is escaped.
-    charts : bool
-        Whether the page has time series.
-    style : str
-        CSS besides the page's own.
-    scripts : sequence of str
-        Scripts to run after the page's own.
-    """
+    films = [block.part for block in blocks if isinstance(block, Film)][:1]
+    charts = any(isinstance(block, TimeSeries) for block in blocks)
     environment = Environment(
         loader=PackageLoader("ballbot.report", "."),
         autoescape=True,
@@ -94,19 +45,33 @@ def render(
         lstrip_blocks=True,
     )
     environment.globals |= {"symbols": with_symbols, "themed": _themed, "words": _typeset}
-    own = _script(charts)
-    allowed = " ".join(hash_source(one) for one in (own, *scripts))
+    scripts = [_script(charts), *(film.script for film in films)]
     policy = (
-        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
-        "form-action 'none'"
+        f"default-src 'none'; script-src {' '.join(map(hash_source, scripts))}; style-src 'unsafe-inline'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
     )
-    around = {
-        "policy": policy,
-        "style": Markup(_style(charts) + style),
-        "script": Markup(own),
-        "scripts": [Markup(one) for one in scripts],
-    }
-    return environment.get_template(f"{template}.html.j2").render({**values, **around})
+    return environment.get_template("report.html.j2").render(
+        title=report.title,
+        lead=report.lead,
+        verdict=[(heading, with_symbols(words)) for heading, words in report.verdict],
+        contents=[*contents, ("reproduce", "How to reproduce this")],
+        sections=report.sections,
+        anchors=anchors,
+        undecided=[with_symbols(words) for words in report.undecided],
+        errors=[one for one in report.findings or () if report.accepted and one.severity == "error"],
+        accepted=report.accepted,
+        findings=report.findings,
+        made=report.made,
+        policy=policy,
+        style=Markup(_style(charts) + "".join(film.style for film in films)),
+        scripts=[Markup(one) for one in scripts],
+    )
+
+
+def _anchor(place: int, heading: str) -> str:
+    """Return a section's name in addresses: its heading's letters, different for each section."""
+    words = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-")
+    return f"{words or 'section'}-{place + 1}"
 
 
 def _printable_text(value: object) -> object:

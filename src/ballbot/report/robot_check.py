@@ -74,7 +74,7 @@ def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
 def _uncertainty(spread: PoleSpread | None) -> str:
     """Return how the standard deviations in the file spread the pole."""
     if spread is None:
-        return "How sure it is, standard_deviation of values in the file would show."
+        return "No value in the file has a standard_deviation, from which would follow how sure it is."
     largest = list(spread.variance_shares.items())[:3]
     causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in largest)
     low, high = spread.interval_95

@@ -7,11 +7,10 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ballbot.report.blocks import Paragraph, Section, section
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.style import drawn_picture
+from ballbot.report.style import drawn_picture, plain_log_ticks
 from ballbot.report.words import millimetres
 from ballbot.rounding import digits
 from ballbot.summary import counted
@@ -130,9 +129,7 @@ def stiffness_figure(found: FrictionByStiffness) -> Figure:
         place = axes.get_xaxis_transform()
         axes.text(gain, 0.99, f" {name}", transform=place, va="top", color=INK, fontsize=7)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+        plain_log_ticks(axis)
     axes.set_xlabel("position gain [N m/m]")
     axes.set_ylabel("peak error [mm]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)

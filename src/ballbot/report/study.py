@@ -326,10 +326,12 @@ def _recovered_paragraph(study: Study) -> Paragraph | None:
     if recovered is None:
         return None
     far = float(np.abs(recovered.gain - study.design.gain).max() / np.abs(study.design.gain).max())
-    same = "is the nominal one" if far < 0.01 else f"differs from the nominal one by up to {100 * far:.0f} %"
-    return Paragraph(
-        text=f"The gain that “{study.logs[0].name}” was recorded with {same} of its largest entry."
+    same = (
+        "is the nominal one"
+        if far < 0.01
+        else f"differs from the nominal one by up to {100 * far:.0f} % of its largest entry"
     )
+    return Paragraph(text=f"The gain that “{study.logs[0].name}” was recorded with {same}.")
 
 
 def _comparison_words(study: Study) -> str:

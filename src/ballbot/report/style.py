@@ -15,11 +15,14 @@ from typing import TYPE_CHECKING, TypedDict, TypeVar, cast
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
+from ballbot.log.columns import unit_of
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
 from ballbot.report.palette import AXIS, BLUE, GRID, INK, MUTED, ORANGE, PALE
@@ -44,34 +47,13 @@ REFERENCE: LineStyle = {"color": PALE, "linestyle": "-", "linewidth": 2.4}
 
 T = TypeVar("T")
 
+_LETTERS = {"x": "x", "y": "y", "theta": r"\theta", "phi": r"\varphi", "psi": r"\psi"}
 #: the symbols of the states as the thesis prints them, and their units
 STATE_SYMBOLS: Mapping[str, str] = MappingProxyType(
-    dict(
-        zip(
-            STATE_NAMES,
-            (
-                "$x$",
-                "$y$",
-                r"$\theta$",
-                r"$\varphi$",
-                r"$\psi$",
-                r"$\dot{x}$",
-                r"$\dot{y}$",
-                r"$\dot{\theta}$",
-                r"$\dot{\varphi}$",
-                r"$\dot{\psi}$",
-            ),
-            strict=True,
-        )
-    )
+    {name: f"${letter}$" for name, letter in _LETTERS.items()}
+    | {f"{name}_dot": rf"$\dot{{{letter}}}$" for name, letter in _LETTERS.items()}
 )
-STATE_UNITS: Mapping[str, str] = MappingProxyType(
-    dict(
-        zip(
-            STATE_NAMES, ("m", "m", "rad", "rad", "rad", "m/s", "m/s", "rad/s", "rad/s", "rad/s"), strict=True
-        )
-    )
-)
+STATE_UNITS: Mapping[str, str] = MappingProxyType({name: str(unit_of(name)) for name in STATE_NAMES})
 
 #: a figure of 7.4 inches is as wide as the page's text, 46 rem
 _POINTS_ON_PAGE = 552.0 / (7.4 * 72.0)
@@ -183,6 +165,14 @@ def label_of(name: str) -> str:
 def _width_on_page(size: re.Match[str]) -> str:
     width = f"{float(size[1]) * _POINTS_ON_PAGE:.0f}pt"
     return f' width="{width}" style="--natural:{width}"'  # the attribute for viewers of the file alone
+
+
+def plain_log_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis 1, 2, 5, 10 where it has less than two decades, else by its decades."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def thinned(*columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:

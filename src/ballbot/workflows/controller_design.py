@@ -119,7 +119,7 @@ class ControllerDesign:
         return Summary(title=f"Controller designed for the robot {self.controller.robot.name}", rows=rows)
 
     def plot(self) -> Figure:
-        """Return a figure of the loop's Bode diagram and of its step response."""
+        """Return a figure of the loop's Bode diagram."""
         return plotted(self)
 
     def results(self) -> dict[str, object]:
