@@ -96,12 +96,12 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
 
     n = len(names)
     own = tuple(range(n))
-    found = assign(driving, [(wheel, 1) for wheel in own])
+    found = assign(driving, [1] * n)
     as_logged = 100.0 * max(1.0 - float(np.mean([_unexplained(driving, i) for i in own])), 0.0)
     changed = found.wheels != own or min(found.signs) < 0
     turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
     enough = turned > LEAST_TURNING and found.explained > EXPLAINED
-    if changed and enough and found.confidence > CONFIDENT and not found.mixed:
+    if changed and enough and found.confidence > CONFIDENT:
         text = (
             f"The torques do not fit the motion as logged: {_fault(names, found.wheels, found.signs)}. With this "
             f"correction they explain {100.0 * found.explained:.0f} % of the torque that the motion needs, as logged "

@@ -16,6 +16,7 @@ duty drives it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -128,7 +129,7 @@ def drive_of(base: Columned, motion: Motion, frame: Frame, needs: tuple[Driving,
         assigned = turned_by(base, motion)
     elif needs is not None:
         driving, pulled = needs
-        assigned = _assigned(driving, frame)
+        assigned = assign(driving, [frame.signs[place - 1] for place in frame.order])
         gain, error = _gain_of(driving, assigned, pulled)
     kind, scale, scales, ratios = _scale_of(base, gain, error)
     delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
@@ -167,11 +168,12 @@ def turned_by(base: Columned, motion: Motion) -> Assignment | None:
 _Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `Assignment`
 
 
-def _assigned(driving: Driving, frame: Frame) -> Assignment:
+def assign(driving: Driving, counted: Sequence[int]) -> Assignment:
     """Return the order and signs of the commands that the motion explains best.
 
     Of those that make nearly the same torques, as opposite wheels of four do while the heading stands still, the usual
-    one is taken: motors numbered as encoders, that all turn as these count, or all alike.
+    one is taken: motors numbered as encoders, that all turn as these count, or all alike. `counted` are the signs with
+    which the encoders count, of the robot's wheels in turn.
     """
     totals = _left(driving)
     least = min(totals.values(), key=lambda one: float(one.sum()))
@@ -180,8 +182,6 @@ def _assigned(driving: Driving, frame: Frame) -> Assignment:
     likeliest = next(iter(torques.values()))
     size = SAME_TORQUES * float(np.std(likeliest))
     alike = [one for one, u in torques.items() if float(np.std(u - likeliest, axis=0).max()) <= size]
-    counted = [frame.signs[place - 1] for place in frame.order]  # by the robot's wheels
-
     def unusual(one: _Order) -> tuple[bool, bool]:
         relative = {sign * counted[wheel] for wheel, sign in zip(*one, strict=True)}
         return one[0] != tuple(range(len(counted))), len(relative) > 1 and len(set(one[1])) > 1
