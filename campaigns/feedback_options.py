@@ -43,6 +43,7 @@ from ballbot.workflows.recovery_region import top_speed
 from campaigns.predictive import Predictive
 from campaigns.section import Section
 from campaigns.twin_observed import residual_spectrum
+from tests.support.control_examples import notch_response
 
 ROBOT = Robot.load("alten")
 NOMINAL = Scenario.nominal(ROBOT)
@@ -310,7 +311,7 @@ def least_singular_value(notch: Notch | None) -> float:
     z = np.exp(2j * np.pi * frequencies * loop.sample_time)
     L = loop.gain @ np.linalg.solve(z[:, None, None] * np.eye(10) - F, G)
     if notch is not None:
-        L = notch.response(frequencies, loop.sample_time)[:, None, None] * L
+        L = notch_response(notch, frequencies, loop.sample_time)[:, None, None] * L
     return float(np.linalg.svd(np.eye(3) + L, compute_uv=False)[:, -1].min())
 
 
@@ -339,7 +340,7 @@ def notch_table() -> str:
     lags = []
     for name in list(RESONANT_TWINS)[1:]:
         notch = Notch(frequency=peaks[name])
-        lag = -np.degrees(np.angle(notch.response(3.0, 0.005)))
+        lag = -np.degrees(np.angle(notch_response(notch, 3.0, 0.005)))
         lags.append(
             f"{least_singular_value(notch):.2f} with the notch at {peaks[name]:.0f} Hz, late by {lag:.0f} degrees "
             "at 3 Hz"

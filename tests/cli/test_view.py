@@ -49,7 +49,7 @@ def test_a_log_of_the_usual_name_is_called_as_its_folder():
 
 @pytest.mark.usefixtures("folder")
 def test_page_is_opened_without_save(capsys, monkeypatch):
-    monkeypatch.setattr("ballbot.cli.view.has_live_view", lambda: False)
+    monkeypatch.setattr("ballbot.cli.view.find_spec", lambda _: None)
     assert main(["view", "alten"]) == 0
     assert "pip install 'ballbot[view]'" in capsys.readouterr().out
     (address,) = opened

@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ballbot import Controller, Robot
 from ballbot.control.parts import example_parts
+from ballbot.control.parts.notch import Notch
 from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
@@ -68,3 +69,9 @@ class MisjudgedLean:
         wrong = state.copy()
         wrong[2] += self._off
         return self.controller.update(t, wrong, reference)
+
+
+def notch_response(notch: Notch, frequencies: ArrayLike, sample_time: float) -> NDArray[np.complex128]:
+    """Return the sampled notch's complex response at frequencies [Hz]."""
+    own, z = notch.sampled(sample_time), np.exp(2j * np.pi * sample_time * np.asarray(frequencies))
+    return (own.b_0 * z**2 + own.b_1 * z + own.b_2) / (z**2 + own.a_1 * z + own.a_2)

@@ -314,9 +314,3 @@ def read_balancing_log(path: Path, mapping: Path | None, robot: Robot) -> Log:
         return with_position(log, robot)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-def robot_beside(log: Path) -> Robot | None:
-    """Return the robot in the file robot.toml beside a log; None if there is no such file."""
-    beside = log.parent / ROBOT_BESIDE
-    return Robot.load(str(beside)) if beside.is_file() else None

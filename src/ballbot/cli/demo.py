@@ -10,7 +10,6 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.live_view import has_live_view
 from ballbot.cli.output import emit, notice_output, progress_bar, show_written, standard_output
 from ballbot.errors import InputError
 from ballbot.files import check_folder, write_text
@@ -90,9 +89,11 @@ def demo(
     emit({"files": [folder / _PAGE, folder / _REPORT], "friction": found.robot.friction})
     console.print(str(folder / _REPORT), markup=False, soft_wrap=True)
     console.print(_NEXT, markup=False, highlight=False, soft_wrap=True)
-    needs = "" if has_live_view() else "   (needs: pip install 'ballbot[view]')"
     console.print(
-        f"Push the robot yourself: {_LIVE_COMMAND}{needs}", markup=False, highlight=False, soft_wrap=True
+        f"Push the robot yourself: {_LIVE_COMMAND}   (needs: pip install 'ballbot[view]')",
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from ballbot.cli.context import PAGE, OutFolder, WholeNumber, open_result
 from ballbot.control.controller import Controller
@@ -21,14 +21,6 @@ from ballbot.workflows.recovery_region import Loop
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
 _WRITTEN = (PAGE, "results.json")
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Found:
-    """What was found of each controller, by its name."""
-
-    model: dict[str, RobotLimits] = field(default_factory=dict)
-    twin: dict[str, Sequence[TwinLimit]] = field(default_factory=dict)
 
 
 def limits(
@@ -72,7 +64,8 @@ def limits(
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     _check(len(chosen), grip=grip, seed=seed)
     truth = load_scenario(scenario, described)
-    found = _Found()
+    models: dict[str, RobotLimits] = {}
+    twins: dict[str, Sequence[TwinLimit]] = {}
     inputs = [robot, [one.file for one in candidates if one.file], scenario]
     with (
         open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result,
@@ -85,22 +78,19 @@ def limits(
 
             loop = Loop(robot=described, controller=controller, scenario=truth, grip=grip, seed=seed)
             run = Run(seed=seed, progress=report)
-            found.model[name] = find_limits(loop, run=run)
+            models[name] = find_limits(loop, run=run)
             if twin:
-                found.twin[name] = twin_limits(loop, found.model[name], directions=_ON_TWIN, run=run)
+                twins[name] = twin_limits(loop, models[name], directions=_ON_TWIN, run=run)
         bar.begin_writing()
         results = {
             "robot": described.name,
             "grip": grip,
             "scenario": truth.name,
             "controllers": {
-                name: to_results(one) | {"twin": found.twin.get(name, ())}
-                for name, one in found.model.items()
+                name: to_results(one) | {"twin": twins.get(name, ())} for name, one in models.items()
             },
         }
-        page = limits_report(
-            described, found.model, found.twin, grip=grip, scenario=truth.name, made=result.origin
-        )
+        page = limits_report(described, models, twins, grip=grip, scenario=truth.name, made=result.origin)
         result.write(results, page)
     result.show(page.parts())
     result.show_file(PAGE)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import tempfile
+import webbrowser
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated, Literal
 
-from ballbot.cli.context import ROBOT_BESIDE, robot_beside
-from ballbot.cli.live_view import LiveOptions, has_live_view, open_page, simulate_live
+from cyclopts import Parameter
+
+from ballbot.cli.context import ROBOT_BESIDE, WholeNumber
 from ballbot.cli.output import notice_output, progress_bar, show_written, standard_output
 from ballbot.errors import InputError, every, nearest
 from ballbot.files import check_file, write_text
@@ -15,6 +22,32 @@ from ballbot.log import Log
 from ballbot.log.collection import named_files
 from ballbot.robot import Robot
 from ballbot.viewer import Layout, replay_page
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions:
+    """A live view of robots."""
+
+    plant: Literal["model", "twin"] = "model"
+    """The exact equations of motion (model) or the physics engine (twin)."""
+
+    controller: tuple[str, ...] = ("none",)
+    """none, full or partial (the nominal gain with that friction compensation), precise, a controller file, or your own
+    as FILE.py:NAME. Each stands on the floor with a robot of its own. LABEL=... renames one."""
+
+    scenario: str | None = None
+    """The true friction, and of a twin the sensors and faults: a scenario (name or file)."""
+
+    host: str = "127.0.0.1"
+    """The address to listen on. Any but this computer's own lets others in who have the link with its token."""
+
+    port: WholeNumber = 0
+    """The port to listen on; a free one by default."""
+
+    browser: Annotated[bool, Parameter(negative="--no-browser")] = True
+    """Whether to open the page."""
+
 
 _LIVE = LiveOptions()
 
@@ -82,8 +115,8 @@ def view(
         described: dict[str, Robot] = {}
         for word, one in zip(robots, map(Robot.load, robots), strict=True):
             described[word if one.name in described else one.name] = one
-        if save is None and has_live_view():
-            simulate_live(described, live)
+        if save is None and find_spec("websockets") is not None:
+            _simulate_live(described, live)
             return
         if save is None:
             notice_output().print("A live view needs: pip install 'ballbot[view]'", markup=False)
@@ -109,7 +142,7 @@ def _write(page: str, save: Path | None, video: Path | None) -> None:
         path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html"
         write_text(path, page)
         show_written(path)
-        open_page(path.resolve().as_uri())
+        _open_page(path.resolve().as_uri())
         return
     if save is not None:
         write_text(save, page)
@@ -154,9 +187,42 @@ def _part(log: Log, path: Path, start: float | None, end: float | None) -> Log:
 
 def _owner(path: Path) -> Robot:
     """Return the robot of a log, which is beside it."""
-    found = robot_beside(path)
-    if found is None:
+    beside = path.parent / ROBOT_BESIDE
+    if not beside.is_file():
         raise InputError(
             f"The robot of {path} is not known: there is no {ROBOT_BESIDE} beside it. Name the robot with --robot."
         )
-    return found
+    return Robot.load(str(beside))
+
+
+def _open_page(address: str) -> None:
+    if not webbrowser.open(address):
+        notice_output().print("No browser could be opened; open the page in one.")
+
+
+def _simulate_live(robots: Mapping[str, Robot], options: LiveOptions) -> None:
+    """Simulate robots, by their names, one of each for each controller, and serve their page until Ctrl-C."""
+    from ballbot.viewer.live import World, live_entries, live_view_page
+    from ballbot.viewer.server import Access, serve_live
+    from ballbot.workflows.candidates import parse_candidates
+
+    if not 0 <= options.port < 65536:
+        raise InputError(f"The port is {options.port}; it must be from 0 (any free one) to 65535.")
+    candidates = parse_candidates(options.controller)
+    entries = live_entries(robots, candidates, plant=options.plant, scenario=options.scenario)
+    page = live_view_page(entries)
+    with progress_bar(standard_output(), "starting the simulation"):
+        world = World(entries)
+        world.prepare()
+
+    def announce(address: str) -> None:
+        words = f"The live view is at {address}\nCtrl-C ends it."
+        notice_output().print(words, markup=False, highlight=False, soft_wrap=True)
+        if options.browser:
+            _open_page(address)
+
+    access = Access(host=options.host)
+    try:
+        asyncio.run(serve_live(page, world, access=access, port=options.port, ready=announce))
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("the live view has ended.") from None

@@ -4,7 +4,7 @@
 
 sampled by the bilinear rule that keeps w where it is. Slow torques pass as they are, but late: the phase that it
 costs well below w is about (1 - depth) width times the frequency's fraction of w, in radians, so a notch far above the
-loop's crossover is cheap and one near it is not. See `Notch.response`.
+loop's crossover is cheap and one near it is not.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ballbot.control.parts.part import LawSettings, Part
 from ballbot.control.records import MAX_WHEELS, Setting, number, whole
@@ -105,18 +105,4 @@ class Notch(Part):
             b_2=(square - left) / scale,
             a_1=middle,
             a_2=(square - self.width * t) / scale,
-        )
-
-    def response(self, frequencies: ArrayLike, sample_time: float) -> NDArray[np.complex128]:
-        """Return the sampled notch's complex response at frequencies [Hz].
-
-        Raises
-        ------
-        InputError
-            If the sample time is too long for the frequency.
-        """
-        own = self.sampled(sample_time)
-        z = np.exp(2j * np.pi * sample_time * np.asarray(frequencies, dtype=np.complex128))
-        return np.asarray(
-            (own.b_0 * z**2 + own.b_1 * z + own.b_2) / (z**2 + own.a_1 * z + own.a_2), dtype=np.complex128
         )
