@@ -21,9 +21,9 @@ from ballbot.log import Log
 from ballbot.workflows.comparison import fraction_with_interval
 from ballbot.workflows.controller_prediction import (
     SHOWN,
+    ControllerVerdict,
     Prediction,
     QuantityResult,
-    Verdict,
     evaluate_log,
     lognormal_interval,
     predict,
@@ -49,7 +49,7 @@ class Outcome:
     """A faulty twin, the verdict on its log, and what is true."""
 
     twin: FaultyTwin
-    verdict: Verdict
+    verdict: ControllerVerdict
     seen: Performance  #: with the precise controller
     fell: bool
     without: Performance  #: without compensation

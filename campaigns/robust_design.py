@@ -18,8 +18,7 @@ from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
 from ballbot.workflows.metrics import position_error, rms_torque_change, settled
-from ballbot.workflows.perturbed_robots import PerturbationRanges
-from ballbot.workflows.robust_design import Effort, RobustDesign, robust_design
+from ballbot.workflows.robust_design import Effort, PerturbationRanges, RobustDesign, robust_design
 from campaigns.compensation import identified_robot
 from campaigns.section import Section, write_picture
 
@@ -62,7 +61,7 @@ def campaign() -> Section:
         f"from the robot file: peak position error on a 0.5 m square at least {SETTLE:g} s after each corner, mean of"
         f" {len(SEEDS)} seeds (torque's change from sample to sample in brackets). Friction identified from the twin's"
         " logs.",
-        columns=["", "weights found", "nominal weights", "plain LQR (Q = I, R = I)"],
+        columns=["", "weights found", "nominal weights"],
         rows=[
             *_on_fresh(found),
             *(_on_twin(robot, controllers, case, state) for state in ESTIMATORS for case in TWINS),
@@ -72,7 +71,7 @@ def campaign() -> Section:
     )
 
 
-_ORDER = ("robust", "nominal", "plain")
+_ORDER = ("robust", "nominal")
 
 
 def _on_fresh(found: RobustDesign) -> list[list[str]]:

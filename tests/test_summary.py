@@ -29,10 +29,9 @@ from ballbot.summary import HEIGHT, WIDTH, Summary, first_texts
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import EXAMPLES, scenario_of
 from ballbot.workflows.controller_design import design_controller
-from ballbot.workflows.limits import Bounds, Plane, RobotLimits
-from ballbot.workflows.perturbed_robots import CostUnits, PerturbationRanges
+from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
 from ballbot.workflows.recovery_region import Region
-from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
+from ballbot.workflows.robust_design import ComparedDesign, CostUnits, PerturbationRanges, RobustDesign
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.screen import assert_fits_a_screen
@@ -49,8 +48,6 @@ LQR = LqrDesign(
 def robust() -> RobustDesign:
     compared = {
         name: ComparedDesign(
-            state_weights=(1.0,) * 10,
-            torque_weight=1.0,
             gain=GAIN,
             worst_tenth=1.5,
             mean=1.0,
@@ -59,7 +56,7 @@ def robust() -> RobustDesign:
             falls=0,
             costs=np.linspace(1.0, 2.0, 20),
         )
-        for name in ("robust", "nominal", "plain")
+        for name in ("robust", "nominal")
     }
     return RobustDesign(
         design=LQR,
@@ -82,8 +79,8 @@ def upside_down() -> UpsideDown:
         robot=alten(FRICTION),
         verdict=Verdict(gain=Gain(share=0.9, lower=0.88, upper=0.92), windows=1, reasons=()),
         intervals={},
-        parameters={"b": [0.01, 0.02, 0.03], "c": [0.1] * 3, "s": [0.05] * 3, "v_s": 0.6, "delta": np.nan},
-        standard_errors={"b": [0.001] * 3, "c": [0.01] * 3, "s": [np.nan] * 3, "v_s": 0.1, "delta": np.nan},
+        parameters={"b": [0.01, 0.02, 0.03], "c": [0.1] * 3, "s": [0.05] * 3, "v_s": 0.6},
+        standard_errors={"b": [0.001] * 3, "c": [0.01] * 3, "s": [np.nan] * 3, "v_s": 0.1},
         labels=("b1",),
         correlation=np.eye(1),
         held_out={"found": errors, "none": 10.0 * errors},
@@ -114,8 +111,8 @@ def limits() -> RobotLimits:
     return RobotLimits(
         directions=np.arange(3.0),
         heights=np.arange(9.0),
-        lean=Bounds(lower=np.full(3, 0.2), upper=np.full(3, 0.3), runs=5),
-        impulse=Bounds(lower=np.ones((9, 3)), upper=np.full((9, 3), 2.0), runs=5),
+        lean=LimitBounds(lower=np.full(3, 0.2), upper=np.full(3, 0.3)),
+        impulse=LimitBounds(lower=np.ones((9, 3)), upper=np.full((9, 3), 2.0)),
         plane=Plane(direction=0.0, lower=region, upper=region),
     )
 

@@ -204,7 +204,7 @@ def test_check_refuses_impossible_values(
     ("tokens", "says"),
     [
         (("chekc", "alten"), 'Unknown command "chekc". Did you mean "check"?'),
-        (("zzz",), "the commands are study, demo, new, check"),
+        (("zzz",), "Available commands: study, demo, new, check"),
         (("check",), "ballbot check --help"),
         (("check", "alten", "--fig", "a.svg"), "--figure"),
         (("check", "alten", "too", "much"), "ballbot check --help"),

@@ -18,7 +18,7 @@ from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
 
 #: what gives a command's results to --json
-_GIVES_RESULTS = {"emit", "show_written", "open_result", "record_run"}
+_GIVES_RESULTS = {"emit", "show_written", "open_result"}
 
 
 def printed_json(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict[str, object]:
@@ -71,7 +71,6 @@ def test_help_prints_what_the_option_prints(
     ("line", "nearest"),
     [
         ("studdy alten", "'study'"),
-        ("run wirring --emulated", "'wiring'"),
         ("check alten --figur a.svg", "--figure"),
         ("check altn", "'alten'"),
         ("view altn", "'alten'"),

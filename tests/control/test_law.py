@@ -289,9 +289,12 @@ def test_history_holds_the_torques_that_act_and_what_compensates():
         torques = controller.update(0.0, state, np.zeros(10))
     history = controller.memory["history"][0]
     np.testing.assert_array_equal(history["acting"][0, :3], torques)
-    np.testing.assert_array_equal(history["disturbance_compensation"][0, :3], controller.disturbance_estimate)
+    np.testing.assert_array_equal(
+        history["disturbance_compensation"][0, :3],
+        controller.memory["disturbance_observer"]["estimate"][0, :3],
+    )
     assert (history["friction_compensation"][0, :3] != 0.0).any()
-    assert (controller.disturbance_estimate != 0.0).any()
+    assert (controller.memory["disturbance_observer"]["estimate"][0, :3] != 0.0).any()
 
 
 def test_an_update_is_fast():

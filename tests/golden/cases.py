@@ -51,7 +51,6 @@ def _input(name: str, make: Callable[[Path], None], *, needs: tuple[str, ...] = 
 _ROBOT = "files/robot.toml"
 _WALK, _EIGHT = "record_square/log.csv", "record_eight/log.csv"
 _FEW = "--bounds files/bounds.toml --window 0.1"
-_AXIS = "identify-axis axis/record.csv --reference aim --position-gain 160 --velocity-gain 8505"
 
 CASES: tuple[Case, ...] = (
     # the robot's own file
@@ -145,7 +144,7 @@ CASES: tuple[Case, ...] = (
     _command("identify_driveline", "identify-driveline alten record_sweep/log.csv", needs=("record_sweep",)),
     _command(
         "identify_upside_down",
-        "identify-upside-down alten record_upside_down/log.csv --bounds files/bounds.toml --window 0.5",
+        "identify-upside-down alten record_upside_down/log.csv --window 0.5",
         needs=("record_upside_down",),
     ),
     _command(
@@ -160,7 +159,7 @@ CASES: tuple[Case, ...] = (
         needs=("record_upside_down", "record_eight"),
     ),
     _input("axis", inputs.axis_record),
-    _command("identify_axis", f"{_AXIS} --law coulomb", needs=("axis",)),
+    _command("identify_axis", "identify-axis axis/record.csv --law coulomb", needs=("axis",)),
     _command("identify_axis_laws", "identify-axis axis/record.csv", needs=("axis",)),
     _input("swing", inputs.swing),
     _command("check_swing", "check alten --swing swing/swing.csv --pivot-deviation 0.002", needs=("swing",)),

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ballbot import Log, Robot
 from ballbot.cli.main import main
+from ballbot.identification.bench_checks import sweep_findings
 from ballbot.identification.driveline import classical, sweeps_of
-from ballbot.identification.driveline_checks import sweep_findings
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
 
 ALTEN = Robot.load("alten")
@@ -73,7 +73,7 @@ WRONG: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
     "two torques exchanged": (
         lambda columns: {"u2": columns["u3"], "u3": columns["u2"]},
         "torque-order",
-        "u3 drives wheel 2, u2 drives wheel 3",
+        "u3 were that of wheel 2 and u2 were that of wheel 3",
     ),
     "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "the torques are in mN m"),
     "the motors' torques": (times(1.0 / 27.6, *TORQUES), "torque-scale", "the motors', before the gear"),
@@ -88,13 +88,13 @@ WRONG: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
     "one torque ten times": (
         times(10.0, "u2"),
         "torque-scale",
-        "wheel 2 has 10 times the inertia of the other wheels",
+        "times u2 while the other torques are right",
     ),
-    "dead motor": (times(0.0, "wheel2_dot"), "dead-motor", "Wheel 2 hardly turns"),
-    "torque not logged": (noise(1e-4, "u2"), "dead-motor", "its torque was not logged"),
-    "random torque": (noise(0.5, "u2"), "torque-unrelated", "that torque does not move that wheel"),
-    "random speed": (noise(5.0, "wheel1_dot"), "torque-unrelated", "that torque does not move that wheel"),
-    "frozen encoder": (frozen, "stuck", "wheel3_dot stays at 1"),
+    "dead motor": (times(0.0, "wheel2_dot"), "dead-motor", "Nothing responds to u2"),
+    "torque not logged": (noise(1e-4, "u2"), "dead-motor", "it was not logged"),
+    "random torque": (noise(0.5, "u2"), "dead-motor", "or the column is wrong"),
+    "random speed": (noise(5.0, "wheel1_dot"), "dead-motor", "or the column is wrong"),
+    "frozen encoder": (frozen, "stuck", "wheel3_dot repeats one value for 1"),
 }
 
 

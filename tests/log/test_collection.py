@@ -153,13 +153,3 @@ def test_every_function_takes_every_container(function, robot, tmp_path):
 def test_a_misspelt_preset_is_answered_with_the_nearest(function):
     with pytest.raises(InputError, match="did you mean the preset 'alten'"):
         function("altn", LOG)
-
-
-def test_held_out_times_of_several_logs_need_their_names():
-    log = smooth_log()
-    logs = {"one": log, "two": log.with_columns({name: 0.9 * log[name] for name in log.names if name != "t"})}
-    accepted = {"accept": ["torque-unrelated", "sign", "lean-axes"]}
-    with pytest.raises(InputError, match="give a dict by the logs' names: one, two"):
-        validate(true_robot(), logs, holdout=[(0.0, 1.0)], **accepted)
-    with pytest.raises(InputError, match="did you mean 'two'"):
-        validate(true_robot(), logs, holdout={"tow": [(0.0, 1.0)]}, **accepted)

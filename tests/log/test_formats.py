@@ -30,8 +30,7 @@ from ballbot.log.formats import (
     write_columns,
 )
 from ballbot.log.formats.inference import infer_text_table
-from ballbot.log.formats.serial import plain
-from ballbot.log.formats.text import TextLayout, read_text_table
+from ballbot.log.formats.text import TextLayout, plain, read_text_table
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
 

@@ -34,7 +34,7 @@ def test_wheels_in_the_air_are_free_drivelines():
     torques = np.sin(0.1 * np.arange(400))[:, None] * [0.6, -0.5, 0.4]  # slower than the supply lets them be
     found = np.array([plant.step(one, STEP).wheel_angles for one in torques])
     lines = [Driveline.of_wheel(plant.robot, i) for i in range(3)]
-    wanted = simulate_drivelines(lines, torques.T, sample_time=STEP, threads=1)
+    wanted = simulate_drivelines(lines, torques.T, sample_time=STEP)
     # a count of the encoder, and what a sample by itself rounds differently
     np.testing.assert_allclose(found.T, wanted.angles, atol=1.01 * resolution(plant.robot))
 

@@ -25,7 +25,7 @@ from ballbot.control.safety import SafeController
 from ballbot.estimation import Fix, OnboardState, Reading
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.identification.axis.model import AXIS_LAWS, Axis
-from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
+from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.swing import Swing
 from ballbot.identification.swing import _motion as swing_motion
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
@@ -291,16 +291,14 @@ def _drivelines() -> Iterator[tuple[str, Case]]:
             f"simulate_drivelines, {type(friction).__name__}",
             Case(
                 call=lambda a, line=line: simulate_drivelines(
-                    line, a["u"], sample_time=H, initial_speeds=a["w"], torque_of=a["of"]
+                    line, a["u"], sample_time=H, initial_speeds=a["w"]
                 ),
                 arrays={
                     "u": np.array([TORQUES, -TORQUES]),
                     "w": np.array([0.5, 0.25]),
-                    "of": np.array([1, 0]),
                 },
-                rows=("u", "w", "of"),
-                lengths=("u", "w", "of"),
-                optional=("of",),
+                rows=("u", "w"),
+                lengths=("u", "w"),
             ),
         )
 
@@ -346,16 +344,14 @@ def _log() -> Case:
 def _identification() -> Iterator[tuple[str, Case]]:
     axis = Axis(law=AXIS_LAWS["coulomb"], values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0})
     path = np.sin(np.arange(200.0) / 8.0)
-    loop = PositionVelocityLoop(position_gain=10.0, velocity_gain=5.0, force_per_input=1.0)
 
-    def closed(a: Arrays) -> object:
-        record = AxisRecord(name="axis", sample_time=H, loop=loop, **a)
-        runs = axis.windows(
+    def moved(a: Arrays) -> object:
+        record = AxisRecord(name="axis", sample_time=H, **a)
+        return axis.windows(
             record, np.array([0, 100]), np.array([99, 99]), np.array([[0.0, 0.0], [0.1, 0.0]])
         )
-        return runs, axis.closed_loop(record, speed=0.0)
 
-    yield "AxisRecord", Case(call=closed, arrays={"force": path, "position": path, "reference": path})
+    yield "AxisRecord", Case(call=moved, arrays={"force": path, "position": path})
     t = np.arange(10) * H
     p = np.array([16.0, 0.1, 0.05, 0.2, 0.0, 0.0])  # what `fit_swing` estimates, without its iterations
 

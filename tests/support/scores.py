@@ -2,7 +2,7 @@
 
 from ballbot.workflows.metrics import Score
 
-_FIELDS = ("rms_position_error", "peak_heading_error", "rms_heading_error", "settling_time", "rms_torque")
+_FIELDS = ("rms_position_error", "peak_heading_error", "settling_time", "rms_torque")
 
 
 def score_of(peak: float, roughness: float = 0.05, ended: str | None = None) -> Score:
@@ -13,7 +13,6 @@ def score_of(peak: float, roughness: float = 0.05, ended: str | None = None) -> 
         arrived=True,
         high_frequency_torque=0.1,
         energy=1.0,
-        driving_energy=1.0,
         ended=ended,
         **dict.fromkeys(_FIELDS, 0.5 * peak),
     )

@@ -95,7 +95,7 @@ def test_scenario_file_contains_only_differences(tmp_path: Path) -> None:
         'base = "wide_rows"\nbacklash = 0\n[compliance]\nfrequency = 9\ndamping_ratio = 0.1\n', tmp_path
     )
     assert found == replace(
-        Scenario.wide_rows(ALTEN),
+        Scenario.named("wide_rows", ALTEN),
         name="mine",
         backlash=0.0,
         compliance=Compliance(frequency=9.0, damping_ratio=0.1),
@@ -197,7 +197,7 @@ def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
 
 def test_an_old_file_is_read_without_a_hint_if_its_keys_have_not_changed() -> None:
     found = load_scenario(ROOT / "tests" / "golden" / "files" / "scenario.toml", ALTEN)
-    assert found == Scenario.resonant(ALTEN)
+    assert found == Scenario.named("resonant", ALTEN)
 
 
 def test_a_robot_and_a_scenario_are_given_by_value_or_name() -> None:

@@ -1,7 +1,6 @@
 """Alignment with motion capture: on runs whose clocks, frames, flips and faults are known."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -242,7 +241,9 @@ def test_turning_about_one_axis_is_refused():
 def test_the_twins_motion_capture_is_undone(seed):
     setup = MotionCapture.drawn(seed)
     log, _ = record(Setup(seed=seed))
-    film = replace(setup, gap_rate=0.1).record(log, ball_radius=0.11)
+    whole = setup.record(log, ball_radius=0.11)
+    unseen = (whole.t % 5.0) < 0.3  # too few cameras see the robot now and then
+    film = Log({name: np.where(unseen & (name != "t"), np.nan, whole[name]) for name in whole})
     found = align(log, film)
     w, *xyz = setup.rotation_wxyz
     assert abs(found.motion.clock.offset - setup.clock_offset) < ONE_MILLISECOND

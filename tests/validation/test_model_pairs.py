@@ -81,11 +81,11 @@ def test_models_that_cannot_be_compared_are_refused():
     with pytest.raises(InputError, match="are the same"):
         ModelPair.of_two(model, model, files=("a", "b"))
     with pytest.raises(InputError, match="give them different names"):
-        ModelPair.of_two(model, Model(_viscous()))
+        ModelPair.of_two(model, Model(_viscous()), files=("a", "a"))
     with pytest.raises(InputError, match="no friction to validate"):
         ModelPair.by_friction(Model(Robot.load("alten")))
     with pytest.raises(InputError, match="4 wheels"):
-        ModelPair.of_two(model, Model(Robot.load("cmu")))
+        ModelPair.of_two(model, Model(Robot.load("cmu")), files=("a", "cmu"))
 
 
 @pytest.mark.slow

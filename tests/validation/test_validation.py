@@ -29,6 +29,7 @@ from ballbot.validation import (
     join_validations,
     recover_gain,
     validate,
+    validate_pair,
 )
 from ballbot.validation.closed_loop import closed_loop, delay_of, heading_error
 from ballbot.validation.models import forecast, recoverable_lean, stretches, thesis_error, window_starts
@@ -234,7 +235,7 @@ def test_only_holdout_intervals_count():
     spoiled = np.where((log.t > 6.0) & (log.t < 12.0), log["theta"], log["theta"] + 0.3)
     held = [(6.5, 11.5)]
     clean, other = (
-        validate(true_robot(), one, holdout=held, accept=["jump", "lean-offset"])
+        validate_pair(_models(true_robot()), one, holdout=held)
         for one in (log, log.with_columns({"theta": spoiled}))
     )
     np.testing.assert_array_equal(
@@ -313,13 +314,11 @@ def test_a_log_without_a_reference_has_no_closed_loop_and_gives_the_reason():
 def test_invalid_validations_are_refused():
     log = perfect_log().between(0.0, 4.0)
     with pytest.raises(InputError, match="holdout intervals"):
-        validate(true_robot(), log, holdout=[(100.0, 120.0)])
+        validate_pair(_models(true_robot()), log, holdout=[(100.0, 120.0)])
     with pytest.raises(InputError, match="phi"):
         validate(true_robot(), log.with_columns({"phi": np.full(len(log), np.nan)}))
     with pytest.raises(InputError, match="u4, but the robot has 3 wheels"):
         validate(true_robot(), log.with_columns({"u4": log["u3"]}))
-    with pytest.raises(InputError, match="restart_every"):
-        validate(true_robot(), log, restart_every=0.0)
     with pytest.raises(InputError, match="sample time"):
         validate(true_robot(), log.select(slice(None, None, 2)), controller=Controller(true_robot(), gain()))
 
@@ -348,9 +347,8 @@ def test_several_logs_are_validated_as_each_by_itself_and_joined(tmp_path):
     whole = noisy_log().without_truth()
     logs = {"first": whole.between(0.0, 4.0), "second": whole.between(4.0, 9.0)}
     logs["second"].write(tmp_path / "second.csv")
-    held = {"second": [(5.0, 9.0)]}
-    parts = [validate(true_robot(), log, holdout=held.get(name), longest=1.0) for name, log in logs.items()]
+    parts = [validate(true_robot(), log) for log in logs.values()]
     joined = join_validations(parts)
-    both = validate(true_robot(), {**logs, "second": tmp_path / "second.csv"}, holdout=held, longest=1.0)
-    assert both.duration == joined.duration == pytest.approx(8.0, abs=0.1)
+    both = validate(true_robot(), {**logs, "second": tmp_path / "second.csv"})
+    assert both.duration == joined.duration == pytest.approx(9.0, abs=0.1)
     assert plain(validation_results(both)) == plain(validation_results(joined))

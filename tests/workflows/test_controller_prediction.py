@@ -35,9 +35,9 @@ from ballbot.twin.imperfections import imperfections_of
 from ballbot.workflows.controller_choice import NamedCourse, PlantDraw, choose_controller
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
+    ControllerVerdict,
     Prediction,
     PredictionInterval,
-    Verdict,
     checksum_of,
     course_of,
     evaluate_log,
@@ -353,7 +353,7 @@ def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controll
     assert found is not None
     assert found.controller == "precise"
 
-    def verdict(scenario: Scenario) -> Verdict:
+    def verdict(scenario: Scenario) -> ControllerVerdict:
         state = named_estimator("kalman", KNOWN, sample_time=controller.sample_time)
         reference = COURSE.reference_spec.reference()
         log = simulate(

@@ -10,7 +10,7 @@ from ballbot.report.run import run_verdict
 from ballbot.workflows.metrics import (
     BAND,
     HIGH_FREQUENCY,
-    energies,
+    energy,
     heading_error,
     high_frequency_torque,
     position_error,
@@ -57,7 +57,6 @@ def test_errors_of_a_robot_that_swings():
     assert found.peak_position_error == pytest.approx(0.3)
     assert found.rms_position_error == pytest.approx(0.3 / np.sqrt(2.0))
     assert found.peak_heading_error == pytest.approx(0.2)
-    assert found.rms_heading_error == pytest.approx(0.2 / np.sqrt(2.0))
 
 
 @settings(deadline=None, max_examples=30)
@@ -141,21 +140,18 @@ def test_too_low_sample_rate_for_roughness_is_reported():
 @settings(deadline=None, max_examples=30)
 @given(torque=st.floats(-3.0, 3.0), speed=st.floats(-20.0, 20.0))
 def test_energy_of_a_steady_wheel(torque, speed):
-    exchanged, given_ = energies(made_log(u2=torque, wheel2=lambda t: speed * t))
+    exchanged = energy(made_log(u2=torque, wheel2=lambda t: speed * t))
     seconds = 20.0 - SAMPLE  # the last row's torque does no work in the log
     assert exchanged == pytest.approx(abs(torque * speed) * seconds, abs=1e-9)
-    assert given_ == pytest.approx(max(torque * speed, 0.0) * seconds, abs=1e-9)
 
 
 def test_energy_that_swings_to_and_fro():
     """u = a cos, speed = b sin of the same angle: the power a b sin(2 w t) / 2 is given as much as taken."""
     rate, a, b = 2.0 * np.pi, 2.0, 3.0
     log = made_log(u1=lambda t: a * np.cos(rate * t), wheel1=lambda t: -b / rate * np.cos(rate * t))
-    exchanged, given_ = energies(log)
-    net = 0.5 * a * b * np.sin(0.5 * rate * SAMPLE) * 20.0  # held torques lag by half a sample
+    exchanged = energy(log)
     # of the 4000 rows, 40 at a time make a quarter of a turn: the rectangle rule is right to 1 / 40^2
     assert exchanged == pytest.approx(a * b / np.pi * 20.0, rel=1e-3)
-    assert given_ == pytest.approx(0.5 * (exchanged + net), rel=1e-3)
 
 
 def test_fall_is_counted():

@@ -1,7 +1,6 @@
 """Weights sought over perturbed robots, for the worst of them."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,16 +11,15 @@ from ballbot.control.file import read_controller
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, design_gain, nominal_controller
 from ballbot.robot.file import write_robot
 from ballbot.twin import Scenario
-from ballbot.workflows.perturbed_robots import (
+from ballbot.workflows.robust_design import (
     CostUnits,
     PerturbationRanges,
     RunMeasures,
-    cost_units,
     draw_perturbed,
     measure_runs,
+    weights_of,
     worst_tenth,
 )
-from ballbot.workflows.robust_design import weights_of
 from tests.support.control_examples import FRICTION, alten
 
 SCENARIO = Scenario.nominal(alten(FRICTION))
@@ -45,12 +43,10 @@ def written(robot_file, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_and_plain_weights(written):
+def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_weights(written):
     results = json.loads((written / "results.json").read_text())
-    robust, nominal, plain = (results["on_fresh_robots"][name] for name in ("robust", "nominal", "plain"))
-    # this short search finds 1.70 where the nominal gain has 2.64 and the plain one 2.43; 100 robots know a worst tenth
-    # to some 5 %
-    assert robust["worst_tenth"] < 0.8 * plain["worst_tenth"]
+    robust, nominal = (results["on_fresh_robots"][name] for name in ("robust", "nominal"))
+    # this short search finds 1.70 where the nominal gain has 2.64; 100 robots know a worst tenth to some 5 %
     assert robust["worst_tenth"] < 0.75 * nominal["worst_tenth"]
     assert robust["falls"] == 0
     assert np.all(np.diff(results["history"]) <= 0.0)
@@ -67,29 +63,6 @@ def test_the_controller_file_states_its_design_method(robot_file, written):
     design = design_gain(alten(FRICTION), state_weights=results["state_weights"])
     np.testing.assert_allclose(controller.gain, design.gain)
     assert controller.compensation == "full"
-
-
-def test_perturbed_robots_follow_the_standard_deviations_of_the_file():
-    robot = alten(FRICTION).annotated(
-        standard_deviations={"body.mass": 0.2, "friction.coulomb": (0.002, 0.004, 0.003)}
-    )
-    spread = PerturbationRanges.parse("tilt=2", robot)
-    assert spread.stated == ("mass", "friction")
-    assert (spread.height, spread.tilt) == (0.2, 2.0)
-    assert PerturbationRanges.parse("mass=0.1,friction=0", robot).stated == ()
-    assert PerturbationRanges.parse("", alten(FRICTION)) == PerturbationRanges()
-    drawn = draw_perturbed(robot, 400, spread=spread, scenario=SCENARIO, seed=4)
-    masses = np.array([one.model.robot.body.mass for one in drawn.robots])
-    second = np.array([one.model.robot.friction.coulomb[1] for one in drawn.robots])
-    # 400 draws show a deviation to 4 %
-    assert masses.std() == pytest.approx(0.2, rel=0.15)
-    assert second.std() == pytest.approx(0.004, rel=0.15)
-    heights = (
-        np.array([one.model.robot.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
-    )
-    assert 0.15 < np.abs(heights - 1.0).max() <= 0.2
-    # what has no range and no deviation stays
-    assert {one.model.robot.friction.viscous for one in drawn.robots} == {robot.friction.viscous}
 
 
 def test_perturbed_robots_follow_the_given_ranges():
@@ -172,7 +145,7 @@ def test_the_middle_of_the_search_is_the_nominal_gain():
         (["--perturb", "delay=1.5"], "delay as '1.5'; it must be a whole number"),
         (["--perturb", "mass=1.5"], "mass is 1.5"),
         (["--perturb", "tilt=30"], "tilt is 30 degrees"),
-        (["--robots", "1"], "number of robots is 1"),
+        (["--robots", "1"], "number of robots is 1; it must be 10"),
         (
             ["--q", "1,1,1,1,1,1,1,1,1,1"],
             "--robust searches for the weights of the nominal kind; remove --kind",
@@ -189,11 +162,4 @@ def test_falling_reference_controller_is_reported():
         error=np.full((1, 3), np.nan), roughness=np.ones((1, 3)), ended=np.array([[1.0, 2.0, np.inf]])
     )
     with pytest.raises(InputError, match="falls with 67 % of the perturbed robots"):
-        cost_units(fallen)
-
-
-def test_invalid_perturbations_are_refused():
-    with pytest.raises(InputError, match="number of perturbed robots is -1"):
-        draw_perturbed(alten(), -1, spread=PerturbationRanges(), scenario=SCENARIO, seed=0)
-    with pytest.raises(InputError, match="whole number"):
-        replace(PerturbationRanges(), delay=1.5)  # pyright: ignore[reportArgumentType]
+        CostUnits.of(fallen)

@@ -63,16 +63,9 @@ def _whole_number(_: type, tokens: Sequence[Token]) -> int:
     return int(given)
 
 
-def _positive_number(_: type, tokens: Sequence[Token]) -> float:
-    """Return the number that is given, if it is finite and above 0."""
-    given = tokens[0].value
-    try:
-        number = float(given)
-    except ValueError:
-        number = math.nan
-    if not 0.0 < number < math.inf:
-        raise ValueError(f"{given!r} is not a number above 0.")
-    return number
+def _check_positive(_: type, value: float) -> None:
+    if not 0.0 < value < math.inf:
+        raise ValueError("It must be above 0.")
 
 
 #: the robot of a command
@@ -82,7 +75,7 @@ RobotName = Annotated[str, Parameter(help="A preset's name or a robot file.")]
 OutFolder = Annotated[Path, Parameter(help="The folder to write into.")]
 
 #: the length of a live run
-Seconds = Annotated[float, Parameter(converter=_positive_number)]
+Seconds = Annotated[float, Parameter(validator=_check_positive)]
 
 #: every integer option
 WholeNumber = Annotated[int, Parameter(converter=_whole_number)]

@@ -33,9 +33,8 @@ from ballbot.workflows.controller_design import (
     PartOptions,
     design_controller,
 )
-from ballbot.workflows.perturbed_robots import PerturbationRanges
 from ballbot.workflows.robot_check import linearization_results
-from ballbot.workflows.robust_design import Effort, robust_design
+from ballbot.workflows.robust_design import Effort, PerturbationRanges, robust_design
 
 #: of a design with and without a search
 DESIGN_FILES = (PAGE, "controller.toml", "results.json")
@@ -62,13 +61,12 @@ class WeightOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SearchOptions:
+class RobustSearchOptions:
     """Options of the search for robust weights. They have no effect without --robust."""
 
     perturb: str = ""
     """Ranges of the perturbed robots: mass=0.2,height=0.2,friction=0.2 (fractions), delay=2 (samples), tilt=1 (degrees
-    of the floor). Mass, height and friction that are not named follow the standard deviations in the robot's file if it
-    states them; other unnamed ranges keep these values."""
+    of the floor). Ranges that are not named keep these values."""
 
     scenario: str = "nominal"
     """Sensors, drive and play of the perturbed robots: a scenario's name or file."""
@@ -83,12 +81,12 @@ class SearchOptions:
     """Candidates in each generation."""
 
     fresh: WholeNumber = Effort.fresh
-    """Number of other robots on which the result is compared with the nominal weights and a plain LQR."""
+    """Number of other robots on which the result is compared with the nominal weights."""
 
     seed: Seed = 0
 
 
-_WEIGHTS, _SEARCH = WeightOptions(), SearchOptions()
+_WEIGHTS, _SEARCH = WeightOptions(), RobustSearchOptions()
 
 
 def design(
@@ -98,7 +96,7 @@ def design(
     weights: WeightOptions = _WEIGHTS,
     parts: Annotated[PartOptions, Parameter(name="*", negative="")] = DEFAULT_PARTS,
     robust: Annotated[bool, Parameter(negative="")] = False,
-    search: SearchOptions = _SEARCH,
+    search: RobustSearchOptions = _SEARCH,
     accept: Accept = None,
     out: OutFolder,
 ) -> None:
@@ -159,13 +157,13 @@ def _search(
     robot: Robot,
     compensation: Compensation,
     *,
-    search: SearchOptions,
+    search: RobustSearchOptions,
     inputs: Sequence[str],
     findings: Sequence[Finding],
     out: OutFolder,
 ) -> None:
     """Search for the weights, and write the page, controller.toml and results.json."""
-    spread = PerturbationRanges.parse(search.perturb, robot)
+    spread = PerturbationRanges.parse(search.perturb)
     scenario = load_scenario(search.scenario, robot)
     inputs = [*inputs, search.scenario]
     effort = Effort(

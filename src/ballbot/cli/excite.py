@@ -42,7 +42,7 @@ class LimitOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SearchOptions:
+class ExciteSearchOptions:
     """The search for the run."""
 
     duration: float = 32.0
@@ -59,7 +59,7 @@ class SearchOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class IdentificationOptions:
+class ExciteFitOptions:
     """The identification that the run is for."""
 
     law: Law = "stribeck"
@@ -69,8 +69,8 @@ class IdentificationOptions:
     """The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds."""
 
 
-_LIMITS, _SEARCH = LimitOptions(), SearchOptions()
-_IDENTIFICATION = IdentificationOptions()
+_LIMITS, _SEARCH = LimitOptions(), ExciteSearchOptions()
+_IDENTIFICATION = ExciteFitOptions()
 
 
 def excite(
@@ -78,9 +78,9 @@ def excite(
     /,
     *,
     within: LimitOptions = _LIMITS,
-    search: SearchOptions = _SEARCH,
+    search: ExciteSearchOptions = _SEARCH,
     scenario: str = "nominal",
-    identification: IdentificationOptions = _IDENTIFICATION,
+    identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
     out: OutFolder,
 ) -> None:

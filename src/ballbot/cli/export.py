@@ -37,7 +37,7 @@ def export(
     README.md in the folder; ballbot_hardware.h has the seven functions to write for a board.
 
     With the packages ziglang and unicorn, the library is compiled for a Cortex-M4F and run on an emulator, which counts
-    the instructions of an update. Cycles are an upper estimate with two wait states of flash.
+    the instructions of an update. Cycles are an upper estimate for flash with two wait states.
 
     Parameters
     ----------

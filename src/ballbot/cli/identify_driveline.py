@@ -13,6 +13,7 @@ from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.run import Run
 from ballbot.identification.agreement import file_findings
+from ballbot.identification.bench_checks import sweep_findings
 from ballbot.identification.driveline import (
     Sweep,
     fit_drivelines,
@@ -20,7 +21,6 @@ from ballbot.identification.driveline import (
     sweep_estimate,
     sweeps_of,
 )
-from ballbot.identification.driveline_checks import sweep_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping_file import dead_band_findings

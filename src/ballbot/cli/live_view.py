@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import webbrowser
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Annotated, Literal
@@ -53,19 +53,8 @@ def open_page(address: str) -> None:
         notice_output().print("No browser could be opened; open the page in one.")
 
 
-def simulate_live(
-    robots: Mapping[str, Robot], options: LiveOptions, *, ready: Callable[[str], None] | None = None
-) -> None:
-    """Simulate robots, one of each for each controller, and serve their page until Ctrl-C.
-
-    Parameters
-    ----------
-    robots : mapping
-        By name.
-    options : LiveOptions
-    ready : callable, optional
-        Called with the page's address when it can be opened; the browser opens it by default, if it is to.
-    """
+def simulate_live(robots: Mapping[str, Robot], options: LiveOptions) -> None:
+    """Simulate robots, by their names, one of each for each controller, and serve their page until Ctrl-C."""
     from ballbot.viewer.live import World, live_entries, live_view_page
     from ballbot.viewer.server import Access, serve_live
     from ballbot.workflows.candidates import parse_candidates
@@ -82,9 +71,7 @@ def simulate_live(
     def announce(address: str) -> None:
         words = f"The live view is at {address}\nCtrl-C ends it."
         notice_output().print(words, markup=False, highlight=False, soft_wrap=True)
-        if ready is not None:
-            ready(address)
-        elif options.browser:
+        if options.browser:
             open_page(address)
 
     access = Access(host=options.host)

@@ -45,6 +45,10 @@ _PICTURE, _LINE = 0.1, 5.0
 _CONFIRMATION = "arm"
 
 
+#: the robot's port
+Port = Annotated[str | None, Parameter(help="A serial port such as /dev/ttyACM0?baud=921600.")]
+
+
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class LinkOptions:

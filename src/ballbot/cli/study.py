@@ -38,7 +38,7 @@ from ballbot.workflows.study import study as run_study
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class TrialOptions:
+class StudyTrialOptions:
     """The simulated robots that the candidates run on."""
 
     scenario: str = "nominal"
@@ -54,7 +54,7 @@ class TrialOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class FitOptions:
+class StudyFitOptions:
     """How the friction is identified."""
 
     exclude_states: str = ""
@@ -68,7 +68,7 @@ class FitOptions:
     """A TOML file with lower and upper bounds of the friction parameters."""
 
 
-_TRIAL, _FIT = TrialOptions(), FitOptions()
+_TRIAL, _FIT = StudyTrialOptions(), StudyFitOptions()
 
 
 def study(
@@ -76,8 +76,8 @@ def study(
     /,
     *logs: LogPath,
     out: OutFolder,
-    trial: TrialOptions = _TRIAL,
-    fit: FitOptions = _FIT,
+    trial: StudyTrialOptions = _TRIAL,
+    fit: StudyFitOptions = _FIT,
     seed: Seed = 0,
     accept: Accept = None,
     quick: Annotated[bool, Parameter(negative="")] = False,

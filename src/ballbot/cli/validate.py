@@ -6,10 +6,8 @@ With `--prediction`, a log made with a study's controller is compared with what 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-
-from cyclopts import Parameter
 
 from ballbot.cli.context import (
     PAGE,
@@ -27,7 +25,6 @@ from ballbot.errors import InputError
 from ballbot.findings import by_severity, finding_results
 from ballbot.fitting.run import Run, check_seed
 from ballbot.log.formats import is_log_file
-from ballbot.mechanics.parameters import Formulation
 from ballbot.report.prediction import (
     next_steps,
     prediction_report,
@@ -51,7 +48,7 @@ from ballbot.workflows.controller_prediction import (
 _WRITTEN = (PAGE, "results.json")
 
 
-def validate_prediction(
+def _validate_prediction(
     results: Path,
     inputs: Sequence[str],
     *,
@@ -60,27 +57,7 @@ def validate_prediction(
     mapping: Path | None,
     accept: Accept,
 ) -> None:
-    """Compare one log with a study's prediction, print the verdict, and write it if a folder is given.
-
-    Parameters
-    ----------
-    results : Path
-        The study's results.json.
-    inputs : sequence of str
-        The log; or a robot's preset or file, and the log.
-    out : Path, optional
-    controller : Path, optional
-        The controller's file; that beside the results if not given.
-    mapping : Path, optional
-        Of the log.
-    accept : list of str, optional
-        Codes of errors of the log to ignore.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or does not belong to the prediction, or the log is not one of the course.
-    """
+    """Compare one log with a study's prediction, print the verdict, and write it if a folder is given."""
     prediction = read_prediction(results)
     source, log_path = _robot_and_log(results, inputs)
     robot = Robot.load(source)
@@ -145,30 +122,13 @@ def _predicted_controller(path: Path, prediction: Prediction, robot: Robot) -> C
     return controller
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ModelOptions:
-    """The two models that are compared."""
-
-    against: str | None = None
-    """The second model: another robot (preset or file), or this robot with other equations of motion, exact or thesis.
-    By default the same robot without friction."""
-
-    formulation: Formulation = "exact"
-    """Equations of motion of both robots: exact, or thesis (approximate ones of a published ballbot model, to compare
-    with)."""
-
-
-_PAIR = ModelOptions()
-
-
 def validate(
     robot: str,
     /,
     *logs: Path,
     out: Path | None = None,
     prediction: Path | None = None,
-    pair: ModelOptions = _PAIR,
+    against: str | None = None,
     controller: Path | None = None,
     mapping: Path | None = None,
     seed: WholeNumber = 0,
@@ -201,6 +161,9 @@ def validate(
         The folder to write into. Optional with --prediction: without it, nothing is written.
     prediction
         The results.json of a study, with the prediction for its controller.
+    against
+        The second model: another robot (preset or file), or thesis for this robot with the equations of motion of the
+        published thesis. By default the same robot without friction.
     controller
         The controller file that was used when the logs were recorded. Without it, the gain is estimated from each log;
         with --prediction it is controller.toml beside the results.
@@ -210,16 +173,16 @@ def validate(
         Random seed of the noise floors. The same seed gives the same result.
     """
     if prediction is not None:
-        _refuse_models(pair, seed)
+        _refuse_models(against, seed)
         inputs = (robot, *map(str, logs))
-        validate_prediction(
+        _validate_prediction(
             prediction, inputs, out=out, controller=controller, mapping=mapping, accept=accept
         )
         return
     if out is None:
         raise InputError("--out is missing; name the folder to write into, such as --out checked.")
     check_seed(seed)
-    models = ModelPair.load(robot, against=pair.against, formulation=pair.formulation)
+    models = ModelPair.load(robot, against=against)
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)
     driver = read_controller(controller, described) if controller else None
@@ -254,14 +217,9 @@ def validate(
     result.show_file(PAGE)
 
 
-def _refuse_models(pair: ModelOptions, seed: int) -> None:
+def _refuse_models(against: str | None, seed: int) -> None:
     """Refuse the options that choose models: a prediction is compared with a log, and no model is."""
-    given = {
-        "--against": pair.against is not None,
-        "--formulation": pair.formulation != "exact",
-        "--seed": seed != 0,
-    }
-    for option, is_given in given.items():
+    for option, is_given in {"--against": against is not None, "--seed": seed != 0}.items():
         if is_given:
             raise InputError(
                 f"{option} does not go with --prediction, which compares no models; leave it out."

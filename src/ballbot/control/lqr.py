@@ -264,21 +264,14 @@ def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64], N: NDArray[n
     lowest_R, highest_R = np.linalg.eigvalsh(R)[[0, -1]]
     if not lowest_R > _ROUNDING * highest_R:
         raise InputError(
-            f"R is not positive definite (an eigenvalue is {lowest_R:.3g}); every input needs a positive "
-            "weight."
+            f"R is not positive definite (an eigenvalue is {lowest_R:.3g}); every input needs a positive weight."
         )
-    lowest_Q, highest_Q = np.linalg.eigvalsh(Q)[[0, -1]]
-    if lowest_Q < -_ROUNDING * abs(highest_Q):
-        raise InputError(
-            f"Q is not positive semidefinite (an eigenvalue is {lowest_Q:.3g}); no eigenvalue may be "
-            "negative."
-        )
-    whole = np.linalg.eigvalsh(np.block([[Q, N], [N.T, R]]))
-    if whole[0] < -_ROUNDING * whole[-1]:
-        raise InputError(
-            "Q, R and N together are not positive semidefinite (an eigenvalue of [Q N; N' R] is "
-            f"{whole[0]:.3g}). Make N smaller."
-        )
+    for name, matrix in (("Q is", Q), ("Q, R and N together are", np.block([[Q, N], [N.T, R]]))):
+        lowest, highest = np.linalg.eigvalsh(matrix)[[0, -1]]
+        if lowest < -_ROUNDING * abs(highest):
+            raise InputError(
+                f"{name} not positive semidefinite (an eigenvalue is {lowest:.3g}); none may be negative."
+            )
 
 
 def _check_stabilisable(A: NDArray[np.float64], B: NDArray[np.float64]) -> None:

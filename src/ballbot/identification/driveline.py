@@ -43,7 +43,7 @@ NAMES = tuple(one.symbol for one in QUANTITIES)
 #: and more (root mean square) [rad]
 _STILL = np.radians(0.2)
 #: from this share of the limit, the speed counts as limited
-_LIMITED = 0.995
+LIMITED = 0.995
 _SHORTEST_PIECE = 0.5  # [s]
 #: an angle that moves by more between two rows than its speed gives wraps, or was reset [rad]
 _LARGEST_JUMP = 0.5
@@ -104,7 +104,7 @@ class Sweep:
 
     def pieces(self) -> list[tuple[int, int]]:
         """Return first row and row after the last of the pieces in which the speed is not limited."""
-        free = np.abs(self.speed) < _LIMITED * self.limit
+        free = np.abs(self.speed) < LIMITED * self.limit
         edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]])))
         shortest = _SHORTEST_PIECE / self.sample_time
         return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= shortest]
@@ -233,7 +233,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     """
     # a robot file has this law; a free wheel has no weight, and a sweep passes its ripple at every speed
     options = AxisOptions(
-        law="stribeck", known={"mass": sweep.inertia}, harmonics=(), spring=False, load_friction="none"
+        law="stribeck", known={"mass": sweep.inertia}, harmonics=(), spring=False, load_friction=False
     )
     found = identify_axis(sweep.record(), options=options, run=run)
     places = [list(found.best.values).index(one.name) for one in QUANTITIES]
@@ -290,52 +290,63 @@ def fit_drivelines(sweeps: Sequence[Sweep], *, run: Run = DEFAULT_RUN) -> list[D
     ]
 
 
-def robot_of_sweep(robot: Robot, fits: Sequence[DrivelineFit], *, log: str) -> Robot:
-    """Return the robot with the friction of its drivelines, its standard deviations and their correlations.
-
-    A robot file has one v_s: the mean over the wheels that determine it, with the standard deviation of a single
-    wheel's value, which combines the errors of the mean with the scatter of the wheels.
+def robot_with_friction(
+    robot: Robot, values: NDArray[np.float64], covariance: NDArray[np.float64], *, source: str
+) -> Robot:
+    """Return the robot with friction of its drivelines, its standard deviations and their correlations.
 
     Parameters
     ----------
     robot : Robot
-    fits : sequence of DrivelineFit
-        Of all wheels.
-    log : str
-        Name of the sweep's log, for the sources.
+    values : ndarray (3 n + 1,)
+        b, c and s of each wheel, and v_s, NaN if no wheel has s; SI units.
+    covariance : ndarray (3 n + 1, 3 n + 1)
+        NaN or zero of a number without standard error.
+    source : str
+        Where they are from.
     """
-    values = np.array([fit.values for fit in fits])
-    faded = np.array([np.isfinite(fit.standard_errors[3]) for fit in fits])
+    own, known = robot.friction, bool(np.isfinite(values[-1]))
 
-    def robot_of(parameters: NDArray[np.float64]) -> Robot:
-        # the last parameter is the scatter of v_s between wheels, which shifts the mean
-        b, c, s, v_s = parameters[:-1].reshape(-1, len(NAMES)).T
-        own = robot.friction
+    def robot_of(numbers: NDArray[np.float64]) -> Robot:
+        b, c, s = (tuple(row) for row in numbers[:-1].reshape(3, -1).tolist())
         found = Friction(
-            viscous=tuple(b.tolist()),
-            coulomb=tuple(c.tolist()),
-            stribeck=tuple(s.tolist()),
-            stribeck_speed=float(v_s[faded].mean() + parameters[-1]) if faded.any() else own.stribeck_speed,
-            stribeck_exponent=1.0 if faded.any() else own.stribeck_exponent,
+            viscous=b,
+            coulomb=c,
+            stribeck=s,
+            stribeck_speed=float(numbers[-1]) if known else own.stribeck_speed,
+            stribeck_exponent=1.0 if known else own.stribeck_exponent,
             rolling=own.rolling,
         )
         return robot.replace(friction=found)
 
-    size = len(NAMES)
-    C = np.zeros((values.size + 1, values.size + 1))
-    for number, fit in enumerate(fits):
-        part, errors = slice(size * number, size * (number + 1)), np.nan_to_num(fit.standard_errors)
-        C[part, part] = fit.correlation * np.outer(errors, errors)
-    C[-1, -1] = np.var(values[faded, 3], ddof=1) if faded.sum() > 1 else 0.0
-    numbers = np.append(values.ravel(), 0.0)
     names = [f"friction.{one.name}" for one in QUANTITIES]
-    moved = robot_of(numbers)
-    sources = dict.fromkeys(
-        [*names, "friction.stribeck_exponent"], f"identified: sweep of the free wheels, {log}"
-    )
-    return with_uncertainty(
-        moved.annotated(sources={**moved.sources, **sources}), robot_of, numbers, C, names=names
-    )
+    moved = robot_of(values)
+    sources = {**moved.sources, **dict.fromkeys([*names, "friction.stribeck_exponent"], source)}
+    return with_uncertainty(moved.annotated(sources=sources), robot_of, values, covariance, names=names)
+
+
+def robot_of_sweep(robot: Robot, fits: Sequence[DrivelineFit], *, log: str) -> Robot:
+    """Return the robot with the friction of all its wheels, as a sweep's log of that name gives it.
+
+    A robot file has one v_s: the mean over the wheels that determine it, with the standard deviation of a single
+    wheel's value, which combines the errors of the mean with the scatter of the wheels.
+    """
+    count = len(fits)
+    faded = np.array([np.isfinite(fit.standard_errors[3]) for fit in fits])
+    values, C = np.full(3 * count + 1, np.nan), np.zeros((3 * count + 1, 3 * count + 1))
+    for number, fit in enumerate(fits):
+        # the wheel's b, c, s and its share in v_s
+        T = np.zeros((3 * count + 1, 4))
+        T[[number, count + number, 2 * count + number], range(3)] = 1.0
+        T[-1, 3] = faded[number] / max(faded.sum(), 1)
+        errors = np.nan_to_num(fit.standard_errors)
+        C += T @ (fit.correlation * np.outer(errors, errors)) @ T.T
+        values[[number, count + number, 2 * count + number]] = fit.values[:3]
+    speeds = np.array([fit.values[3] for fit in fits])[faded]
+    if len(speeds):
+        values[-1] = speeds.mean()
+        C[-1, -1] += np.var(speeds, ddof=1) if len(speeds) > 1 else 0.0
+    return robot_with_friction(robot, values, C, source=f"identified: sweep of the free wheels, {log}")
 
 
 def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:

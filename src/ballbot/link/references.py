@@ -18,7 +18,6 @@ import os
 import select
 import sys
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,27 +32,10 @@ KEYBOARD = "keyboard"
 KEY_STEP, KEY_TURN = 0.05, math.radians(10.0)
 
 
-class LiveReference(Protocol):
-    """Gives the reference of a live run."""
-
-    def update(self, t: float) -> NDArray[np.float64]:
-        """Return the state (10,) asked for at a time since the start of the run [s], in the frame of the start."""
-        ...
-
-    @property
-    def ended(self) -> bool:
-        """Whether the driver has asked for the end of the run."""
-        ...
-
-    def close(self) -> None:
-        """Give back the terminal."""
-        ...
-
-
 class CourseReference:
     """A named course or a file, followed from the start of the run on."""
 
-    ended = False
+    ended = False  #: whether the driver has asked for the end of the run
 
     def __init__(self, course: Reference) -> None:
         self._course = course
@@ -158,6 +140,10 @@ def _keys_at_once(descriptor: int) -> Callable[[], None]:
     before = termios.tcgetattr(descriptor)
     tty.setcbreak(descriptor)
     return lambda: termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+#: gives the state (10,) asked for at a time since the start of a live run [s], in the frame of the start
+LiveReference = CourseReference | KeyboardReference
 
 
 def live_reference(source: str) -> LiveReference:

@@ -11,7 +11,7 @@ which refuse NaN with a message, so that it cannot spread unnoticed.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -187,10 +187,8 @@ class Log:
                 f"A log is indexed by the name of one column, such as log['x'], and not by a {type(name).__name__}; "
                 "log.select(slice(0, 10)) has the first ten rows, log.between(0, 2) the first two seconds."
             )
-        try:
-            return self.columns[name]
-        except KeyError:
-            raise InputError(_missing_sentence([name], self.names)) from None
+        self._need([name])
+        return self.columns[name]
 
     def __contains__(self, name: object) -> bool:
         """Return whether there is a column of that name."""
@@ -258,9 +256,7 @@ class Log:
         InputError
             If one is missing or has a NaN or an infinity; the message names the columns, or the first row.
         """
-        missing = [name for name in names if name not in self.columns]
-        if missing:
-            raise InputError(_missing_sentence(missing, self.names))
+        self._need(names)
         for name in names:
             bad = np.flatnonzero(~np.isfinite(self.columns[name]))
             if bad.size:
@@ -278,9 +274,7 @@ class Log:
         InputError
             If one is no column, or no row is left.
         """
-        missing = [name for name in names if name not in self.columns]
-        if missing:
-            raise InputError(_missing_sentence(missing, self.names))
+        self._need(names)
         known = np.isfinite(np.column_stack([self.columns[name] for name in ("t", *names)])).all(axis=1)
         if not known.any():
             raise InputError(f"No row of the log has a value in all of {', '.join(names)}.")
@@ -359,6 +353,16 @@ class Log:
     def plot(self) -> Figure:
         """Return a figure of the path, position, lean and torques over time, as far as the log has them."""
         return plotted(self)
+
+    def _need(self, names: Iterable[str]) -> None:
+        """Raise InputError if one of these is no column."""
+        missing = [name for name in names if name not in self.columns]
+        if missing:
+            plural = "columns" if len(missing) > 1 else "column"
+            columns = f"{plural} {', '.join(missing)}{similar_column(missing, self.names)}"
+            raise InputError(
+                f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."
+            )
 
     def _table(self, names: tuple[str, ...]) -> NDArray[np.float64]:
         self.require(*names)
@@ -474,9 +478,3 @@ def check_time(t: NDArray[np.float64]) -> None:
         raise InputError(
             f"The log spans {format_duration(span)}: {cause} At most {format_duration(LONGEST)} are read."
         )
-
-
-def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:
-    plural = "columns" if len(missing) > 1 else "column"
-    columns = f"{plural} {', '.join(missing)}{similar_column(missing, present)}"
-    return f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."

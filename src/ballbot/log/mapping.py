@@ -51,10 +51,6 @@ from ballbot.log.wrapping import continuous_clock, continuous_headings
 class TorqueInput:
     """The log has wheel torques."""
 
-    def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the torque at the motor, which is the logged one."""
-        return value
-
     def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return u [N m] = the value itself."""
         return value
@@ -67,10 +63,6 @@ class CurrentInput:
     torque_constant: PositiveFloat  #: k_t [N m/A]
     gear_ratio: PositiveFloat  #: n [-]
     efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  #: of the gear
-
-    def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the current at the motor, which is the logged one."""
-        return value
 
     def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return u [N m] = n k_t efficiency i."""
@@ -428,7 +420,9 @@ def _commands(
 ) -> Columns:
     columns: Columns = {}
     for i, source in enumerate(motors.sources, start=1):
-        acting = motors.drive.acting(_scaled(f"u{i}", source, table))
+        acting = _scaled(f"u{i}", source, table)
+        if isinstance(motors.drive, DutyInput):
+            acting = motors.drive.acting(acting)
         columns[f"u{i}"] = (
             _mean_acting(t, rows, acting, source.delay) if even else _acting_at(t, acting, source.delay)
         )

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.log.columns import STATE_NAMES, similar_column, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import STATE_NAMES, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_columns
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
@@ -58,7 +58,8 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     names = wheel_speed_names(robot.wheel_count)
-    log = log.complete(*_needed(log, robot))
+    heading = _HEADING if any(name in log for name in _HEADING) else ()
+    log = log.complete(*_LEAN, *heading, *names)
     if "psi" not in log:
         log = _with_heading(log, robot)
     theta, phi, theta_dot, phi_dot, psi, psi_dot = (log[name] for name in (*_LEAN, *_HEADING))
@@ -70,12 +71,6 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     return log.with_columns(
         {"x": integral_of(log.t, x_dot), "y": integral_of(log.t, y_dot), "x_dot": x_dot, "y_dot": y_dot}
     )
-
-
-def _needed(log: Log, robot: Robot) -> tuple[str, ...]:
-    """Return the columns that odometry needs of a log."""
-    heading = _HEADING if any(name in log for name in _HEADING) else ()
-    return (*_LEAN, *heading, *wheel_speed_names(robot.wheel_count))
 
 
 def _with_heading(log: Log, robot: Robot) -> Log:
@@ -109,15 +104,7 @@ def with_position(log: Log, robot: Robot) -> Log:
     InputError
         If it has neither x nor the columns that give it.
     """
-    if "x" in log:
-        return log
-    missing = [name for name in _needed(log, robot) if name not in log]
-    if missing:
-        near = similar_column(missing, log.names)
-        raise InputError(
-            f"The log has no x, and lacks {', '.join(missing)}{near}, from which x could be computed."
-        )
-    return with_odometry(log, robot)
+    return log if "x" in log else with_odometry(log, robot)
 
 
 def with_rates(log: Log, robot: Robot) -> Log:

@@ -17,22 +17,20 @@ from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
 from ballbot.report.loop import linear_section, loop_section
-from ballbot.report.palette import BLUE, GREEN, ORANGE, SHADE
+from ballbot.report.palette import BLUE, ORANGE, SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import STATE_UNITS, LineStyle, drawn_picture
 from ballbot.report.words import NO_FRICTION, state_mark
 from ballbot.robot import Friction
 from ballbot.rounding import percent
 from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.perturbed_robots import TAIL, PerturbationRanges
-from ballbot.workflows.robust_design import RobustDesign
+from ballbot.workflows.robust_design import TAIL, PerturbationRanges, RobustDesign
 
 _LINES: dict[str, LineStyle] = {
     "robust": {"color": BLUE, "linestyle": "-", "linewidth": 2.0},
     "nominal": {"color": ORANGE, "linestyle": "--", "linewidth": 1.4},
-    "plain": {"color": GREEN, "linestyle": "-.", "linewidth": 1.4},
 }
-_LABELS = {"robust": "weights found", "nominal": "nominal weights", "plain": "plain LQR, Q = I and R = I"}
+_LABELS = {"robust": "weights found", "nominal": "nominal weights"}
 
 
 def robust_figure(found: RobustDesign) -> Figure:
@@ -71,18 +69,16 @@ def search_comment(found: RobustDesign, command: str) -> str:
     return (
         f"# Found by: {command}\n"
         f"# {_weights(found)}\n"
-        f"# worst tenth of J on {found.fresh} fresh robots: {designs['robust']}; nominal gain {designs['nominal']}, "
-        f"plain LQR {designs['plain']}\n\n"
+        f"# worst tenth of J on {found.fresh} fresh robots: {designs['robust']}; nominal gain "
+        f"{designs['nominal']}\n\n"
     )
 
 
 def _perturbed_by(spread: PerturbationRanges) -> str:
-    """Return the sentence on the ranges or standard deviations of the perturbed mass, height and friction."""
+    """Return the sentence on the ranges of the perturbed mass, height and friction."""
     ranges = {"mass": spread.mass, "height": spread.height, "friction": spread.friction}
-    known = [name for name, share in ranges.items() if share is None]
-    ranged = [f"{name} within {100.0 * share:g} %" for name, share in ranges.items() if share is not None]
-    drawn = [f"{' and '.join(known)} by the standard deviations in the robot's file"] if known else []
-    return f"Perturbed robots: {'; '.join([*drawn, *ranged])}; --perturb changes a range."
+    words = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in ranges.items())
+    return f"Perturbed robots: {words}; --perturb changes a range."
 
 
 def _weights(found: RobustDesign) -> str:
@@ -213,7 +209,7 @@ def _capital(sentence: str) -> str:
 
 def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequence[Finding]) -> Report:
     """Return the page of a design by search."""
-    robust, nominal, plain = (found.compared[name] for name in ("robust", "nominal", "plain"))
+    robust, nominal = (found.compared[name] for name in ("robust", "nominal"))
     headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
     rows = [
         (
@@ -225,8 +221,7 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
     caption = (
         f"On {found.fresh} perturbed robots that the search did not use. The cost J of a robot is its error over the "
         "nominal gain's median plus its torques' roughness over the nominal gain's median, so that J is about 2 with "
-        "the nominal weights; a fall costs 10 to 20. The worst tenth is the mean of the largest tenth. “plain” is the "
-        "LQR with Q = I and R = I."
+        "the nominal weights; a fall costs 10 to 20. The worst tenth is the mean of the largest tenth."
     )
     figure = (
         "First the best worst tenth over the generations of the search, then the costs of each design on robots "
@@ -236,7 +231,7 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
     compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
     text = (
         f"On the worst tenth of {found.fresh} robots the cost is {robust.worst_tenth:.2f}, {compared} that of the "
-        f"nominal weights, {nominal.worst_tenth:.2f}; that of a plain LQR is {plain.worst_tenth:.2f}."
+        f"nominal weights, {nominal.worst_tenth:.2f}."
     )
     return Report(
         title=f"{found.controller.robot.name}: a robust controller",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.findings import Finding
+from ballbot.firmware.emulator import CYCLES
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
 from ballbot.report.blocks import Report, Sheet, section
@@ -35,17 +36,12 @@ def _load_rows(load: ProcessorLoad) -> list[list[str]]:
     rows = [
         ["instructions of an update, typical", f"{load.typical_instructions:,}"],
         ["instructions of an update, worst", f"{load.worst_instructions:,}"],
-        ["cycles, typical, at most", f"{load.typical_cycles:,}"],
         ["cycles, worst, at most", f"{load.worst_cycles:,}"],
     ]
-    if load.fix_instructions is not None and load.fix_cycles is not None:
-        rows += [
-            ["instructions, worst, with a fix of the pose", f"{load.fix_instructions:,}"],
-            ["cycles, worst, with a fix of the pose, at most", f"{load.fix_cycles:,}"],
-        ]
+    if load.fix_instructions is not None:
+        rows.append(["instructions, worst, with a fix of the pose", f"{load.fix_instructions:,}"])
     return [
         *rows,
-        [f"share of {period}, typical", f"{100 * load.typical_share:.1f} %"],
         [f"share of {period}, worst", f"{100 * load.worst_share:.1f} %"],
         ["highest rate", f"{load.highest_rate:,.0f} Hz"],
         ["flash: library, robot.c and numbers", f"{load.flash:,} bytes"],
@@ -65,9 +61,8 @@ def load_section(load: ProcessorLoad | None, *, to_install: str) -> str:
             "",
             f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
             f"({load.compiler}).",
-            "Instructions are exact. Cycles are an upper estimate: those of the processor's manual, and two wait",
-            "states for each 64 bits of code and each word of constants in flash. Interrupts and drivers come on top."
-            "",
+            f"Instructions are exact. Cycles are an upper estimate, {CYCLES:g} for each instruction in flash with two "
+            "wait states. Interrupts and drivers come on top.",
             "",
             "| quantity | value |",
             "|---|---:|",

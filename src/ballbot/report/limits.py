@@ -21,7 +21,7 @@ from ballbot.report.style import drawn_picture, label_of
 from ballbot.report.words import NO_FRICTION
 from ballbot.robot import Robot
 from ballbot.summary import counted
-from ballbot.workflows.limits import Bounds, Kind, RobotLimits, TwinLimit
+from ballbot.workflows.limits import Kind, LimitBounds, RobotLimits, TwinLimit
 from ballbot.workflows.recovery_region import Region
 
 #: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
@@ -121,7 +121,7 @@ def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
     axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
 
 
-def _degrees(bounds: Bounds) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _degrees(bounds: LimitBounds) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.degrees(bounds.lower), np.degrees(bounds.upper)
 
 

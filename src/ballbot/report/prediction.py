@@ -18,17 +18,19 @@ from ballbot.rounding import unit_heading
 from ballbot.workflows.controller_choice import CANDIDATES
 from ballbot.workflows.controller_prediction import (
     SHOWN,
+    ControllerVerdict,
     Prediction,
     PredictionInterval,
     QuantityResult,
-    Verdict,
 )
 
 #: factor on the compensated friction that is tried first
 _WEAKER = 0.8
 
 
-def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence[str]) -> dict[str, object]:
+def prediction_results(
+    verdict: ControllerVerdict, prediction: Prediction, steps: Sequence[str]
+) -> dict[str, object]:
     """Return what results.json holds of a verdict."""
     quantities = {one.name: to_results(one) | to_results(one.predicted) for one in verdict.quantities}
     own = {"next_steps": steps, "course": prediction.course, "controller": prediction.controller}
@@ -36,7 +38,7 @@ def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence
 
 
 def prediction_report(
-    verdict: Verdict,
+    verdict: ControllerVerdict,
     prediction: Prediction,
     *,
     title: str,
@@ -74,7 +76,7 @@ def prediction_report(
     )
 
 
-def verdict_parts(verdict: Verdict, steps: Sequence[str]) -> Iterator[RenderableType]:
+def verdict_parts(verdict: ControllerVerdict, steps: Sequence[str]) -> Iterator[RenderableType]:
     """Yield the verdict, the predicted and measured quantities, what differs, and the next steps."""
     yield Text(headline(verdict), style="bold")
     yield _quantities(verdict)
@@ -84,12 +86,12 @@ def verdict_parts(verdict: Verdict, steps: Sequence[str]) -> Iterator[Renderable
         yield Text(line)
 
 
-def headline(verdict: Verdict) -> str:
+def headline(verdict: ControllerVerdict) -> str:
     """Return the verdict in one line."""
     return f"{verdict.reason} {verdict.recommendation.capitalize()} this controller."
 
 
-def _quantities(verdict: Verdict) -> Sheet:
+def _quantities(verdict: ControllerVerdict) -> Sheet:
     """Return each quantity as measured and as predicted."""
     rows = [
         (
@@ -127,7 +129,7 @@ def predicted_rows(prediction: Prediction) -> list[tuple[str, ...]]:
 
 
 def next_steps(
-    verdict: Verdict, prediction: Prediction, *, results: Path, robot: Path, controller: Path
+    verdict: ControllerVerdict, prediction: Prediction, *, results: Path, robot: Path, controller: Path
 ) -> list[str]:
     """Return what to do, in sentences that name the study's files."""
     steps = []

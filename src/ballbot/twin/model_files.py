@@ -33,7 +33,7 @@ from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
 from ballbot.robot.parameters import Value, build, value_of
 from ballbot.twin.engine import Engine, foreign_model
-from ballbot.twin.mjcf import number_text, twin_mjcf
+from ballbot.twin.mjcf import add, twin_mjcf
 from ballbot.twin.scenario import Scenario
 
 #: bytes of a document
@@ -325,50 +325,44 @@ def robot_urdf(robot: Robot) -> str:
     root.append(ET.Comment(_ABOUT))
     names = ["world", *(model.body(k).name.replace(" ", "_") for k in range(1, model.nbody))]
     for name in names:
-        ET.SubElement(root, "link", name=name)
+        add(root, "link", name=name)
     links = dict(zip(names, root.iterfind("link"), strict=True))
     for k in range(1, model.nbody):
-        inertial = ET.SubElement(links[names[k]], "inertial")
+        inertial = add(links[names[k]], "inertial")
         _origin(inertial, model.body_ipos[k], Rotation.identity())
-        ET.SubElement(inertial, "mass", value=number_text(model.body_mass[k]))
+        add(inertial, "mass", value=float(model.body_mass[k]))
         R = _rotation(model.body_iquat[k]).as_matrix()
         inertia = R @ np.diag(model.body_inertia[k]) @ R.T
-        ET.SubElement(
-            inertial,
-            "inertia",
-            {f"i{a}{b}": number_text(float(inertia["xyz".index(a), "xyz".index(b)])) for a, b in _ELEMENTS},
-        )
+        elements = {f"i{a}{b}": float(inertia["xyz".index(a), "xyz".index(b)]) for a, b in _ELEMENTS}
+        add(inertial, "inertia", **elements)
         first = int(model.body_jntadr[k])
         kind = "floating" if model.jnt_type[first] == _FREE else "continuous"
-        joint = ET.SubElement(root, "joint", name=names[k], type=kind)
-        ET.SubElement(joint, "parent", link=names[model.body_parentid[k]])
-        ET.SubElement(joint, "child", link=names[k])
+        joint = add(root, "joint", name=names[k], type=kind)
+        add(joint, "parent", link=names[model.body_parentid[k]])
+        add(joint, "child", link=names[k])
         _origin(joint, model.body_pos[k], _rotation(model.body_quat[k]))
         if kind == "continuous":
-            ET.SubElement(joint, "axis", xyz=number_text(model.jnt_axis[first].tolist()))
+            add(joint, "axis", xyz=model.jnt_axis[first])
         if names[k].startswith("wheel"):
             fastest = drive.supply_voltage * drive.speed_constant / drive.gear_ratio
-            ET.SubElement(
-                joint, "limit", effort=number_text(drive.torque_limit), velocity=number_text(fastest)
-            )
+            add(joint, "limit", effort=drive.torque_limit, velocity=fastest)
             place = int(model.jnt_dofadr[first])
             damping, friction = float(model.dof_damping[place]), float(model.dof_frictionloss[place])
-            ET.SubElement(joint, "dynamics", damping=number_text(damping), friction=number_text(friction))
+            add(joint, "dynamics", damping=damping, friction=friction)
     for k in np.flatnonzero(model.geom_bodyid).tolist():
         touches = model.geom_contype[k] or model.geom_conaffinity[k]
         for use in ("visual", "collision")[: 2 if touches else 1]:
-            shape = ET.SubElement(links[names[model.geom_bodyid[k]]], use)
+            shape = add(links[names[model.geom_bodyid[k]]], use)
             kind, (radius, length, _) = model.geom_type[k], model.geom_size[k].tolist()
             turn = _rotation(model.geom_quat[k])
             if kind == _ELLIPSOID:  # of a roller; its own axis is y, a cylinder's is z
                 turn, length = turn * Rotation.from_euler("x", -0.5 * math.pi), half
             _origin(shape, model.geom_pos[k], turn)
-            geometry = ET.SubElement(shape, "geometry")
+            geometry = add(shape, "geometry")
             if kind == _SPHERE:
-                ET.SubElement(geometry, "sphere", radius=number_text(radius))
+                add(geometry, "sphere", radius=radius)
             else:
-                sizes = {"radius": number_text(radius), "length": number_text(2.0 * length)}
-                ET.SubElement(geometry, "cylinder", sizes)
+                add(geometry, "cylinder", radius=radius, length=2.0 * length)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -379,4 +373,4 @@ def _rotation(quaternion_wxyz: NDArray[np.float64]) -> Rotation:
 
 def _origin(element: ET.Element, place: NDArray[np.float64], turn: Rotation) -> None:
     angles = turn.as_euler("xyz")
-    ET.SubElement(element, "origin", xyz=number_text(place.tolist()), rpy=number_text(angles.tolist()))
+    add(element, "origin", xyz=place, rpy=angles)

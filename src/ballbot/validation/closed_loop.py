@@ -39,6 +39,8 @@ _CLIPPED = 0.999
 LEAST_R_SQUARED = 0.98
 #: least share that a controller given must explain: its limits and quantised torques are its own, so less is asked
 LEAST_EXPLAINED = 0.9
+#: about the length of a run [s]: the longest stretch is divided into equal runs
+_RESTART = 4.0
 #: a controller may be late by up to so many samples
 _LARGEST_DELAY = 4
 _HORIZONTAL_PAIRS = ((0, 1), (2, 3), (5, 6), (7, 8))
@@ -181,7 +183,6 @@ def closed_loop(
     *,
     covariance: NDArray[np.float64],
     delay: int = 0,
-    restart_every: float = 4.0,
     floor: NDArray[np.float64] | None = None,
     seed: int = 0,
 ) -> ClosedLoop:
@@ -200,8 +201,6 @@ def closed_loop(
         Of a measured state's noise.
     delay : int
         Samples by which the controller's torques come late.
-    restart_every : float
-        About the length of a run [s]: the longest stretch is divided into equal runs.
     floor : array (10,), optional
         Errors that the resolution of the log explains; what rounding makes of the start, feedback makes smaller.
     seed : int
@@ -220,7 +219,7 @@ def closed_loop(
         )
     longest = max(len(part) for part in parts) - 1
     # a whole number of runs to the longest stretch, so that none of it is lost for want of a sample
-    samples = longest // max(1, round(longest * log.sample_time / restart_every))
+    samples = longest // max(1, round(longest * log.sample_time / _RESTART))
     starts = window_starts(parts, samples=samples, every=samples)
     restarted = _run_models(models, log, starts, samples, controller, delay)
     measured = log.states[rows_after(starts, samples)]

@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +30,7 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Friction, Robot
-
-#: the two formulations, as sentences call them
-_FORMULATIONS = {"exact": "in the exact formulation", "thesis": "in the thesis's formulation"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,26 +95,22 @@ class ModelPair:
 
     @staticmethod
     def by_formulation(model: Model) -> ModelPair:
-        """Return a model beside the same robot in the other formulation."""
-        other = replace(model, formulation="thesis" if model.formulation == "exact" else "exact")
-        first, second = (NamedModel(name=_FORMULATIONS[one.formulation], model=one) for one in (model, other))
-        return ModelPair(first=first, second=second)
-
-    @staticmethod
-    def of_two(first: Model, second: Model, *, files: tuple[str, str] | None = None) -> ModelPair:
-        """Return two models called by their robots' names, or by the files they came from where these are given."""
-        names = files or (first.robot.name, second.robot.name)
-        if names[0] == names[1]:
-            names = tuple(
-                f"{name} ({one.formulation})" for name, one in zip(names, (first, second), strict=True)
-            )
+        """Return an exact model beside the same robot with the thesis's equations."""
         return ModelPair(
-            first=NamedModel(name=f"of {names[0]}", model=first),
-            second=NamedModel(name=f"of {names[1]}", model=second),
+            first=NamedModel(name="in the exact formulation", model=model),
+            second=NamedModel(name="in the thesis's formulation", model=replace(model, formulation="thesis")),
         )
 
     @staticmethod
-    def load(robot: str, *, against: str | None = None, formulation: Formulation = "exact") -> ModelPair:
+    def of_two(first: Model, second: Model, *, files: tuple[str, str]) -> ModelPair:
+        """Return two models called by the files or presets they came from."""
+        return ModelPair(
+            first=NamedModel(name=f"of {files[0]}", model=first),
+            second=NamedModel(name=f"of {files[1]}", model=second),
+        )
+
+    @staticmethod
+    def load(robot: str, *, against: str | None = None) -> ModelPair:
         """Return the model of a preset or robot file and the one that it is compared with.
 
         Parameters
@@ -127,32 +118,23 @@ class ModelPair:
         robot : str
             A preset's name or a robot file.
         against : str, optional
-            A preset's name or a robot file; a formulation, for the same robot in that formulation; if not given, the
-            same robot without friction.
-        formulation : {"exact", "thesis"}
-            Of the equations of motion.
+            A preset's name or a robot file; "thesis", for the same robot with the thesis's equations; if not given,
+            the same robot without friction.
 
         Raises
         ------
         InputError
             If a file is not valid or both models are the same.
         """
-        model = Model(Robot.load(robot), formulation=formulation)
+        model = Model(Robot.load(robot))
         if against is None:
             return ModelPair.by_friction(model)
-        if against in get_args(Formulation):
-            if against == formulation:
-                raise InputError(
-                    f"--against {against} compares the {formulation} formulation with "
-                    "itself. Choose the other one with --formulation or --against."
-                )
+        if against == "thesis":
             return ModelPair.by_formulation(model)
         if against not in Robot.presets() and not Path(against).exists():
-            choices = [*get_args(Formulation), *Robot.presets()]
-            hint = suggest(against, choices, otherwise="there are")
-            raise InputError(f"--against {against} is no formulation, preset or robot file; {hint}")
-        other = Model(Robot.load(against), formulation=formulation)
-        return ModelPair.of_two(model, other, files=(robot, against))
+            hint = suggest(against, ["thesis", *Robot.presets()], otherwise="there are")
+            raise InputError(f"--against {against} is no preset or robot file, and not thesis; {hint}")
+        return ModelPair.of_two(model, Model(Robot.load(against)), files=(robot, against))
 
     @property
     def names(self) -> tuple[str, str]:

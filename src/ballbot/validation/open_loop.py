@@ -29,6 +29,11 @@ from ballbot.validation.models import (
 )
 from ballbot.validation.resolution import rounding_floor
 
+#: longest run [s]; where no stretch is that long, the longest that fits
+_LONGEST = 2.0
+#: between starts [s]: the lean ends most runs within a second, so that they seldom overlap
+_SPACING = 1.0
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenLoop:
@@ -48,11 +53,9 @@ def open_loop(
     parts: Sequence[range],
     *,
     start_covariance: NDArray[np.float64],
-    longest: float = 2.0,
-    spacing: float = 1.0,
     seed: int = 0,
 ) -> OpenLoop:
-    """Compare both models with the log in open loop, from starts `spacing` apart.
+    """Compare both models with the log in open loop, from starts a second apart.
 
     Parameters
     ----------
@@ -62,10 +65,6 @@ def open_loop(
         Rows that count, from `ballbot.validation.models.stretches`.
     start_covariance : array (10, 10)
         Covariance of a measured state's noise, for `OpenLoop.noise_floor`.
-    longest : float
-        Longest run [s]; where no stretch is that long, the longest that fits.
-    spacing : float
-        Between starts [s]. The lean ends most runs within a second, so that they seldom overlap.
     seed : int
         Of the noise drawn for the noise floor.
 
@@ -74,8 +73,8 @@ def open_loop(
     InputError
         If no run of ten samples fits.
     """
-    samples = min(round(longest / log.sample_time), max(len(part) for part in parts) - 1)
-    every = max(1, round(spacing / log.sample_time))
+    samples = min(round(_LONGEST / log.sample_time), max(len(part) for part in parts) - 1)
+    every = max(1, round(_SPACING / log.sample_time))
     starts = window_starts(parts, samples=samples, every=every)
     limit = min(recoverable_lean(model) for model in models.both)
     starts = starts[_largest_lean(log.states[starts]) < limit]

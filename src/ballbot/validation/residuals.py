@@ -166,10 +166,6 @@ _EXPECTED = {
     frozenset({"e_x", "e_x_dot"}): _INTEGRAL,
     frozenset({"e_y", "e_y_dot"}): _INTEGRAL,
 }
-#: what the thesis's section 4.2 names besides what kinematics couples (its mistake 13)
-_THESIS_ONLY = ("e_y_dot", "e_phi_dot")
-_KINEMATIC = (("e_x_dot", "e_phi_dot"), ("e_y_dot", "e_theta_dot"))
-
 _COLOURS: dict[Colour, str] = {
     "white": "white",
     "nearly white": "not white by the test, but their past predicts less than 2 % of them",
@@ -183,26 +179,11 @@ def residual_findings(analysis: ResidualAnalysis) -> list[Finding]:
     """Return the findings from a model's one-step residuals, a sentence or two for each question."""
     sentences = [
         *_pair_findings(analysis.correlations),
-        named_pairs(analysis.correlations),
         _whiteness_finding(analysis.whiteness),
         _peak_finding(analysis.spectrum),
         _speed_finding(analysis),
     ]
     return [note("residuals", sentence) for sentence in sentences]
-
-
-def named_pairs(found: Correlations) -> str:
-    """Return the pairs that the thesis names beside those that kinematics couples."""
-
-    def described(pair: tuple[str, str]) -> str:
-        r, significant = found.between(*pair)
-        return f"{pair[0]} with {pair[1]} {r:+.2f}{'' if significant else ' (not significant)'}"
-
-    kinematic = " and ".join(described(pair) for pair in _KINEMATIC)
-    return (
-        f"The pairs that rolling couples, with opposite signs: {kinematic}. The thesis "
-        f"names the first, but in place of the second {described(_THESIS_ONLY)}."
-    )
 
 
 def _pair_findings(found: Correlations) -> list[str]:

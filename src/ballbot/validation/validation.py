@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.presets import ControllerLike, as_controller
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, warning
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import STATE_NAMES, Log, LogsLike
@@ -21,7 +20,6 @@ from ballbot.log.checks.kinematics import check_disturbance
 from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import logs_among
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress, in_stage
 from ballbot.robot import RobotLike, as_robot
 from ballbot.validation.closed_loop import (
@@ -52,10 +50,6 @@ def validate(
     *,
     accept: Collection[str] = (),
     controller: ControllerLike | None = None,
-    holdout: Sequence[Interval] | Mapping[str, Sequence[Interval]] | None = None,
-    formulation: Formulation = "exact",
-    restart_every: float = 4.0,
-    longest: float = 2.0,
     run: Run = DEFAULT_RUN,
 ) -> Validation:
     """Validate a robot's model, with its friction and without, against logs in three ways; see `validate_pair`.
@@ -69,12 +63,6 @@ def validate(
     accept : collection of str
         Codes of errors found in the log to go on in spite of; see `ballbot.findings.CODES`.
     controller : Feedback, "nominal", "precise" or controller file, optional
-    holdout : sequence of (start, end), or mapping of str to such sequences, optional
-        With several logs a mapping by their names.
-    formulation : {"exact", "thesis"}
-        Of the model.
-    restart_every : float
-    longest : float
     run : Run, optional
         As for `validate_pair`.
 
@@ -85,18 +73,10 @@ def validate(
         `validate_pair` does.
     """
     robot = as_robot(robot)
-    models = ModelPair.by_friction(Model(robot, formulation=formulation))
+    models = ModelPair.by_friction(Model(robot))
     driver = None if controller is None else as_controller(controller, robot)
     checked = checked_logs(robot, logs, accept=accept)
-    parts = validate_logs(
-        models,
-        checked.logs,
-        controller=driver,
-        holdout=_by_log(holdout, list(checked.logs)),
-        restart_every=restart_every,
-        longest=longest,
-        run=run,
-    )
+    parts = validate_logs(models, checked.logs, controller=driver, run=run)
     found = (*fitted_findings(models, checked.logs), *checked.findings)
     return replace(join_validations(list(parts.values())), log_findings=found)
 
@@ -114,34 +94,12 @@ def fitted_findings(models: ModelPair, logs: Mapping[str, Log]) -> tuple[Finding
     )
 
 
-def _by_log(
-    holdout: Sequence[Interval] | Mapping[str, Sequence[Interval]] | None, names: Sequence[str]
-) -> Mapping[str, Sequence[Interval]]:
-    """Return the held-out intervals by the logs' names."""
-    if holdout is None:
-        return {}
-    if not isinstance(holdout, Mapping):
-        if len(names) > 1:
-            raise InputError(
-                "holdout has the times of one log, but there are several; give a dict by the logs' names: "
-                f"{', '.join(names)}."
-            )
-        return dict.fromkeys(names, holdout)
-    for name in holdout:
-        if name not in names:
-            hint = suggest(name, names, otherwise="the logs are")
-            raise InputError(f"holdout names the log {name!r}, which is not given; {hint}")
-    return holdout
-
-
 def validate_pair(
     models: ModelPair,
     log: Log,
     *,
     controller: Feedback | None = None,
     holdout: Sequence[Interval] | None = None,
-    restart_every: float = 4.0,
-    longest: float = 2.0,
     run: Run = DEFAULT_RUN,
 ) -> Validation:
     """Validate any two models against a log in three ways: closed loop, open loop and prediction.
@@ -159,10 +117,6 @@ def validate_pair(
         where that fails there is no closed-loop validation.
     holdout : sequence of (start, end), optional
         Times [s] of the log that the models were not fitted to; only these count. Without it, the whole log does.
-    restart_every : float
-        Time from restart to restart in closed loop [s].
-    longest : float
-        Longest open-loop run [s].
     run : Run, optional
         Its seed is that of the noise drawn for the noise floors and for the runs over whole logs; its progress is
         reported before each stage.
@@ -172,9 +126,6 @@ def validate_pair(
     InputError
         If the log lacks a column, is not of this robot, or was recorded by another controller than the one given.
     """
-    for name, value in (("restart_every", restart_every), ("longest", longest)):
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} is {value:g} s; it must be a positive time in seconds.")
     references = [name for name in ("ref_x", "ref_y", "ref_psi") if name in log]
     log = log.complete(*STATE_NAMES, *torque_names(models.first.model.robot.wheel_count), *references)
     check_wheels(models.first.model, log)
@@ -191,14 +142,10 @@ def validate_pair(
     recovered, closed, refusal = (
         (None, None, refused)
         if refused
-        else _closed_loop(models, log, parts, controller, restart_every, covariance, horizon, run.seed)
+        else _closed_loop(models, log, parts, controller, covariance, horizon, run.seed)
     )
     _report(run, 3)
-    opened = (
-        None
-        if refused
-        else open_loop(models, log, parts, start_covariance=covariance, longest=longest, seed=run.seed)
-    )
+    opened = None if refused else open_loop(models, log, parts, start_covariance=covariance, seed=run.seed)
     _report(run, 4)
     validation = Validation(
         models=models,
@@ -230,20 +177,15 @@ def validate_logs(
     logs: Mapping[str, Log],
     *,
     controller: Feedback | None = None,
-    holdout: Mapping[str, Sequence[Interval]] = MappingProxyType({}),
-    restart_every: float = 4.0,
-    longest: float = 2.0,
     run: Run = DEFAULT_RUN,
 ) -> dict[str, Validation]:
     """Return the validation on each log, by the logs' names; an error names its log.
 
     Parameters
     ----------
-    models, controller, restart_every, longest, run
+    models, controller, run
         As for `validate_pair`.
     logs : mapping of str to Log
-    holdout : mapping of str to sequence of (start, end)
-        By the logs' names; a log that is not in it counts as a whole.
 
     Raises
     ------
@@ -255,15 +197,7 @@ def validate_logs(
     for name, log in logs.items():
         of_log = in_stage(run.progress, f"validating {name}") if name else run.progress
         try:
-            part = validate_pair(
-                models,
-                log,
-                controller=controller,
-                holdout=holdout.get(name),
-                restart_every=restart_every,
-                longest=longest,
-                run=replace(run, progress=of_log),
-            )
+            part = validate_pair(models, log, controller=controller, run=replace(run, progress=of_log))
             named = several and part.no_evidence
             parts[name] = replace(part, no_evidence=f"{name}: {part.no_evidence}") if named else part
         except InputError as error:
@@ -310,7 +244,6 @@ def _closed_loop(
     log: Log,
     parts: Sequence[range],
     controller: Feedback | None,
-    restart_every: float,
     covariance: NDArray[np.float64],
     horizon: HorizonComparison,
     seed: int,
@@ -338,7 +271,6 @@ def _closed_loop(
         controller,
         covariance=covariance,
         delay=delay,
-        restart_every=restart_every,
         floor=floor,
         seed=seed,
     )

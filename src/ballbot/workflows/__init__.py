@@ -6,6 +6,6 @@ alternation.py            two controllers in turn on one robot, A B A B, the dri
 comparison.py, league.py  controllers against each other on the same courses with the same seeds
 excite.py                 an informative excitation for identification
 limits.py                 the largest tilts and impulses that a robot recovers from; what a reference demands
-robust_design.py          LQR weights for a robot whose parameters are uncertain
+robust_design.py          LQR weights for robots that differ from the one described
 record.py                 runs of the twin, into folders
 """

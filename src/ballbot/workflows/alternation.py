@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.summary import counted
-from ballbot.workflows.controller_prediction import CONFIDENCE, Recommendation, Verdict
+from ballbot.workflows.controller_prediction import CONFIDENCE, ControllerVerdict, Recommendation
 from ballbot.workflows.metrics import QUANTITIES, Performance
 
 #: fewest runs: gain, drift and offset are estimated, and one run is left for the scatter
@@ -35,7 +35,7 @@ _WORST_FIRST: tuple[Recommendation, ...] = ("revert", "weaken", "keep")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gain:
+class PairedGain:
     """The factor by which the new controller changes a quantity, the drift removed."""
 
     factor: float
@@ -59,8 +59,8 @@ class Alternation:
     """The result of runs in turn."""
 
     performances: tuple[Performance, ...]  #: of every run, in order; the old controller's first
-    gains: Mapping[str, Gain]  #: by quantity; without those that a run did not show
-    verdicts: tuple[Verdict, ...]  #: of the new controller's runs
+    gains: Mapping[str, PairedGain]  #: by quantity; without those that a run did not show
+    verdicts: tuple[ControllerVerdict, ...]  #: of the new controller's runs
 
     @property
     def recommendation(self) -> Recommendation:
@@ -69,14 +69,14 @@ class Alternation:
         return next(one for one in _WORST_FIRST if one in given)
 
 
-def alternate(performances: Sequence[Performance], verdicts: Sequence[Verdict]) -> Alternation:
+def alternate(performances: Sequence[Performance], verdicts: Sequence[ControllerVerdict]) -> Alternation:
     """Compare two controllers by runs in turn.
 
     Parameters
     ----------
     performances : sequence of Performance
         Of all runs in order, A B A B and so on.
-    verdicts : sequence of Verdict
+    verdicts : sequence of ControllerVerdict
         Of the runs of B.
 
     Raises
@@ -98,7 +98,7 @@ def alternate(performances: Sequence[Performance], verdicts: Sequence[Verdict]) 
     return Alternation(performances=tuple(performances), gains=gains, verdicts=tuple(verdicts))
 
 
-def paired_gain(values: NDArray[np.float64]) -> Gain:
+def paired_gain(values: NDArray[np.float64]) -> PairedGain:
     """Return the factor between two controllers whose runs alternate.
 
     Parameters
@@ -116,7 +116,7 @@ def paired_gain(values: NDArray[np.float64]) -> Gain:
     freedom = count - X.shape[1]
     variance = float(left @ left) / freedom * float(np.linalg.inv(X.T @ X)[2, 2])
     half = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * float(np.sqrt(variance))
-    return Gain(
+    return PairedGain(
         factor=float(np.exp(gain)),
         low=float(np.exp(gain - half)),
         high=float(np.exp(gain + half)),

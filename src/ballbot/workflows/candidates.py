@@ -26,6 +26,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from modulefinder import ModuleFinder
@@ -131,9 +132,7 @@ class UserController:
             return call()
         except InputError:
             raise
-        except BaseException as error:  # sys.exit ends nothing but this call
-            if isinstance(error, KeyboardInterrupt):
-                raise
+        except (Exception, SystemExit) as error:  # sys.exit ends nothing but this call
             raise InputError(
                 f"{self._place} failed {moment}: {_error_text(error, Path(self._path))}."
             ) from error
@@ -173,10 +172,8 @@ def _attribute(path: str, name: str) -> Callable[[Robot], object]:
             sys.path.append(folder)
         try:
             spec.loader.exec_module(module)
-        except BaseException as error:
+        except (Exception, SystemExit) as error:
             del sys.modules[module_name]
-            if isinstance(error, KeyboardInterrupt):
-                raise
             raise InputError(f"{path} cannot be run: {_error_text(error, file)}.") from error
     _check_names(path)
     make = getattr(sys.modules[module_name], name, None)
@@ -210,23 +207,15 @@ def _check_names(path: str) -> None:
 
 def _error_text(error: BaseException, file: Path) -> str:
     """Return an error in words, with the last line of the user's file that it passed through."""
-    line, step = None, error.__traceback__
-    while step is not None:
-        if Path(step.tb_frame.f_code.co_filename).resolve() == file.resolve():
-            line = step.tb_lineno
-        step = step.tb_next
-    words = " ".join(f"{type(error).__name__}: {_text(error)}".split()).rstrip(".:")
+    lines = [
+        one.lineno
+        for one in traceback.extract_tb(error.__traceback__)
+        if Path(one.filename).resolve() == file.resolve()
+    ]
+    words = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".:")
     if isinstance(error, SystemExit):
-        words = f"it called sys.exit({_text(error)}), and a controller must not end the program"
-    return f"{words} (line {line})" if line else words
-
-
-def _text(error: BaseException) -> str:
-    """Return an error's text; converting it to text may itself fail."""
-    try:
-        return str(error)
-    except Exception:
-        return "?"
+        words = f"it called sys.exit({error}), and a controller must not end the program"
+    return f"{words} (line {lines[-1]})" if lines else words
 
 
 #: controllers that are not files

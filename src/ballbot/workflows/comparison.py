@@ -174,7 +174,7 @@ class LoopRobot:
     """A robot as the compiled loop runs it."""
 
     model: Model  #: the true one
-    imperfections: Imperfections | None = None  #: None if controllers see the true state
+    imperfections: Imperfections
 
     @staticmethod
     def of(robot: Robot, scenario: Scenario, *, known: Robot) -> LoopRobot:
@@ -184,10 +184,8 @@ class LoopRobot:
             imperfections=imperfections_of(scenario, known=known),
         )
 
-    def __call__(self, estimator: EstimatorName) -> Plant | Model:
+    def __call__(self, estimator: EstimatorName) -> Plant:
         """Return the plant that is the same, one period at a time."""
-        if self.imperfections is None:
-            return self.model
         return SensedPlant(self.model, self.imperfections, estimator=estimator)
 
 
@@ -351,10 +349,9 @@ def _loop_blocks(runs: Sequence[ComparedRun]) -> list[list[int]]:
     for place, one in enumerate(runs):
         if isinstance(one.plant, LoopRobot) and isinstance(one.controller, Controller):
             model, borne = one.plant.model, one.plant.imperfections
-            if borne is None or (borne.fix is None and _sampled_alike(borne, one.controller)):
+            if borne.fix is None and _sampled_alike(borne, one.controller):
                 key = (one.course, one.duration, one.controller.sample_time, one.controller.estimator)
-                key += (model.formulation, model.step, model.pivots, borne is None)
-                key += (borne is not None and borne.backlash > 0.0,)
+                key += (model.formulation, model.step, model.pivots, borne.backlash > 0.0)
                 alike.setdefault(key, []).append(place)
     return [places[k : k + LANES] for places in alike.values() for k in range(0, len(places), LANES)]
 
@@ -374,11 +371,8 @@ def _run_block(runs: Sequence[ComparedRun]) -> list[RunResult]:
         duration=runs[0].duration,
         initial_states=np.array([initial_state_of(one.seed) for one in runs]),
         imperfections=[
-            replace(robot.imperfections, seed=one.seed)
-            for robot, one in zip(robots, runs, strict=True)
-            if robot.imperfections
-        ]
-        or None,
+            replace(robot.imperfections, seed=one.seed) for robot, one in zip(robots, runs, strict=True)
+        ],
         threads=1,
     )
     return [one.result_of(batch.log(lane)) for lane, one in enumerate(runs)]

@@ -1,12 +1,9 @@
 """Which controller a study recommends: candidates on the same perturbed robots, and what each part of the best gains.
 
-The true robot is never the identified one. So the friction, and what else was identified, is drawn from the normal
-distribution of its estimates, clipped to the physical range:
-
-    p ~ N(p_hat, D C D)        D standard errors, C their correlation; a parameter without an error stays
-
-and the robot has the delay, play, noise, sensors and floor of a scenario, on the compiled loop. Estimator and
-controller have the robot as identified. Every candidate runs the same course on every robot with the same seeds.
+The true robot is never the identified one. So its numbers are drawn from their standard deviations and correlations
+(`ballbot.robot.variations`), those that were identified and those that the robot file states, and the robot has the
+delay, play, noise, sensors and floor of a scenario, on the compiled loop. Estimator and controller have the robot as
+identified. Every candidate runs the same course on every robot with the same seeds.
 
 - A candidate that falls on any robot is excluded.
 - Of the others, the one with the smallest median peak error is the best. Those whose 95 % interval of the median
@@ -36,10 +33,9 @@ from ballbot.control.presets import design_gain, design_integral_gain, precise_c
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Identification
-from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.result import estimated_robot
 from ballbot.log import Log
 from ballbot.robot import Robot
+from ballbot.robot.variations import draw_robots
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import (
@@ -73,7 +69,7 @@ class PlantDraw:
 
 
 def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: int) -> tuple[PlantDraw, ...]:
-    """Draw robots from what an identification leaves uncertain.
+    """Draw robots from what an identification, and the robot's file, leave uncertain.
 
     Parameters
     ----------
@@ -88,41 +84,14 @@ def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: 
     Raises
     ------
     InputError
-        If `count` is below 1.
+        If `count` is below 1, or the standard deviations are too large for a robot.
     """
     if count < 1:
         raise InputError(f"The number of draws is {count}; it must be 1 or more, such as 100.")
-    drawn = _parameters(found, count, np.random.default_rng([seed, 14]))
     return tuple(
-        PlantDraw(robot=_with_parameters(found, values), known=found.robot, scenario=scenario, seed=seed + k)
-        for k, values in enumerate(drawn)
+        PlantDraw(robot=robot, known=found.robot, scenario=scenario, seed=seed + k)
+        for k, robot in enumerate(draw_robots(found.robot, count, seed=seed))
     )
-
-
-def _parameters(
-    found: Identification, count: int, random: np.random.Generator
-) -> Sequence[NDArray[np.float64]]:
-    """Return parameter vectors (p,) drawn about the identified robot's, each within its quantity's bounds."""
-    mean = found.layout.nominal(found.robot)
-    if found.robot.friction.coulomb_asymmetry:  # estimated as a torque offset against it
-        offsets = np.array(
-            [name == "torque_offset" for name in found.layout.names for _ in _numbers_of(found, name)]
-        )
-        mean[offsets] = np.negative(found.robot.friction.coulomb_asymmetry)
-    bounds = np.concatenate([BY_NAME[name].default_bounds(found.robot) for name in found.layout.names])
-    drawn = random.multivariate_normal(mean, found.assumed_covariance, size=count, method="eigh")
-    # a value identified beyond the default bounds, by bounds of the user's own, stays where it is
-    lower, upper = np.minimum(bounds[:, 0], mean), np.maximum(bounds[:, 1], mean)
-    return list(np.clip(drawn, lower, upper))
-
-
-def _numbers_of(found: Identification, name: str) -> tuple[str, ...]:
-    return BY_NAME[name].labels(found.layout.wheel_count)
-
-
-def _with_parameters(found: Identification, values: NDArray[np.float64]) -> Robot:
-    asymmetric = bool(found.robot.friction.coulomb_asymmetry)
-    return estimated_robot(found.robot, found.layout, values, asymmetric=asymmetric)
 
 
 #: how each candidate is made; the first is what the others are compared with

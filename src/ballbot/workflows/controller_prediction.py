@@ -73,7 +73,7 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ShownQuantity:
     """A number of `Performance` as sentences and tables show it."""
 
     words: str
@@ -87,13 +87,13 @@ class Quantity:
         return f"{self.scale * value:.{self.decimals}f}" if np.isfinite(value) else "–"
 
 
-SHOWN: Mapping[str, Quantity] = MappingProxyType(
+SHOWN: Mapping[str, ShownQuantity] = MappingProxyType(
     {
-        "peak_error": Quantity("peak error", 1e3, "mm", 1),
-        "rms_error": Quantity("RMS error", 1e3, "mm", 1),
-        "roughness": Quantity("torque roughness", 1.0, "N m", 3),
-        "lean": Quantity("lean", 1.0, "rad", 3),
-        "torque_margin": Quantity("torque margin", 1e2, "%", 0, better="above"),
+        "peak_error": ShownQuantity("peak error", 1e3, "mm", 1),
+        "rms_error": ShownQuantity("RMS error", 1e3, "mm", 1),
+        "roughness": ShownQuantity("torque roughness", 1.0, "N m", 3),
+        "lean": ShownQuantity("lean", 1.0, "rad", 3),
+        "torque_margin": ShownQuantity("torque margin", 1e2, "%", 0, better="above"),
     }
 )
 
@@ -323,7 +323,7 @@ class QuantityResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
+class ControllerVerdict:
     """The verdict of one log on a controller."""
 
     recommendation: Recommendation
@@ -347,7 +347,7 @@ class Verdict:
 
 def evaluate_log(
     prediction: Prediction, log: Log, controller: Controller, *, log_findings: Sequence[Finding] = ()
-) -> Verdict:
+) -> ControllerVerdict:
     """Return the verdict of a log that was made with a study's controller.
 
     Parameters
@@ -383,7 +383,7 @@ def evaluate_log(
         for name, value in zip(QUANTITIES, seen.to_array(), strict=True)
     )
     recommendation, reason = _recommended(prediction, quantities, ended)
-    return Verdict(
+    return ControllerVerdict(
         recommendation=recommendation,
         reason=reason,
         quantities=quantities,

@@ -7,7 +7,7 @@ outermost. The standings are means over the seeds, and every controller against 
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ballbot.control.interface import Feedback
 from ballbot.control.references import is_reference_file
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.sweep import Processes, RunFolder, Workers, identity
+from ballbot.fitting.sweep import ALL_CORES, RunFolder, Workers, identity
 from ballbot.log import Log
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -112,7 +112,7 @@ def run_league(
     seeds: Sequence[int],
     processes: int | None = None,
     kept: RunFolder[RunResult, RunResult] | None = None,
-    workers: Workers | None = None,
+    workers: Workers = ALL_CORES,
     run: Run = DEFAULT_RUN,
 ) -> League:
     """Run every controller on every course with every seed.
@@ -127,13 +127,14 @@ def run_league(
         By name; every run gets a copy, and on the twin the on-board state that it is made for. They are pickled if
         there is more than one process.
     courses : sequence of Course
+        All on the loop, or all on the twin.
     seeds : sequence of int
     processes : int, optional
         One for each core where not given; with one, all is done in this process.
     kept : RunFolder, optional
         Where each finished run on the twin is kept, which takes seconds, as `kept_runs` returns it.
     workers : Workers, optional
-        Who make these runs; by default so many processes.
+        Who make the kept runs.
     run : Run, optional
         Its seed is not used.
 
@@ -161,11 +162,14 @@ def run_league(
         for course in courses
         for name, controller in controllers.items()
     ]
-    if kept is None:
-        found = run_comparison(runs, processes=processes, run=run)
+    if kept is not None and courses and courses[0].on == "twin":
+        named = {f"{place:06d}": one for place, one in enumerate(runs)}
+        made, _ = kept.complete(
+            ComparedRun.result, named, workers=workers, stage="comparing controllers", progress=run.progress
+        )
+        found = Comparison(runs=tuple(runs), results=tuple(made[name] for name in named))
     else:
-        on_twin = {one.name for one in courses if one.on == "twin"}
-        found = _complete(runs, on_twin, kept, workers or Processes(count=processes), processes, run)
+        found = run_comparison(runs, processes=processes, run=run)
     return League(
         robot=robot.name,
         courses=tuple(courses),
@@ -179,27 +183,6 @@ def run_league(
 def kept_runs(folder: Path, made_from: Mapping[str, str]) -> RunFolder[RunResult, RunResult]:
     """Return the folder in which finished runs are kept until the league is whole; see `league_identity`."""
     return RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result, temporary=True)
-
-
-def _complete(
-    runs: Sequence[ComparedRun],
-    on_twin: Collection[str],
-    kept: RunFolder[RunResult, RunResult],
-    workers: Workers,
-    processes: int | None,
-    run: Run,
-) -> Comparison:
-    """Make the runs on the twin that are not kept, and all others."""
-    named = {f"{place:06d}": one for place, one in enumerate(runs)}
-    slow = {name: one for name, one in named.items() if one.course in on_twin}
-    quick = {name: one for name, one in named.items() if name not in slow}
-    found, _ = kept.complete(
-        ComparedRun.result, slow, workers=workers, stage="comparing controllers", progress=run.progress
-    )
-    if quick:
-        results = run_comparison(tuple(quick.values()), processes=processes, run=run).results
-        found |= dict(zip(quick, results, strict=True))
-    return Comparison(runs=tuple(runs), results=tuple(found[name] for name in named))
 
 
 def _track(log: Log) -> NDArray[np.float64]:

@@ -32,7 +32,6 @@ from ballbot.twin import Twin
 from ballbot.workflows.recovery_region import (
     DURATION,
     Loop,
-    Reach,
     Region,
     map_region,
     reach,
@@ -98,12 +97,11 @@ _FASTEST = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Bounds:
+class LimitBounds:
     """The largest size from which a robot recovers, by direction."""
 
     lower: NDArray[np.float64]  #: no wheel slips
     upper: NDArray[np.float64]  #: if wheels never slip
-    runs: int = field(metadata=left_out)  #: that were computed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,20 +140,15 @@ class RobotLimits:
 
     directions: NDArray[np.float64]  #: (d,) on the floor, from x towards y [rad]
     heights: NDArray[np.float64]  #: (h,) of impulses above the ball's centre [m]
-    lean: Bounds  #: (d,): the lean at rest [rad]
-    impulse: Bounds  #: (h, d) [N s]
+    lean: LimitBounds  #: (d,): the lean at rest [rad]
+    impulse: LimitBounds  #: (h, d) [N s]
     plane: Plane  #: in the direction of the least lower bound of the lean
 
-    @reported
-    def runs(self) -> int:
-        """Number of runs that were computed."""
-        return self.lean.runs + self.impulse.runs + self.plane.lower.kept.size + self.plane.upper.kept.size
-
     @property
-    def central_impulse(self) -> Bounds:
+    def central_impulse(self) -> LimitBounds:
         """The impulses (d,) [N s] at the height of the centre of mass."""
         one = self.impulse
-        return Bounds(lower=one.lower[_CENTER], upper=one.upper[_CENTER], runs=one.runs)
+        return LimitBounds(lower=one.lower[_CENTER], upper=one.upper[_CENTER])
 
     def summary(self) -> Summary:
         """Return the largest tilt and impulse that are recovered from in every direction."""
@@ -173,7 +166,6 @@ class RobotLimits:
                     "directions",
                     f"{len(self.directions)}; the least tilt is towards {np.degrees(plane.direction):.0f}°",
                 ),
-                ("runs", str(self.runs)),
             ),
         )
 
@@ -214,11 +206,11 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
     run.progress(Progress(stage="tilts"))
     unlimited = replace(loop, grip=np.inf)
     directions = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
-    lean = _bounds(_lean_reach(loop, directions), _lean_reach(unlimited, directions))
+    lean = LimitBounds(lower=_lean_reach(loop, directions), upper=_lean_reach(unlimited, directions))
     run.progress(Progress(stage="impulses"))
     heights = loop.robot.body.center_of_mass * np.array(HEIGHTS)
-    impulse = _bounds(
-        _impulse_reach(loop, directions, heights), _impulse_reach(unlimited, directions, heights)
+    impulse = LimitBounds(
+        lower=_impulse_reach(loop, directions, heights), upper=_impulse_reach(unlimited, directions, heights)
     )
     worst = float(directions[lean.lower.argmin()])
     widest = float(lean.upper[lean.lower.argmin()])
@@ -238,11 +230,7 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
     )
 
 
-def _bounds(lower: Reach, upper: Reach) -> Bounds:
-    return Bounds(lower=lower.sizes, upper=upper.sizes, runs=lower.runs + upper.runs)
-
-
-def _lean_reach(loop: Loop, directions: NDArray[np.float64]) -> Reach:
+def _lean_reach(loop: Loop, directions: NDArray[np.float64]) -> NDArray[np.float64]:
     return reach(
         loop.recovers,
         lambda sizes: leaning_state(directions, sizes),
@@ -251,7 +239,9 @@ def _lean_reach(loop: Loop, directions: NDArray[np.float64]) -> Reach:
     )
 
 
-def _impulse_reach(loop: Loop, directions: NDArray[np.float64], heights: NDArray[np.float64]) -> Reach:
+def _impulse_reach(
+    loop: Loop, directions: NDArray[np.float64], heights: NDArray[np.float64]
+) -> NDArray[np.float64]:
     robot = loop.robot
     return reach(
         loop.recovers,
@@ -301,7 +291,7 @@ def twin_limits(
         return log.ended is None
 
     limits = []
-    kinds: tuple[tuple[Kind, Bounds], ...] = (("lean", found.lean), ("impulse", found.central_impulse))
+    kinds: tuple[tuple[Kind, LimitBounds], ...] = (("lean", found.lean), ("impulse", found.central_impulse))
     for place in directions:
         direction = float(found.directions[place])
         for kind, bounds in kinds:

@@ -142,15 +142,13 @@ def _high_pass(above: float, rate: float) -> NDArray[np.float64]:
     return scipy.signal.butter(_FILTER_ORDER, above, btype="highpass", fs=rate, output="sos")
 
 
-def energies(log: Log) -> tuple[float, float]:
-    """Return the mechanical energy that the wheels' motors exchange, and the part that they give [J].
+def energy(log: Log) -> float:
+    """Return the mechanical energy that the wheels' motors exchange [J]: the integral of sum |u_i w_i|.
 
-    The first is the integral of sum |u_i w_i|, the second that of sum max(u_i w_i, 0), which a drive that cannot
-    take energy back draws. The torques are held between rows, so that a row's work is u_i times the angle that the
-    encoder turns until the next row. What windings heat away is not in it; it goes with the square of `rms_torque`.
+    The torques are held between rows, so that a row's work is u_i times the angle that the encoder turns until the next
+    row. What windings heat away is not in it; it goes with the square of `rms_torque`.
     """
-    work = log.torques[:-1] * np.diff(log.wheel_angles, axis=0)
-    return float(np.abs(work).sum()), float(np.maximum(work, 0.0).sum())
+    return float(np.abs(log.torques[:-1] * np.diff(log.wheel_angles, axis=0)).sum())
 
 
 def rms(values: NDArray[np.float64]) -> float:
@@ -172,7 +170,6 @@ class Score:
     peak_position_error: float  #: largest horizontal distance from the reference once settled [m]
     rms_position_error: float  #: its root mean square [m]
     peak_heading_error: float  #: once settled [rad]
-    rms_heading_error: float  #: [rad]
     settling_time: float  #: the longest of the run; see `metrics.settling_time` [s]
     arrived: (
         bool  #: whether it always was within the band at last; where not, the settling time is a lower bound
@@ -181,7 +178,6 @@ class Score:
     rms_torque_change: float  #: from sample to sample [N m]
     high_frequency_torque: float  #: root mean square above 10 Hz [N m]; NaN where sampled at 20 Hz or less
     energy: float  #: integral of |u w| over all wheels [J]
-    driving_energy: float  #: of that, what the motors gave [J]
     ended: str | None  #: why the run stopped early, as in a fall
 
 
@@ -223,19 +219,16 @@ def _scored(log: Log, *, settle: float, band: float, disturbed: Sequence[float])
     counted = settled(log, settle)
     position, heading = position_error(log)[counted], heading_error(log)[counted]
     arriving, arrived = settling_time(log, band=band, disturbed=disturbed)
-    energy, driving_energy = energies(log)
     return Score(
         peak_position_error=float(position.max()) if counted.any() else np.nan,
         rms_position_error=rms(position) if counted.any() else np.nan,
         peak_heading_error=float(heading.max()) if counted.any() else np.nan,
-        rms_heading_error=rms(heading) if counted.any() else np.nan,
         settling_time=arriving,
         arrived=arrived and log.ended is None,
         rms_torque=rms_torque(log),
         rms_torque_change=rms_torque_change(log),
         high_frequency_torque=high_frequency_torque(log) if _has_high_frequencies(log) else np.nan,
-        energy=energy,
-        driving_energy=driving_energy,
+        energy=energy(log),
         ended=log.ended,
     )
 
@@ -245,7 +238,6 @@ _ONCE_SETTLED = (
     "peak_position_error",
     "rms_position_error",
     "peak_heading_error",
-    "rms_heading_error",
     "settling_time",
     "settling_time_at_least",
     "arrived",

@@ -201,17 +201,8 @@ def _outward(model: Model, lean: float, direction: float) -> float:
 LOOKS = 24
 #: of each ray, each to half the interval left: 1/24 of the ray becomes 1/12288
 _HALVINGS = 9
-#: points of a map a side: steps of a hundredth of the plane, as fine as it is drawn
-POINTS = 97
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Reach:
-    """How far along rays a robot recovers."""
-
-    sizes: NDArray[np.float64]  #: (...), up to which the robot recovered from every start tried
-    limited: NDArray[np.bool_]  #: (...), whether there is a loss up to the ray's end
-    runs: int
+#: points of a map a side, about as fine as it is drawn
+POINTS = 81
 
 
 def reach(
@@ -220,8 +211,8 @@ def reach(
     *,
     shape: tuple[int, ...],
     end: float,
-) -> Reach:
-    """Return how far along each of some rays a robot recovers, from zero to `end`.
+) -> NDArray[np.float64]:
+    """Return the sizes (*shape) up to which a robot recovered from every start tried along each of some rays.
 
     Parameters
     ----------
@@ -247,7 +238,7 @@ def reach(
         interval *= 0.5
         further = looked((kept + interval)[None])[0]
         kept = np.where(limited & further, kept + interval, kept)
-    return Reach(sizes=kept, limited=limited, runs=(LOOKS + _HALVINGS) * int(np.prod(shape)))
+    return kept
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,5 +1,14 @@
 """LQR weights chosen by search over perturbed robots, for the worst tenth of them and not the mean.
 
+A robot costs
+
+    J = e / e_n + r / r_n,      10 to 20 for a robot that falls, the more the earlier
+
+e is the root mean square distance from the reference over the run's last part, r the root mean square change of torque
+from sample to sample; e_n and r_n are the nominal gain's medians over the same robots, whose J is therefore about 2.
+All run on the compiled loop, with the sensors, drive and play of a scenario. A set of robots counts by its worst
+tenth: the mean of the largest tenth of the J.
+
 The search is an evolution over the logarithms of the state weights, every generation one batch. The torque weight
 stays the nominal one, since only ratios matter. x and y, theta and phi, and their rates share a weight each, which
 leaves six; the middle of the search is the nominal gain, its ends a hundredth and a hundred times its weights. Every
@@ -8,7 +17,9 @@ candidate runs on the same perturbed robots, so that candidates differ by what t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -20,32 +31,215 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, gain_rows
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
+from ballbot.control.references import hold
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.progress import Progress
 from ballbot.results import key, left_out
-from ballbot.robot import RobotLike, as_robot
+from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot.components import scaled_body, scaled_friction
+from ballbot.rounding import percent
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.imperfections import MAX_DELAY, MAX_SLOPE
 from ballbot.summary import Summary, listed, plotted, summarized
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.perturbed_robots import (
-    CostUnits,
-    PerturbationRanges,
-    RunMeasures,
-    cost_units,
-    draw_perturbed,
-    measure_runs,
-    worst_tenth,
-)
+from ballbot.workflows.comparison import LoopRobot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: the ball lies so far from where it is asked to be at the start [m]
+INITIAL_OFFSET = 0.3
+#: a run [s], and its last part, which counts as settled
+RUN, SETTLED = 8.0, 2.0
+#: the share of the robots that counts
+TAIL = 0.1
 #: places of the state that share a weight
 GROUPS = ((0, 1), (2, 3), (4,), (5, 6), (7, 8), (9,))
 #: decades to either side of the nominal weights
 DECADES = 2.0
+_FALL = 10.0
+_EVERY = 10  # samples between two that are looked at for the error
 _NO_GAIN = 100.0  # the cost of weights that have none
+
+
+@dataclass(frozen=True, kw_only=True)
+class PerturbationRanges:
+    """How far robots may be from the one described. Each is uniform, and independent of the others.
+
+    Raises
+    ------
+    InputError
+        If a range is not possible.
+    """
+
+    #: of the body, either way, as a share; its inertia about its centre of mass goes with it
+    mass: float = 0.2
+    height: float = 0.2  #: of the centre of mass, either way, as a share
+    friction: float = 0.2  #: of each wheel's and of the rolling friction, either way, as a share
+    delay: int = 2  #: most samples by which torques come late
+    tilt: float = 1.0  #: most of the floor, in any direction [degrees]
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"The perturbed {one.name} is {value!r}; it must be zero or more.")
+            if one.name in ("mass", "height", "friction") and value >= 1.0:
+                raise InputError(
+                    f"The perturbed {one.name} is {value:g}; it is a fraction and must be below 1."
+                )
+        if math.tan(math.radians(self.tilt)) > MAX_SLOPE:
+            raise InputError(
+                f"The floor's tilt is {self.tilt:g} degrees; it must be at most "
+                f"{math.degrees(math.atan(MAX_SLOPE)):.1f}."
+            )
+
+    @staticmethod
+    def parse(text: str) -> PerturbationRanges:
+        """Return the ranges that a text such as mass=0.2,tilt=1 states; the others keep their defaults.
+
+        Raises
+        ------
+        InputError
+            If a name or a number is not valid.
+        """
+        names = [one.name for one in fields(PerturbationRanges)]
+        given: dict[str, float | int] = {}
+        for part in filter(None, text.split(",")):
+            name, _, number = part.partition("=")
+            if name not in names:
+                raise InputError(
+                    f"--perturb has no {name!r}; it has {', '.join(names)}, such as mass=0.2,delay=2."
+                )
+            try:
+                given[name] = int(number) if name == "delay" else float(number)
+            except ValueError:
+                kind = "a whole number" if name == "delay" else "a number"
+                raise InputError(f"--perturb gives {name} as {number!r}; it must be {kind}.") from None
+        return replace(PerturbationRanges(), **given)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PerturbedRobots:
+    """Robots with what their loops bear, and where they start."""
+
+    robots: tuple[LoopRobot, ...]
+    #: (robots, 10), the ball `INITIAL_OFFSET` away from the origin in any direction, upright at rest
+    starts: NDArray[np.float64]
+
+
+def draw_perturbed(
+    robot: Robot, count: int, *, spread: PerturbationRanges, scenario: Scenario, seed: int
+) -> PerturbedRobots:
+    """Draw robots from the ranges, under a scenario; the same seed gives the same robots and the same noise.
+
+    Raises
+    ------
+    InputError
+        If a robot that is drawn is not possible.
+    """
+    random = np.random.default_rng([seed, 71])
+    robots, starts = [], np.zeros((count, 10))
+    for lane in range(count):
+        # mass, height and each friction: U(1 - share, 1 + share)
+        mass, height = (1.0 + random.uniform(-1.0, 1.0, 2) * (spread.mass, spread.height)).tolist()
+        *wheels, rolling = 1.0 + spread.friction * random.uniform(-1.0, 1.0, robot.wheel_count + 1)
+        # delay: any whole number of samples; tilt and its direction, and the start's: uniform
+        delay = int(random.integers(0, spread.delay + 1))
+        slope = math.tan(math.radians(spread.tilt * float(random.uniform(0.0, 1.0))))
+        uphill, away = random.uniform(0.0, 2.0 * np.pi, 2)
+        true = robot.replace(
+            body=scaled_body(robot.body, mass=mass, height=height),
+            friction=scaled_friction(robot.friction, wheels, rolling_factor=float(rolling)),
+        )
+        made = LoopRobot.of(true, scenario, known=robot)
+        borne = replace(
+            made.imperfections,
+            delay=min(made.imperfections.delay + delay, MAX_DELAY),
+            slope=(slope * math.cos(uphill), slope * math.sin(uphill)),
+            seed=seed + lane,
+        )
+        robots.append(replace(made, imperfections=borne))
+        starts[lane, :2] = INITIAL_OFFSET * math.cos(away), INITIAL_OFFSET * math.sin(away)
+    return PerturbedRobots(robots=tuple(robots), starts=starts)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunMeasures:
+    """How controllers did, on each of the robots."""
+
+    #: (controllers, robots), root mean square once settled [m]; NaN of one that fell
+    error: NDArray[np.float64]
+    roughness: NDArray[np.float64]  #: (controllers, robots), torque's change from sample to sample [N m]
+    ended: NDArray[np.float64]  #: (controllers, robots), when it fell [s]; infinity where it stood
+
+    @property
+    def fell(self) -> NDArray[np.bool_]:
+        """Whether it fell (controllers, robots)."""
+        return np.isfinite(self.ended)
+
+
+def measure_runs(controllers: Sequence[Controller], perturbed: PerturbedRobots) -> RunMeasures:
+    """Run every controller on every perturbed robot, all in one batch; each robot has the same noise for all."""
+    robots = perturbed.robots * len(controllers)
+    batch = simulate_batch(
+        [one.model for one in robots],
+        [one for one in controllers for _ in perturbed.robots],
+        hold(),
+        duration=RUN,
+        initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
+        imperfections=[one.imperfections for one in robots],
+        every=_EVERY,
+    )
+    shape = (len(controllers), len(perturbed.robots))
+    late = batch.t > RUN - SETTLED
+    error = np.sqrt((batch.states[:, late, :2] ** 2).sum(axis=2).mean(axis=1))
+    return RunMeasures(
+        error=np.where(batch.survived, error, np.nan).reshape(shape),
+        roughness=batch.torque_change.reshape(shape),
+        ended=batch.ended.reshape(shape),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostUnits:
+    """What J is counted in."""
+
+    error: float  #: e_n [m]
+    roughness: float  #: r_n [N m]
+
+    @staticmethod
+    def of(nominal: RunMeasures) -> CostUnits:
+        """Return the units by the nominal gain's runs (1, robots).
+
+        Raises
+        ------
+        InputError
+            If it falls with half of the robots.
+        """
+        if (share := float(np.mean(nominal.fell))) > 0.5:
+            raise InputError(
+                f"The nominal gain falls with {percent(share)} of the perturbed robots, so costs "
+                "cannot be compared with its cost. Reduce the perturbation."
+            )
+        stood = ~nominal.fell
+        return CostUnits(
+            error=float(np.median(nominal.error[stood])),
+            roughness=float(np.median(nominal.roughness[stood])),
+        )
+
+    def costs(self, marks: RunMeasures) -> NDArray[np.float64]:
+        """Return J (controllers, robots)."""
+        standing = marks.error / self.error + marks.roughness / self.roughness
+        return np.where(marks.fell, _FALL * (2.0 - np.minimum(marks.ended / RUN, 1.0)), standing)
+
+
+def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean of the largest tenth of costs (..., robots), of one robot at least."""
+    count = max(1, round(TAIL * costs.shape[-1]))
+    return np.sort(costs, axis=-1)[..., -count:].mean(axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,13 +259,9 @@ class Effort:
 
     def __post_init__(self) -> None:
         for name, least in (("robots", 10), ("generations", 1), ("population", 4), ("fresh", 10)):
-            if getattr(self, name) < least:
+            if not least <= getattr(self, name) <= MOST_TRIALS:
                 raise InputError(
-                    f"The number of {name} is {getattr(self, name)}; it must be at least {least}."
-                )
-            if getattr(self, name) > MOST_TRIALS:
-                raise InputError(
-                    f"The number of {name} is {getattr(self, name)}; it must be {MOST_TRIALS} or less."
+                    f"The number of {name} is {getattr(self, name)}; it must be {least} to {MOST_TRIALS}."
                 )
 
 
@@ -79,8 +269,6 @@ class Effort:
 class ComparedDesign:
     """How one design does on the fresh robots."""
 
-    state_weights: tuple[float, ...]
-    torque_weight: float
     gain: NDArray[np.float64]
     worst_tenth: float  #: of J
     mean: float  #: of J
@@ -93,7 +281,7 @@ class ComparedDesign:
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobustDesign:
-    """A gain found by search over perturbed robots, compared with others."""
+    """A gain found by search over perturbed robots, compared with the nominal one."""
 
     design: LqrDesign = field(metadata=left_out)
     controller: Controller = field(metadata=left_out)
@@ -101,7 +289,7 @@ class RobustDesign:
     torque_weight: float
     units: CostUnits  #: what J is counted in
     history: tuple[float, ...]  #: best worst tenth after each generation, on the robots of the search
-    #: "robust", "nominal" and "plain", on robots that the search did not use
+    #: "robust" and "nominal", on robots that the search did not use
     compared: dict[str, ComparedDesign] = field(metadata=key("on_fresh_robots"))
     fresh: int = field(metadata=key("fresh_robots"))  #: number of these robots
     spread: PerturbationRanges = field(metadata=key("perturbed"))
@@ -113,7 +301,7 @@ class RobustDesign:
         return loop_margins(self.controller)
 
     def summary(self) -> Summary:
-        """Return the gain, its weights, and how it compares with others on robots that the search did not use."""
+        """Return the gain, its weights, and how it compares with the nominal one on robots not used in the search."""
         compared = (
             (name, f"worst tenth of J {one.worst_tenth:.3g}, mean {one.mean:.3g}, falls {one.falls}")
             for name, one in self.compared.items()
@@ -141,7 +329,6 @@ def robust_design(
     scenario: Scenario,
     effort: Effort,
     run: Run = DEFAULT_RUN,
-    threads: int | None = None,
 ) -> RobustDesign:
     """Search for the weights whose worst tenth over perturbed robots is best, and compare them on fresh robots.
 
@@ -156,8 +343,6 @@ def robust_design(
     effort : Effort
     run : Run, optional
         Its seed fixes the result bit for bit.
-    threads : int, optional
-        All cores by default; the result does not depend on it.
 
     Raises
     ------
@@ -167,11 +352,12 @@ def robust_design(
     robot = as_robot(robot)
     perturbed = draw_perturbed(robot, effort.robots, spread=spread, scenario=scenario, seed=run.seed)
 
-    def controller_of(weights: tuple[float, ...], torque_weight: float = NOMINAL_TORQUE_WEIGHT) -> Controller:
-        gain = design_gain(robot, state_weights=weights, torque_weight=torque_weight).gain
+    def controller_of(weights: tuple[float, ...]) -> Controller:
+        gain = design_gain(robot, state_weights=weights).gain
         return Controller(robot, gain, compensation=compensation, estimator="kalman")
 
-    units = cost_units(measure_runs([controller_of(NOMINAL_STATE_WEIGHTS)], perturbed, threads=threads))
+    nominal = controller_of(NOMINAL_STATE_WEIGHTS)
+    units = CostUnits.of(measure_runs([nominal], perturbed))
 
     def cost_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
         costs = np.full(len(candidates), _NO_GAIN)
@@ -182,7 +368,7 @@ def robust_design(
             except InputError:
                 continue  # weights so far apart that the equations have no solution in these digits
         if made:
-            marks = measure_runs(list(made.values()), perturbed, threads=threads)
+            marks = measure_runs(list(made.values()), perturbed)
             costs[list(made)] = worst_tenth(units.costs(marks))
         return costs
 
@@ -197,19 +383,10 @@ def robust_design(
         run=replace(run, progress=report),
     )
     weights = weights_of(found.best)
-    designs = {
-        "robust": (weights, NOMINAL_TORQUE_WEIGHT),
-        "nominal": (NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT),
-        "plain": ((1.0,) * 10, 1.0),
-    }
     run.progress(Progress(stage="comparison"))
     fresh = draw_perturbed(robot, effort.fresh, spread=spread, scenario=scenario, seed=run.seed + 1_000_003)
-    controllers = {name: controller_of(*one) for name, one in designs.items()}
-    marks = measure_runs(list(controllers.values()), fresh, threads=threads)
-    compared = {
-        name: _compared_design(designs[name], controller, marks, units, place)
-        for place, (name, controller) in enumerate(controllers.items())
-    }
+    controllers = {"robust": controller_of(weights), "nominal": nominal}
+    marks = measure_runs(list(controllers.values()), fresh)
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controllers["robust"],
@@ -217,7 +394,10 @@ def robust_design(
         torque_weight=NOMINAL_TORQUE_WEIGHT,
         units=units,
         history=found.history,
-        compared=compared,
+        compared={
+            name: _compared_design(controller, marks, units, place)
+            for place, (name, controller) in enumerate(controllers.items())
+        },
         fresh=effort.fresh,
         spread=spread,
         scenario=scenario.name,
@@ -233,16 +413,10 @@ def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:
 
 
 def _compared_design(
-    weights: tuple[tuple[float, ...], float],
-    controller: Controller,
-    marks: RunMeasures,
-    units: CostUnits,
-    place: int,
+    controller: Controller, marks: RunMeasures, units: CostUnits, place: int
 ) -> ComparedDesign:
     stood, costs = ~marks.fell[place], units.costs(marks)[place]
     return ComparedDesign(
-        state_weights=tuple(weights[0]),
-        torque_weight=weights[1],
         gain=controller.gain,
         worst_tenth=float(worst_tenth(costs)),
         mean=float(costs.mean()),

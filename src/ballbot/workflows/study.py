@@ -195,12 +195,13 @@ def study(
     robot = as_robot(robot)
     checked = checked_logs(robot, logs, accept=options.accept)
     studied = tuple(
-        StudiedLog(name=name or "the log", log=log, held_out=holdout_intervals(log))
+        StudiedLog(
+            name=name or "the log",
+            log=_complete(name or "the log", log, robot),
+            held_out=holdout_intervals(log),
+        )
         for name, log in checked.logs.items()
     )
-    check_columns(robot, studied)
-    needed = (*torque_names(robot.wheel_count), *STATE_NAMES)
-    studied = tuple(replace(one, log=one.log.complete(*needed)) for one in studied)
     if not 2 <= options.draws <= MAX_DRAWS:
         raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 100.")
     # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
@@ -259,26 +260,12 @@ def sampled_at(scenario: Scenario, sample_time: float) -> Scenario:
     return replace(scenario, sensors=sensors, timestep=sample_time / steps)
 
 
-def check_columns(robot: Robot, logs: Sequence[StudiedLog]) -> None:
-    """Refuse what a study cannot work with before it works for minutes.
-
-    Raises
-    ------
-    InputError
-        Naming the log and what it lacks.
-    """
-    if not logs:
-        raise InputError("A study needs at least one log.")
-    for studied in logs:
-        try:
-            studied.log.complete(*torque_names(robot.wheel_count), *STATE_NAMES)
-            more = torque_names(robot.wheel_count + 1)[-1]
-            if more in studied.log:
-                raise InputError(
-                    f"The log has a torque {more}, but the robot {robot.name} has {robot.wheel_count} wheels."
-                )
-        except InputError as error:
-            raise InputError(f"{studied.name}: {error}") from None
+def _complete(name: str, log: Log, robot: Robot) -> Log:
+    """Return the rows that have torques and states; refuse a log without them before minutes of work."""
+    try:
+        return log.complete(*torque_names(robot.wheel_count), *STATE_NAMES)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def _identify(

@@ -23,8 +23,6 @@ from ballbot.control.parts.part import LawSettings, Part, clipped
 from ballbot.control.parts.prediction import over_last_sample
 from ballbot.control.records import MAX_WHEELS, Setting, number, whole
 from ballbot.mechanics.engine.compiled import inlined
-from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,13 +46,6 @@ class ObserverState:
     rates: NDArray[np.float64] = field(metadata=number("m/s", 5))
     started: int = field(metadata=whole())
     estimate: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
-
-
-def torque_balance(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the torques (n, 5) for the rates' change and (n, 2) for theta, phi, of the model without friction."""
-    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
-    back = np.asarray(np.linalg.pinv(np.asarray(linear.B)), dtype=np.float64)
-    return back[:, 5:], -(back @ np.asarray(linear.A))[:, 2:4]
 
 
 @inlined
@@ -139,10 +130,10 @@ class DisturbanceObserver(Part):
 
     def numbers(self, settings: LawSettings) -> ObserverRecord:
         """Return the sampled observer for the robot."""
-        by_acceleration, by_lean = torque_balance(settings.robot)
+        back = np.asarray(np.linalg.pinv(settings.linear.B), dtype=np.float64)
         return ObserverRecord(
             fraction=-math.expm1(-self.frequency * settings.sample_time),
             limit=self.limit,
-            by_acceleration=by_acceleration,
-            by_lean=by_lean,
+            by_acceleration=back[:, 5:],
+            by_lean=-(back @ settings.linear.A)[:, 2:4],
         )

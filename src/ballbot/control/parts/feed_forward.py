@@ -27,8 +27,6 @@ from ballbot.control.parts.part import LawSettings, Part
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
-from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
 
 #: largest torque on the flat output, relative to that on the position, that counts as none
 _ROUNDING = 1e-9
@@ -46,40 +44,6 @@ class FeedForwardRecord:
     by_second: NDArray[np.float64] = field(metadata=number("N m s^2/m", MAX_WHEELS, 2))
     by_fourth: NDArray[np.float64] = field(metadata=number("N m s^4/m", MAX_WHEELS, 2))
     by_turning: NDArray[np.float64] = field(metadata=number("N m s^2/rad", MAX_WHEELS))
-
-
-def feed_forward_record(robot: Robot) -> FeedForwardRecord:
-    """Return what the robot's exact model without friction asks for.
-
-    Raises
-    ------
-    InputError
-        If the robot has no flat output, because its wheels do not reach all three axes.
-    """
-    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
-    A, B = np.asarray(linear.A), np.asarray(linear.B)
-    C = -B[5:7] @ np.linalg.pinv(B[7:])
-    if np.abs(B[5:7] + C @ B[7:]).max() > _ROUNDING * np.abs(B[5:7]).max():
-        raise InputError(
-            f"The robot {robot.name!r} cannot have feed-forward: its wheels cannot turn it in every direction."
-        )
-    G = (A[5:7] + C @ A[7:])[:, 2:4]
-    lean = np.asarray(np.linalg.inv(G), dtype=np.float64)
-    offset = C[:, :2] @ lean
-    motions = np.zeros((3, 10, 2)), np.zeros((3, 10, 2))  # r and r' for s'', s'''' and psi''
-    (r_2, r_4, _), (d_2, d_4, d_psi) = motions
-    r_2[:2], r_2[2:4] = -offset, lean
-    d_2[5:7] = np.eye(2)
-    d_4[5:7], d_4[7:9] = -offset, lean
-    d_psi[9, 0] = 1.0
-    back = np.linalg.pinv(B)
-    return FeedForwardRecord(
-        lean=lean,
-        offset=offset,
-        by_second=back @ (d_2 - A @ r_2),
-        by_fourth=back @ (d_4 - A @ r_4),
-        by_turning=(back @ d_psi)[:, 0],
-    )
 
 
 @inlined
@@ -151,4 +115,27 @@ class FeedForward(Part):
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:
         """Return what the robot's exact model asks for."""
-        return feed_forward_record(settings.robot)
+        A, B = settings.linear.A, settings.linear.B
+        C = -B[5:7] @ np.linalg.pinv(B[7:])
+        if np.abs(B[5:7] + C @ B[7:]).max() > _ROUNDING * np.abs(B[5:7]).max():
+            raise InputError(
+                f"The robot {settings.robot.name!r} cannot have feed-forward: its wheels cannot turn it in every "
+                "direction."
+            )
+        G = (A[5:7] + C @ A[7:])[:, 2:4]
+        lean = np.asarray(np.linalg.inv(G), dtype=np.float64)
+        offset = C[:, :2] @ lean
+        motions = np.zeros((3, 10, 2)), np.zeros((3, 10, 2))  # r and r' for s'', s'''' and psi''
+        (r_2, r_4, _), (d_2, d_4, d_psi) = motions
+        r_2[:2], r_2[2:4] = -offset, lean
+        d_2[5:7] = np.eye(2)
+        d_4[5:7], d_4[7:9] = -offset, lean
+        d_psi[9, 0] = 1.0
+        back = np.linalg.pinv(B)
+        return FeedForwardRecord(
+            lean=lean,
+            offset=offset,
+            by_second=back @ (d_2 - A @ r_2),
+            by_fourth=back @ (d_4 - A @ r_4),
+            by_turning=(back @ d_psi)[:, 0],
+        )

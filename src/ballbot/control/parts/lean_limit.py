@@ -35,17 +35,6 @@ class LeanLimitRecord:
     turn_rate: float = field(metadata=number("s"))
 
 
-def commanded_lean(gain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the lean (2, 4) [rad] that errors of x, y [m] and of their rates [m/s] command under a gain (n, 10)."""
-    return np.asarray(np.linalg.pinv(gain[:, 2:4]) @ gain[:, _POSITION_PLACES], dtype=np.float64)
-
-
-def commanded_turn(gain: NDArray[np.float64]) -> float:
-    """Return the heading's error [rad] that is worth one of its rate [rad/s] under a gain (n, 10)."""
-    heading = gain[:, 4]
-    return float(heading @ gain[:, 9] / max(float(heading @ heading), 1e-300))
-
-
 @inlined
 def limit_error(law, e):
     """Return the error with position, speed and heading within the limits, and whether it is reduced."""
@@ -109,7 +98,11 @@ class LeanLimit(Part):
 
     def numbers(self, settings: LawSettings) -> LeanLimitRecord:
         """Return the limits with the lean that the gain commands."""
-        gain = settings.gain
+        gain, heading = settings.gain, settings.gain[:, 4]
         return LeanLimitRecord(
-            lean=self.lean, asked=commanded_lean(gain), turn=self.turn, turn_rate=commanded_turn(gain)
+            lean=self.lean,
+            asked=np.asarray(np.linalg.pinv(gain[:, 2:4]) @ gain[:, _POSITION_PLACES], dtype=np.float64),
+            turn=self.turn,
+            # the heading's error that is worth one of its rate
+            turn_rate=float(heading @ gain[:, 9] / max(float(heading @ heading), 1e-300)),
         )

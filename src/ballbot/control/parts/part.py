@@ -37,13 +37,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.lqr import frictionless_model
 from ballbot.control.records import MAX_WHEELS, check_settings, example_settings, number
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.model import LinearModel
 from ballbot.robot import Robot
 
 #: updates that the law remembers
@@ -109,6 +112,11 @@ class LawSettings:
     compensation: str  #: "none", "full" or "partial"
     speed_band: float  #: [rad/s]
     delay: float  #: from a measurement to the action of its torque if the state is predicted; otherwise 0 [s]
+
+    @cached_property
+    def linear(self) -> LinearModel:
+        """The robot's exact model without friction, linearised about upright."""
+        return frictionless_model(self.robot).linearize()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

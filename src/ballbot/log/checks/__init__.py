@@ -55,10 +55,10 @@ from ballbot.robot.plausibility import named_robot_findings
 if TYPE_CHECKING:
     from ballbot.log.checks.physics import PhysicsOfLog
 
-_OF_TORQUES = ("torque-", "dead-motor")
 #: what a fault makes other checks find: its codes, theirs, and whether only on its own columns
 _FOLLOWS = (
-    (("stuck",), _OF_TORQUES, True),
+    (("stuck", "dead-motor"), ("torque-",), True),
+    (("stuck",), ("dead-motor",), True),
     (("lean-axes",), ("sign", "swapped"), True),
     # from the wrong axes of the ball, or the ball's path by wrong wheels
     (("ball-axes", "heading-sign", "encoders"), ("lean-", "torque-", "physics"), False),
@@ -202,10 +202,6 @@ class CheckedLogs:
     def simulated(cls, log: Log) -> CheckedLogs:
         """Return a log that Ballbot has just simulated, which needs no checks."""
         return cls(logs={"": log}, findings=())
-
-    def with_logs(self, logs: Mapping[str, Log]) -> CheckedLogs:
-        """Return the findings with logs derived from the checked ones, such as parts of them."""
-        return replace(self, logs=logs)
 
 
 def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, ...]:

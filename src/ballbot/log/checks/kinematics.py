@@ -8,11 +8,11 @@ see `ballbot.log.mapping_search`.)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from ballbot.findings import Finding, error, finding, note, warning
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
@@ -228,8 +228,6 @@ def _encoder_step(angles: NDArray[np.float64]) -> float | None:
 
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     """Return findings on the wheels' columns for this robot: number, order, sign, gain, or that none can be checked."""
-    from ballbot.log.mapping_search.placements import reversed_wheels
-
     columns = wheel_speed_names(robot.wheel_count)
     others = other_wheels(log, robot.wheel_count)
     if others:
@@ -251,7 +249,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
         return _gain_findings(found.gains, robot)
     # states that were computed from the wheels have the wheels' own mistake
     tested = wheel_test(log, robot)
-    wheels = reversed_wheels(tested.placements, tested.confidence) if tested else ()
+    wheels = tested.reversed_wheels if tested else ()
     if wheels:
         signs = [-1 if i in wheels else 1 for i in own]
         text = (
@@ -308,14 +306,10 @@ def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
 
 def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:
     """Return the logged column that fits each wheel of the robot; the columns' own order if none is clearly better."""
-    n = len(correlation)
-    size = np.abs(correlation)
-    own = tuple(range(n))
-    scores = {
-        order: float(np.mean([size[order[j], j] for j in range(n)])) for order in permutations(range(n))
-    }
-    best = max(scores, key=lambda order: scores[order])
-    return best if scores[best] > scores[own] + CLEAR_MARGIN else own
+    size, own = np.abs(correlation), np.arange(len(correlation))
+    order = np.argsort(linear_sum_assignment(size, maximize=True)[1])
+    clear = size[order, own].mean() > size[own, own].mean() + CLEAR_MARGIN
+    return tuple((order if clear else own).tolist())
 
 
 def check_disturbance(log: Log, robot: Robot) -> list[Finding]:

@@ -9,7 +9,7 @@ one, but they must be the same in every log of a robot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -65,7 +65,7 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
         Gives the rigid body and the geometry; its friction is not used.
     """
     names = torque_names(robot.wheel_count)
-    found = PhysicsOfLog(findings=tuple(check_torques(log, robot=robot) or delay_findings(log, robot)))
+    found = PhysicsOfLog(findings=tuple(check_torques(log) or delay_findings(log, robot)))
     rows = usable_rows(log, robot)
     if rows is None:
         return found
@@ -166,11 +166,41 @@ def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
     examined : mapping of str to PhysicsOfLog
         Results of each log by itself, by the names that messages use.
     """
-    findings = []
-    for scale_of, quantity, cause in _SCALES:
-        known = {name: scale for name, one in examined.items() if (scale := scale_of(one))}
-        findings += _compared(known, quantity, cause)
-    return findings
+    scales = {name: _scales(one) for name, one in examined.items()}
+    return [
+        finding
+        for quantity, cause in _CAUSES.items()
+        for finding in _compared(
+            {n: own[quantity] for n, own in scales.items() if quantity in own}, quantity, cause
+        )
+    ]
+
+
+_TORQUE, _LEAN = "the torque that the motion needs", "the ball's acceleration at a lean"
+_WHEELS = "the wheels' speed at the same motion of the ball"
+#: why a scale differs
+_CAUSES = {
+    _TORQUE: "One is heavier, or has another gear ratio or torque constant.",
+    _LEAN: "They differ in wheel or ball radius, gear ratio, encoder counts or height of the centre of mass.",
+    _WHEELS: "They differ in wheel or ball radius, gear ratio or encoder counts.",
+}
+
+
+def _scales(one: PhysicsOfLog) -> dict[str, Scale]:
+    """Return the scales that a log shows."""
+    found: dict[str, Scale] = {}
+    if one.gains is not None and np.isfinite(one.gains.common()[1]):
+        middle, uncertain = one.gains.common()
+        found[_TORQUE] = Scale(middle=middle, systematic=0.0, error=uncertain)
+    if one.lean is not None and one.lean.conclusive and not one.lean.misread:
+        forward, reverse = abs(one.lean.gravity_gain), one.lean.reverse_gain
+        if forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward:
+            # all of the bracket: how the noise divides between lean and acceleration is unknown
+            half, uncertain = 0.5 * abs(float(np.log(reverse / forward))), one.lean.gravity_error / forward
+            found[_LEAN] = Scale(middle=float(np.sqrt(forward * reverse)), systematic=half, error=uncertain)
+    if one.wheel_gain is not None:
+        found[_WHEELS] = Scale(middle=one.wheel_gain, systematic=WHEEL_ERROR, error=0.0)
+    return found
 
 
 def _compared(scales: Mapping[str, Scale], quantity: str, cause: str) -> list[Finding]:
@@ -198,47 +228,3 @@ def _margin(scales: Mapping[str, Scale], first: str, second: str) -> float:
     one, other = scales[first], scales[second]
     uncertain = one.systematic + other.systematic + SURE * np.hypot(one.error, other.error) + MARGIN
     return float(abs(np.log(one.middle / other.middle)) - max(uncertain, np.log(APART)))
-
-
-def _torque_scale(one: PhysicsOfLog) -> Scale | None:
-    if one.gains is None or not np.isfinite(one.gains.common()[1]):
-        return None
-    middle, uncertain = one.gains.common()
-    return Scale(middle=middle, systematic=0.0, error=uncertain)
-
-
-def _lean_scale(one: PhysicsOfLog) -> Scale | None:
-    if one.lean is None or not one.lean.conclusive or one.lean.misread:
-        return None
-    forward, reverse = abs(one.lean.gravity_gain), one.lean.reverse_gain
-    if not (forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward):
-        return None
-    return Scale(
-        middle=float(np.sqrt(forward * reverse)),
-        # all of the bracket: how the noise divides between lean and acceleration is unknown
-        systematic=0.5 * abs(float(np.log(reverse / forward))),
-        error=one.lean.gravity_error / forward,
-    )
-
-
-def _wheel_scale(one: PhysicsOfLog) -> Scale | None:
-    return None if one.wheel_gain is None else Scale(middle=one.wheel_gain, systematic=WHEEL_ERROR, error=0.0)
-
-
-_SCALES: tuple[tuple[Callable[[PhysicsOfLog], Scale | None], str, str], ...] = (
-    (
-        _torque_scale,
-        "the torque that the motion needs",
-        "One is heavier, or has another gear ratio or torque constant.",
-    ),
-    (
-        _lean_scale,
-        "the ball's acceleration at a lean",
-        "They differ in wheel or ball radius, gear ratio, encoder counts or height of the centre of mass.",
-    ),
-    (
-        _wheel_scale,
-        "the wheels' speed at the same motion of the ball",
-        "They differ in wheel or ball radius, gear ratio or encoder counts.",
-    ),
-)

@@ -10,7 +10,8 @@ and with it n, the torque that each wheel needs for the motion. A motor supplies
     u_i = k n_i + f(wheel speed i)             f: dry, viscous, falling with speed; it never drives
 
 so k is one for the right robot, and wheel i's torque follows n_i and its own speed's sign. Every logged torque is
-fitted by every wheel's motion, with either sign: the order and signs that explain the log best are the right ones.
+fitted by every wheel's motion, with either sign (`ballbot.log.mapping_search.commands`): the order and signs that
+explain the log best are the right ones.
 
 How large the torques are: `ballbot.log.checks.torque_gains`.
 """
@@ -18,7 +19,6 @@ How large the torques are: `ballbot.log.checks.torque_gains`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +31,6 @@ from ballbot.log.checks.lean import (
     Rows,
     as_complex,
     as_plane,
-    block_sums,
-    clarity,
 )
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.log import Log
@@ -41,17 +39,13 @@ from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
 
-#: fraction of a torque's variance that another wheel or sign must explain more, and in how many standard errors
-CLEAR_GAIN, CLEARLY_BETTER = 0.2, 3.0
-#: assignments whose explained fraction is within this of the best's are indistinguishable
-AS_GOOD = 0.03
+#: confidence in another order or other signs from which it is an error
+CONFIDENT = 0.9
 #: fraction of the torques that must be explained to conclude an order or sign: torques of another run of the same robot
 #: reach 0.68, as both follow the limit cycle
 EXPLAINED = 0.75
 #: explained fraction below which torques are unrelated to the motion
 UNRELATED = 0.15
-#: a column is dead if its variance is below this fraction of the largest one
-DEAD = 1e-8
 #: speed at which the sign of a wheel's dry friction is nearly certain, and above which it is certain [rad/s]
 SIGN, TURNING = 0.1, 0.3
 #: exponent of the weight of rows by the fraction of the filter's time in which the wheel turned for certain
@@ -72,46 +66,6 @@ class Driving:
     #: (N, n) fraction of the filter's time in which the wheel turned for certain
     turning: NDArray[np.float64]
     block: NDArray[np.intp]  #: (N,)
-
-
-@dataclass(frozen=True)
-class Assignment:
-    """Which wheel each logged torque drives, from 0, and with which sign."""
-
-    wheels: tuple[int, ...]
-    signs: tuple[int, ...]
-
-    @property
-    def fault(self) -> str:
-        """The fault of the torques under this assignment; empty if they are right."""
-        own = tuple(range(len(self.wheels)))
-        negated = [f"u{j + 1}" for j, sign in enumerate(self.signs) if sign < 0]
-        parts = []
-        if self.wheels != own:
-            moved = [j for j in own if self.wheels[j] != j]
-            if len(moved) == 2:
-                parts.append(f"u{moved[0] + 1} and u{moved[1] + 1} are swapped")
-            else:
-                order = ", ".join(f"u{j + 1} drives wheel {self.wheels[j] + 1}" for j in moved)
-                parts.append(f"the torques are in another order ({order})")
-        if len(negated) == len(own):
-            parts.append("all torques have the opposite sign")
-        elif negated:
-            parts.append(f"{' and '.join(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign")
-        return " and ".join(parts)
-
-    @property
-    def places(self) -> list[tuple[int, int, int]]:
-        """For each torque its number, its wheel's, and 0 for its sign as logged or 1 for the other."""
-        signed = zip(self.wheels, self.signs, strict=True)
-        return [(j, wheel, int(sign < 0)) for j, (wheel, sign) in enumerate(signed)]
-
-    @property
-    def changes(self) -> int:
-        """Number of separate faults."""
-        moved = sum(wheel != j for j, wheel in enumerate(self.wheels))
-        negated = self.signs.count(-1)
-        return moved + (1 if negated == len(self.signs) else negated)
 
 
 def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | None:
@@ -137,32 +91,25 @@ def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | 
 
 
 def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:
-    """Fit every torque by every wheel's motion with either sign; return the error of order, sign or no relation."""
-    left = _left_unexplained(driving)
-    explained = 1.0 - left.sum(axis=-1)  # [torque, wheel, sign]
-    every = _assignments(explained)
-    scores = {one: float(np.mean([explained[place] for place in one.places])) for one in every}
-    best = max(scores.values())
-    good = sorted(
-        (one for one in every if scores[one] >= best - AS_GOOD), key=lambda one: (one.changes, -scores[one])
-    )
-    chosen, as_logged = good[0], 100.0 * max(scores[every[0]], 0.0)
-    other = [place for place, own in zip(chosen.places, every[0].places, strict=True) if place != own]
-    if other:
-        own, found = sum(left[j, j, 0] for j, _, _ in other), sum(left[place] for place in other)
-        clear = clarity((own - found) / np.maximum(own + found, 1e-30)) > CLEARLY_BETTER
-        turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
-        gained = float(np.sum(own - found)) / len(other)
-        if clear and gained > CLEAR_GAIN and turned > LEAST_TURNING and scores[chosen] > EXPLAINED:
-            causes = [one.fault for one in good if one.changes <= chosen.changes + 1][:4]
-            text = (
-                f"The torques do not fit the motion as logged: {', or '.join(causes)}. With this correction they "
-                f"explain {100.0 * scores[chosen]:.0f} % of the torque that the motion needs, as logged "
-                f"{as_logged:.0f} %. Correct the columns or the mapping."
-            )
-            if chosen.wheels == every[0].wheels:
-                return [error("torque-sign", text, *names)]
-            return [error("torque-order", text, *names)]
+    """Return the error of torques of another order or sign than the motion's, or without a relation to it."""
+    from ballbot.log.mapping_search.commands import assign
+
+    n = len(names)
+    own = tuple(range(n))
+    found = assign(driving, [1] * n)
+    as_logged = 100.0 * max(1.0 - float(np.mean([_unexplained(driving, i) for i in own])), 0.0)
+    changed = found.wheels != own or min(found.signs) < 0
+    turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
+    enough = turned > LEAST_TURNING and found.explained > EXPLAINED
+    if changed and enough and found.confidence > CONFIDENT:
+        text = (
+            f"The torques do not fit the motion as logged: {_fault(names, found.wheels, found.signs)}. With this "
+            f"correction they explain {100.0 * found.explained:.0f} % of the torque that the motion needs, as logged "
+            f"{as_logged:.0f} %. Correct the columns or the mapping."
+        )
+        if found.wheels == own:
+            return [error("torque-sign", text, *names)]
+        return [error("torque-order", text, *names)]
     if as_logged < 100.0 * UNRELATED:
         text = (
             "The torques are unrelated to the motion: as logged they explain "
@@ -171,6 +118,33 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
         )
         return [error("torque-unrelated", text, *names)]
     return []
+
+
+def _fault(names: tuple[str, ...], wheels: tuple[int, ...], signs: tuple[int, ...]) -> str:
+    """Return what is wrong with torques of which each drives that wheel (from 0) with that sign."""
+    moved = [j for j, wheel in enumerate(wheels) if wheel != j]
+    negated = [name for name, sign in zip(names, signs, strict=True) if sign < 0]
+    parts = []
+    if len(moved) == 2:
+        parts.append(f"{names[moved[0]]} and {names[moved[1]]} are swapped")
+    elif moved:
+        order = ", ".join(f"{names[j]} drives wheel {wheels[j] + 1}" for j in moved)
+        parts.append(f"the torques are in another order ({order})")
+    if len(negated) == len(names):
+        parts.append("all torques have the opposite sign")
+    elif negated:
+        parts.append(f"{' and '.join(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign")
+    return " and ".join(parts)
+
+
+def _unexplained(driving: Driving, i: int) -> float:
+    """Return the fraction of a torque's variance that its wheel's motion leaves."""
+    columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
+    columns = columns - columns.mean(axis=0)
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+    u = driving.torque[:, i] - driving.torque[:, i].mean()
+    # neither the motion's torque nor friction can be negative
+    return float(nnls(columns / size, u)[1]) ** 2 / max(float(u @ u), 1e-30)
 
 
 def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
@@ -207,39 +181,6 @@ def smoothed_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
     smooth = np.full_like(speeds, np.nan)
     smooth[known] = local_fit(log.t[known], speeds[known], rows=rows)[0]
     return smooth
-
-
-def _left_unexplained(driving: Driving) -> NDArray[np.float64]:
-    """Return the fraction (n, n, 2, B) of each torque's variance unexplained by each wheel and sign, by blocks."""
-    n, blocks = driving.torque.shape[1], int(driving.block[-1]) + 1
-    left = np.ones((n, n, 2, blocks)) / blocks
-    dead = DEAD * float(np.square(driving.torque - driving.torque.mean(axis=0)).sum(axis=0).max())
-    for i in range(n):
-        columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
-        columns = columns - columns.mean(axis=0)
-        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
-        for j in range(n):
-            u = driving.torque[:, j] - driving.torque[:, j].mean()
-            power = float(u @ u)
-            if power <= dead:
-                continue
-            for place, sign in enumerate((1.0, -1.0)):
-                # neither the motion's torque nor friction can be negative
-                factors, _ = nnls(columns / size, sign * u)
-                residual = sign * u - columns / size @ factors
-                left[j, i, place] = block_sums(residual**2, driving.block) / power
-    return left
-
-
-def _assignments(explained: NDArray[np.float64]) -> list[Assignment]:
-    """Return the order as logged, then every order, each torque with the sign that is not the worse one."""
-    n = len(explained)
-    own = tuple(range(n))
-    found = [Assignment(own, (1,) * n), Assignment(own, (-1,) * n)]
-    for order in permutations(range(n)):
-        better = [1 if explained[j, i, 0] >= explained[j, i, 1] else -1 for j, i in enumerate(order)]
-        found.append(Assignment(order, tuple(better)))
-    return list(dict.fromkeys(found))
 
 
 def gravity_need(motion: Motion, robot: Robot) -> NDArray[np.float64]:

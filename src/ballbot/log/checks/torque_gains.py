@@ -43,7 +43,7 @@ USUAL = 0.15
 SURE, LARGE, TOO_LARGE, UNLIKE = 5.0, 1.15, 1.25, 1.25
 #: a factor that a log must be able to exclude, or its bounds are said
 MUST_SHOW = 1.4
-#: gains nearer to zero than this part of the usual one are as good as zero
+#: gains nearer to zero than this part of the middle one are as good as zero
 ZERO = 0.05
 
 #: factors of one side of a change over the other that are tried, beside one
@@ -159,7 +159,8 @@ class Gains:
 
     def common(self, but: int | None = None) -> tuple[float, float]:
         """Return the factor of all torques, or of all but one, and its relative standard error."""
-        known = self.factors > 0.0
+        shown = self.factors[np.isfinite(self.factors)]
+        known = self.factors > ZERO * max(float(np.median(shown)), 0.0) if shown.size else self.factors > 0.0
         if but is not None:
             known[but] = False
         weights = 1.0 / np.square(self.errors[known])

@@ -1,4 +1,4 @@
-"""Torque columns that are not those of a balancing robot: dead, constant, random, late, of another motion.
+"""Torque columns that are not those of a balancing robot: random, late, of another motion.
 
 A balancing robot's torques are feedback: a linear law in states and reference, in the frame that turns with the
 heading, explains most of every torque's variance, and a torque hardly changes from row to row. These checks need no
@@ -17,21 +17,15 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.findings import Finding, error
-from ballbot.log.checks.kinematics import LEAST_MOTION, wheel_speeds_of_states
-from ballbot.log.columns import STATE_NAMES, numbered_names, torque_names, wheel_speed_names
+from ballbot.log.checks.values import LEAST_SPEED
+from ballbot.log.columns import STATE_NAMES, numbered_names, torque_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 
 #: fewest complete rows for a fit of the law
 LEAST_ROWS = 200
-#: the torque of a dead motor varies less than this fraction of the others'
-DEAD_FRACTION = 0.02
-#: a wheel that moves at least this fraction of the others' motion needs its motor
-MOVING_FRACTION = 0.2
 #: explained fraction of a torque's variance below which it is no feedback, and above which it is
 UNRELATED, RELATED = 0.1, 0.4
-#: least standard deviation of the ball's velocity for a conclusion [m/s]
-LEAST_SPEED = 2e-3
 _REFERENCE = ("ref_x", "ref_y", "ref_psi")
 #: correlation of a torque with itself a row later, below which it is random
 RANDOM = 0.3
@@ -48,30 +42,19 @@ FEWEST_ROWS = 400
 ENOUGH_ROWS = 20000
 
 
-def check_torques(log: Log, *, robot: Robot | None = None) -> list[Finding]:
-    """Return an error for torques that cannot be those of a balancing robot's motors.
+def check_torques(log: Log) -> list[Finding]:
+    """Return an error for torques that cannot be a balancing robot's feedback: random ones, or of another motion.
 
-    Parameters
-    ----------
-    log : Log
-        A log without the ten states is not of a balancing robot and may have any torques.
-    robot : Robot, optional
-        Gives the wheels' motion if the log lacks it.
+    A log without the ten states is not of a balancing robot and may have any torques.
     """
     names = numbered_names(log.names, prefix="u") if "u1" in log else ()
     if not names or not {*STATE_NAMES} <= set(log.names):
         return []
     table = np.column_stack([log[name] for name in (*names, *STATE_NAMES)])
     rows: NDArray[np.bool_] = np.all(np.isfinite(table), axis=1)
-    if rows.sum() < LEAST_ROWS:
-        return []
     torques, states = table[rows, : len(names)], table[rows, len(names) :]
-    size = torques.std(axis=0)
-    dead = _moving_wheels(log, rows, states, len(names), robot)
-    dead &= (np.ptp(torques, axis=0) == 0.0) | (size < DEAD_FRACTION * np.median(size))
-    if dead.any():
-        return [_dead_finding(names, dead, torques)]
-    if states[:, 5:7].std(axis=0).max() < LEAST_SPEED or (size == 0.0).any():
+    moving = len(states) >= LEAST_ROWS and states[:, 5:7].std(axis=0).max() >= LEAST_SPEED
+    if not moving or (torques.std(axis=0) == 0.0).any():
         return []
     reference = np.column_stack(
         [np.nan_to_num(log[n][rows]) if n in log else 0.0 * log.t[rows] for n in _REFERENCE]
@@ -121,33 +104,6 @@ def _feedback_fraction(
     # normal equations: ten times as fast, and precise enough
     law = np.linalg.lstsq(design.T @ design, design.T @ torques, rcond=1e-12)[0]
     return 1.0 - (torques - design @ law).var(axis=0) / torques.var(axis=0)
-
-
-def _moving_wheels(
-    log: Log, rows: NDArray[np.bool_], states: NDArray[np.float64], count: int, robot: Robot | None
-) -> NDArray[np.bool_]:
-    """Return which wheels (n,) move, by the states and the robot, else by encoders; none if neither is known."""
-    if robot is not None and robot.wheel_count == count:
-        speeds = wheel_speeds_of_states(states, robot)
-    elif {*wheel_speed_names(count)} <= set(log.names):
-        speeds = np.nan_to_num(np.column_stack([log[name][rows] for name in wheel_speed_names(count)]))
-    else:
-        return np.zeros(count, dtype=np.bool_)
-    size = speeds.std(axis=0)
-    return (size > LEAST_MOTION) & (size > MOVING_FRACTION * np.median(size))
-
-
-def _dead_finding(names: tuple[str, ...], dead: NDArray[np.bool_], torques: NDArray[np.float64]) -> Finding:
-    silent = [name for name, is_dead in zip(names, dead, strict=True) if is_dead]
-    level = torques[:, dead].mean(axis=0)
-    zero = bool((np.abs(level) <= DEAD_FRACTION * max(1e-9, float(np.abs(torques).max()))).all())
-    values = "zero" if zero else f"constant ({', '.join(f'{u:.3g}' for u in level)} N m)"
-    cause = "the motors were off" if dead.all() and zero else "a dead motor"
-    text = (
-        f"{every(silent)}: {values} throughout though the wheels move: {cause}, or torques that were not recorded. "
-        "Identification and validation would use them as the torques that acted."
-    )
-    return error("dead-motor", text, *silent)
 
 
 def delay_findings(log: Log, robot: Robot) -> list[Finding]:

@@ -56,8 +56,8 @@ FALLEN_LEAN = 0.6  #: [rad], from which no ball-balancing robot of this kind rec
 LEAST_JUMP = {"x": 0.08, "y": 0.08, "theta": 0.08, "phi": 0.08, "psi": 0.2}
 #: and so many times the usual change
 FAR = 30.0
-#: standard deviation of a state that moves [m, rad, m/s, rad/s]
-LEAST_MOVING = 1e-3
+#: standard deviation of a state that moves [m, rad, m/s, rad/s], and of the ball's velocity if the robot does [m/s]
+LEAST_MOVING, LEAST_SPEED = 1e-3, 2e-3
 #: shortest time over which a balancing robot's lean is averaged [s]
 AVERAGED_TIME = 8.0
 #: the lean and the ball's acceleration are compared as means over [s]
@@ -284,7 +284,8 @@ def check_names(log: Log) -> list[Finding]:
 def check_constant(log: Log) -> list[Finding]:
     """Return a finding for each column that never changes, or one for a log at rest: no sensor and no torque changes.
 
-    It is an error if the column is a state whose rate, or angle, changes, and a note if it is a reference.
+    It is an error if the column is a state whose rate, or angle, changes, or the torque of a robot that balances and
+    moves; and a note if it is a reference.
     """
     names = [name for name in log.names if name != "t" and not name.startswith(TRUE_PREFIX)]
     still = [name for name in names if len(log) > 1 and np.all(log[name] == log[name][0])]
@@ -296,7 +297,16 @@ def check_constant(log: Log) -> list[Finding]:
         )
         return [warning("constant", text, *sensors)]
     findings = []
-    for name in still:
+    moves = {*STATE_NAMES} <= set(names) and float(np.nanstd([log["x_dot"], log["y_dot"]])) > LEAST_SPEED
+    dead = [name for name in still if name in _TORQUES and moves]
+    if dead:
+        values = ", ".join(f"{name} is {log[name][0] + 0.0:.3g} N m" for name in dead)
+        text = (
+            f"{values} throughout though the robot balances and moves: a motor that is dead or off, or a torque that "
+            "was not recorded. Identification and validation would use it as the torque that acted."
+        )
+        findings.append(error("dead-motor", text, *dead))
+    for name in (name for name in still if name not in dead):
         text = f"{name} is {log[name][0]:g} throughout"
         other = name.removesuffix("_dot") if name.endswith("_dot") else f"{name}_dot"
         if name.startswith("ref_"):

@@ -1,8 +1,7 @@
 """File formats of logs: each is one file here and one line in `FORMATS`, and every command reads and writes through it.
 
-text      tables of text: Ballbot's own CSV, and others by a `TextLayout`
-inference the layout of a table of text that is not Ballbot's own
-serial    text as the Arduino IDE shows it: time stamps, labels before the numbers
+text      tables of text by a `TextLayout`
+inference the layout that a table of text shows
 json      JSON, a list of objects or an object of lists
 parquet   Parquet, by pyarrow
 npz       NumPy archives
@@ -190,7 +189,7 @@ def read_units(path: str | Path) -> dict[str, str]:
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
-    """Read a table of any format, and of text in any layout.
+    """Read a table of any format, and of text in any layout, whatever its suffix.
 
     Raises
     ------
@@ -198,9 +197,8 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
         If the file cannot be read or has no table of numbers.
     """
     one = _format_of(path)
-    if one is None:
-        _check_unpacked(Path(path))
     if one is None or one.is_text:
+        _check_unpacked(Path(path))
         return infer_text_table(path, given_names=names)
     columns = _table(one, Path(path))
     if names is not None:
@@ -228,12 +226,12 @@ def write_columns(
     """
     one = written_format(path)
     check_column_names(columns, source=str(path))
-    if decimal_comma:
-        if not one.is_text:
-            raise InputError(f"{path} cannot have decimal commas; only CSV has them.")
-        write_text_table(path, columns, SEMICOLON_LAYOUT)
-    elif one.write:
-        with _needing(one):
+    if decimal_comma and not one.is_text:
+        raise InputError(f"{path} cannot have decimal commas; only CSV has them.")
+    with _needing(one):
+        if decimal_comma:
+            write_text_table(path, columns, SEMICOLON_LAYOUT)
+        elif one.write:
             one.write(Path(path), columns)
 
 
@@ -267,12 +265,11 @@ def _format_of(path: str | Path) -> LogFormat | None:
 
 
 def _known_format(path: str | Path) -> LogFormat:
-    path = Path(path)
     one = _format_of(path)
     if one is not None:
         return one
-    _check_unpacked(path)
-    near = nearest(path.suffix.lower(), _suffixes())
+    _check_unpacked(Path(path))
+    near = nearest(Path(path).suffix.lower(), _suffixes())
     hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
     raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")
 
@@ -287,24 +284,12 @@ def _check_unpacked(path: Path) -> None:
 def _read(one: LogFormat, path: Path) -> Columns:
     """Return a file's variables, checked as `LogFormat` promises."""
     if one is _FOLDER and not is_bag_folder(path):
-        parts = sorted(path.glob("*.db3")) + sorted(path.glob("*.mcap"))
-        if not parts:
-            raise folder_refusal(path)
-        raise InputError(
-            f"{path} is a folder without metadata.yaml, which names the files of a ROS 2 bag; write it with: ros2 bag "
-            f"reindex {path}. Or give a file in the folder: {parts[0]}."
-        )
+        raise folder_refusal(path)
     size = 0 if one is _FOLDER else check_regular(path)
     if size > LARGEST_TABLE:
         raise InputError(f"{path} has {format_bytes(size)}; at most {format_bytes(LARGEST_TABLE)} are read.")
-    try:
-        with _needing(one):
-            variables = one.read(path)
-    except InputError:
-        raise
-    except Exception as error:  # whatever a library raises on a damaged file
-        reason = printable_line(f"{type(error).__name__}: {error}")
-        raise InputError(f"{path} cannot be read: it is not a complete {one.name} file ({reason}).") from None
+    with _needing(one, reading=path):
+        variables = one.read(path)
     if not any(len(values) for values in variables.values()):
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     check_column_names(variables, source=str(path))
@@ -312,13 +297,22 @@ def _read(one: LogFormat, path: Path) -> Columns:
 
 
 @contextmanager
-def _needing(one: LogFormat) -> Iterator[None]:
-    """Raise InputError if a package is missing that the format needs."""
+def _needing(one: LogFormat, *, reading: Path | None = None) -> Iterator[None]:
+    """Raise InputError if a package is missing that the format needs, or on what a library raises while reading."""
     try:
         yield
     except ModuleNotFoundError as error:
         raise InputError(
             f"{one.name} files need {error.name}: pip install 'ballbot[{one.extra}]'. Or use CSV."
+        ) from None
+    except InputError:
+        raise
+    except Exception as error:  # of a damaged file
+        if reading is None:
+            raise
+        reason = printable_line(f"{type(error).__name__}: {error}")
+        raise InputError(
+            f"{reading} cannot be read: it is not a complete {one.name} file ({reason})."
         ) from None
 
 

@@ -16,11 +16,12 @@ from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import check_regular, decode_text
 from ballbot.log.columns import KNOWN_NAMES, Columns, native_columns
-from ballbot.log.formats.serial import PlainText, plain
 from ballbot.log.formats.text import (
     MISSING,
+    PlainText,
     TextLayout,
     is_number,
+    plain,
     read_plain,
     read_text_table,
     seconds_of,

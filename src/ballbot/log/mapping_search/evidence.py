@@ -55,3 +55,22 @@ def solved(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     size = np.sqrt(np.abs(np.diag(normal))) + 1e-12
     scaled = normal / np.outer(size, size)
     return np.linalg.lstsq(scaled, right / size, rcond=1e-9)[0] / size
+
+
+def vertex_with_error(places: NDArray[np.float64], by_block: NDArray[np.float64]) -> tuple[float, float]:
+    """Return where the sum over blocks of values (K, B) at K places is least, and its standard error; inf at an end."""
+    total = by_block.sum(axis=1)
+    if np.argmin(total) in (0, len(total) - 1):
+        return _vertex(places, total), math.inf  # it may lie beyond
+    used = by_block.sum(axis=0) > 0.0
+    each = np.array([_vertex(places, total - one) for one in by_block.T[used]])
+    return _vertex(places, total), jackknife_error(each)
+
+
+def _vertex(places: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    """Return where a parabola through the least of the values and its neighbours has its vertex."""
+    k = int(np.clip(np.argmin(values), 1, len(places) - 2))
+    before, at, after = values[k - 1 : k + 2]
+    curve = before - 2.0 * at + after
+    shift = 0.5 * (before - after) / curve if curve > 0.0 else 0.0
+    return float(places[k] + np.clip(shift, -1.0, 1.0) * (places[1] - places[0]))

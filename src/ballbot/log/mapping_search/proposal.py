@@ -16,12 +16,12 @@ import numpy as np
 from ballbot.errors import InputError
 from ballbot.findings import Finding, Place, Severity
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.mapping_search.drive import drive_of, turned_by
+from ballbot.log.mapping_search.commands import KINDS, drive_of, needs_of, turned_by
 from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.found import KINDS, Proposal, Question, What
 from ballbot.log.mapping_search.frame import frame_of
 from ballbot.log.mapping_search.motion import Columned, Motion, Stated, motion_of_file
 from ballbot.log.mapping_search.roles import Roles, roles_of
+from ballbot.log.mapping_search.text import Proposal, Question, What, mapped
 from ballbot.log.mapping_search.units import lean_units, other_encoder, time_unit
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows, rows_in_order
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
@@ -114,7 +114,11 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     if motion is None:
         return replace(proposal, findings=tuple(notes))
     if roles.commands:
-        proposal = replace(proposal, drive=drive_of(proposal, motion))
+        try:
+            needs = needs_of(mapped(proposal, robot), robot) if base.roles.attitude and tested else None
+        except InputError:  # too short, or rows without a value
+            needs = None
+        proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
     return replace(
         proposal,
         questions=tuple(_questions(proposal, motion)),
@@ -196,9 +200,7 @@ def _questions(proposal: Proposal, motion: Motion) -> Iterator[Question]:
             )
             yield question("[wheels] sign", "direction in which all wheels count", words, evidence)
         elif frame.handedness < CONFIDENT:
-            evidence = (
-                f"the turning of the heading shows it by {abs(tested.same_handedness):.1f} standard errors"
-            )
+            evidence = f"the turning of the heading shows it by {abs(tested.handedness):.1f} standard errors"
             words = str(list(frame.axis_signs)), "one axis reversed"
             yield question("[attitude] sign", "axes of the IMU", words, evidence)
         if tested.body_frame < -WORLD_BETTER:

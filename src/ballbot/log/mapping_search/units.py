@@ -59,16 +59,25 @@ def time_unit(t: NDArray[np.float64], named: str | None) -> Unit | None:
     return None
 
 
-def step_of(values: NDArray[np.float64]) -> float | None:
-    """Return the smallest step of which all steps of a column are multiples; None if there is no such step."""
-    steps = np.abs(np.diff(values[np.isfinite(values)]))
-    steps = steps[steps > 1e-9]
-    if len(steps) < 20:
-        return None
-    step = float(np.quantile(steps, 0.001, method="lower"))
-    multiples = steps[steps < 20.5 * step] / step
-    whole = np.abs(multiples - np.round(multiples)) < 0.05
-    return step if len(multiples) >= 20 and whole.mean() > 0.95 else None
+def _step_of(angles: NDArray[np.float64]) -> float | None:
+    """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
+    found = []
+    for column in angles.T:
+        steps = np.abs(np.diff(column))
+        steps = steps[steps > 1e-9]
+        if len(steps) < 20:
+            continue
+        step = float(np.quantile(steps, 0.001, method="lower"))
+        multiples = steps[steps < 20.5 * step] / step
+        whole = np.abs(multiples - np.round(multiples)) < 0.05
+        if len(multiples) >= 20 and whole.mean() > 0.95:
+            found.append(step)
+    return float(np.median(found)) if found else None
+
+
+def _counts_of(robot: Robot, given: float | None) -> float:
+    """Return the counts in a turn of a wheel."""
+    return given or robot.sensors.encoder_counts * robot.drive.gear_ratio
 
 
 #: a step over one count of the encoder that is no other step, other edges of its lines, and how near a step must be to
@@ -80,13 +89,9 @@ def other_encoder(
     angles: NDArray[np.float64], unit: Unit, robot: Robot, counts_per_turn: float | None
 ) -> str:
     """Return that angles (N, n) step as no encoder of the robot does; empty if they do, or show no steps."""
-    steps = [step for step in (step_of(column) for column in angles.T) if step is not None]
-    if unit.name.startswith("counts") or not steps:
+    step, per_turn = _step_of(angles), _counts_of(robot, counts_per_turn)
+    if unit.name.startswith("counts") or step is None:
         return ""
-    step, per_turn = (
-        float(np.median(steps)),
-        counts_per_turn or robot.sensors.encoder_counts * robot.drive.gear_ratio,
-    )
     digits = step / 10.0 ** math.floor(math.log10(step))
     ratio = step * unit.factor * per_turn / (2.0 * math.pi)
     edges = any(abs(ratio / one - 1.0) < STEP_AGREEMENT for one in EDGES)
@@ -118,35 +123,27 @@ def wheel_units(
     counts_per_turn: float | None,
 ) -> list[Unit]:
     """Return the units that wheel angles (N, n) may have, or their speeds; one alone if the heading has it."""
-    turn, rate = 2.0 * math.pi, "/s" if of_speeds else ""
-    per_turn = counts_per_turn or robot.sensors.encoder_counts * robot.drive.gear_ratio
-    source = "as given" if counts_per_turn else "by the robot file"
-    table = dict(FACTORS["rad/s" if of_speeds else "rad"]) | {f"counts{rate}": turn / per_turn}
+    per_turn, rate = _counts_of(robot, counts_per_turn), "/s" if of_speeds else ""
+    of_counts = f"{per_turn:g} a turn {'as given' if counts_per_turn else 'by the robot file'}"
+    count = 2.0 * math.pi / per_turn
+    table = {**FACTORS["rad" + rate], "counts" + rate: count}
     if named in table:
-        reason = f"the heading has it{f', {per_turn:g} a turn {source}' if 'counts' in named else ''}"
+        reason = f"the heading has it{f', {of_counts}' if 'counts' in named else ''}"
         return [Unit(name=named, factor=table[named], reason=reason)]
-    known = angles[np.isfinite(angles).all(axis=1)]
-    whole = bool(np.all(known == np.round(known)))
-    steps = [step for step in (step_of(column) for column in angles.T) if step is not None]
-    step = float(np.median(steps)) if steps else None
+    whole, step = bool(np.all(angles == np.round(angles))), None if of_speeds else _step_of(angles)
+    speeds = np.abs(angles) if of_speeds else np.abs(np.diff(angles, axis=0)) / float(np.median(np.diff(t)))
+    largest = float(np.quantile(speeds, 0.98)) if speeds.size else 0.0
     found = []
-    names = ("rad/s", "deg/s", "rpm", "counts/s") if of_speeds else ("rad", "deg", "turn", "counts")
-    for name in names:
-        factor = table[name]
-        counts = name.startswith("counts")
+    for name in ("rad/s", "deg/s", "rpm", "counts/s") if of_speeds else ("rad", "deg", "turn", "counts"):
+        factor, reason = table[name], "no other unit fits as well"
         weight = 0.0 if name.startswith("rad") or name == "rpm" else -1.0
-        reason = f"{per_turn:g} a turn {source}" if counts else "no other unit fits as well"
-        if counts or whole:
-            weight += (WHOLE if whole else -20.0) if counts else 0.0
-        elif (
-            not of_speeds and step is not None and abs(step * factor * per_turn / turn - 1.0) < STEP_AGREEMENT
-        ):
-            weight += ONE_COUNT
-            reason = f"steps of {step:.5g} are one encoder count"
-        speeds = np.abs(known) if of_speeds else np.abs(np.diff(known, axis=0))
-        interval = 1.0 if of_speeds else float(np.median(np.diff(t)))
-        largest = float(np.quantile(speeds, 0.98)) * factor / interval if speeds.size else 0.0
-        weight -= 9.0 if largest > BEYOND_LIMIT * fastest(robot) else 0.0
+        if name.startswith("counts"):
+            if not whole:
+                continue
+            weight, reason = weight + WHOLE, of_counts
+        elif not whole and step is not None and abs(step * factor / count - 1.0) < STEP_AGREEMENT:
+            weight, reason = weight + ONE_COUNT, f"steps of {step:.5g} are one encoder count"
+        weight -= 9.0 if largest * factor > BEYOND_LIMIT * fastest(robot) else 0.0
         found.append(Unit(name=name, factor=factor, reason=reason, weight=weight))
     return found
 

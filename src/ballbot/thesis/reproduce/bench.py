@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,24 +163,16 @@ class Bench:
             kind: tuple(self._change(number, *how) for number in range(RUNS)) for kind, how in KINDS.items()
         }
 
-    @cached_property
-    def twin_changes(self) -> dict[str, tuple[Log, ...]]:
-        """The twin through it, "none" and "full" compensation."""
-        return {"none": self.uncompensated, "full": self._logs("with_compensation")}
-
-    @cached_property
-    def uncompensated(self) -> tuple[Log, ...]:
-        """The twin through it without compensation."""
-        return self._logs("without_compensation")
-
-    def _logs(self, kind: str) -> tuple[Log, ...]:
-        return tuple(one["log"] for one in self.recorded(kind))
+    def twin_changes(self, kind: Literal["none", "full"]) -> tuple[Log, ...]:
+        """Return the twin's runs through it with that compensation."""
+        name = {"none": "without_compensation", "full": "with_compensation"}[kind]
+        return tuple(one["log"] for one in self.recorded(name))
 
     @cached_property
     def validations(self) -> tuple[Validated, ...]:
         """The models with and without friction against each of the twin's runs without compensation (chapter 4)."""
         return tuple(
-            validated(self.robot, self.identified, log.without_truth()) for log in self.uncompensated
+            validated(self.robot, self.identified, log.without_truth()) for log in self.twin_changes("none")
         )
 
     @cached_property
