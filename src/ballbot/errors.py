@@ -18,10 +18,6 @@ class UnsuitedController(UserWarning):
     """A controller does not suit the robot that it is for; the text says why."""
 
 
-class OldFileFormat(UserWarning):
-    """A file that an earlier version wrote was read; the text says what changed."""
-
-
 def missing_package(what: str, package: str, *, extra: str) -> InputError:
     """Return the error of something that needs a package of one of Ballbot's extras: it says how to install it."""
     return InputError(f"{what} needs {package}; install it with: pip install 'ballbot[{extra}]'.")

@@ -51,7 +51,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "force-friction": "the friction of an axis is estimated below zero and fixed at zero",
         "force-sign": "the force on an axis has the opposite sign, or is delayed",
         "force-unrelated": "the motion of an axis does not explain its force",
-        "foreign-torque": "the torques of a log are not those of the controller",
         "friction-differs": "a log needs more or less friction than was identified",
         "gap": "rows are missing",
         "geometry": "how the geometry in the robot file agrees with the logs",
@@ -59,7 +58,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "heading-sign": "psi is negated against the wheels",
         "held": "values are held over several rows",
         "horizon": "how the error of a prediction grows with its length",
-        "imu": "the IMU's attitude or gyro has other axes, signs or units than the robot",
         "jitter": "the time from row to row varies",
         "jump": "a position or an angle jumps",
         "law": "which friction law was chosen, and which did not improve the prediction",
@@ -195,16 +193,6 @@ def as_argument(codes: Sequence[str]) -> str:
     return f"accept=[{', '.join(repr(code) for code in codes)}]"
 
 
-def in_check_log(_: Finding) -> str:
-    """Return what shows all errors of logs if no command line is known."""
-    return "run `ballbot check-log`"
-
-
-def no_command(_: Finding) -> str:
-    """Return nothing, as nothing shows all errors at once."""
-    return ""
-
-
 def check_codes(accept: Iterable[str], *, listed: Collection[str] = CODES) -> tuple[str, ...]:
     """Return codes to accept, each once.
 
@@ -232,7 +220,7 @@ def stop_on_errors(
     *,
     accept: Collection[str] = (),
     going_on: Callable[[Sequence[str]], str] = as_options,
-    more: Callable[[Finding], str] = in_check_log,
+    others: str = "",
 ) -> None:
     """Raise InputError on the first error whose code is not accepted.
 
@@ -243,8 +231,8 @@ def stop_on_errors(
         Codes of errors that the user knows of.
     going_on : callable
         Returns how the user accepts codes: `as_options` on a command line, `as_argument` in Python.
-    more : callable
-        Returns what shows the other errors, if there are several, for the first of them; empty if nothing does.
+    others : str
+        Where the other errors stand, as "above" or "`ballbot check`".
 
     Raises
     ------
@@ -254,13 +242,15 @@ def stop_on_errors(
     errors = [finding for finding in findings if finding.severity == "error" and finding.code not in accept]
     if not errors:
         return
-    first = errors[0]
-    file = f"{first.where.file}: " if first.where.file else ""
+    file, text = errors[0].where.file, errors[0].text
     codes = list(dict.fromkeys(finding.code for finding in errors))
-    shown_by = more(first)
-    count = f"{len(errors) - 1} more error{'s' if len(errors) > 2 else ''}"
-    others = f" ({count}{f': {shown_by}' if shown_by else ''})" if len(errors) > 1 else ""
-    raise InputError(f"{file}{first.text}{others} To continue despite this: {going_on(codes)}.")
+    more = (
+        f"{len(errors) - 1} more error{'s' if len(errors) > 2 else ''}{f': see {others}' if others else ''}"
+    )
+    raise InputError(
+        f"{f'{file}: ' if file else ''}{text}{f' ({more})' if len(errors) > 1 else ''} To continue despite this: "
+        f"{going_on(codes)}."
+    )
 
 
 def finding_results(findings: Iterable[Finding]) -> list[dict[str, object]]:

@@ -51,7 +51,7 @@ def align(
         A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     """
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
-    findings = check_input(None, {log: run}, accept=accept, mappings={log: mapping})
+    findings = check_input(None, {log: run}, accept=accept, mappings=[mapping])
     inputs = input_files(log, mocap, mapping)
     (name,) = named_files([log])
     with open_result(out, command="align", writes=_WRITTEN, inputs=inputs) as result:

@@ -137,7 +137,7 @@ def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ..
     refused = [one for one in findings if one.severity == "error" and one.code not in codes]
     if refused:
         show_findings(findings, accept=codes)
-        stop_on_errors(refused, more=lambda _: "shown above")
+        stop_on_errors(refused, others="above")
     return findings
 
 

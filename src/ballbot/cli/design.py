@@ -125,7 +125,7 @@ def design(
         Takes minutes.
     """
     described = Robot.load(robot)
-    findings = check_robot(described, robot, accept=accept)
+    findings = check_robot(described, accept=accept)
     if robust:
         _refuse_with_robust(weights, parts)
         if weights.sample_time is not None:

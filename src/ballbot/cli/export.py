@@ -53,7 +53,7 @@ def export(
     """
     check_clock(clock)
     described = Robot.load(robot)
-    findings = check_robot(described, robot, accept=accept)
+    findings = check_robot(described, accept=accept)
     check_belongs(controller, described)
     read = read_controller(controller, described)
     writes = [*exported_names(), PAGE, "results.json"]

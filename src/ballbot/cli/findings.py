@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from ballbot.cli.output import notice_output
-from ballbot.findings import Finding, as_options, by_severity, check_codes, no_command, stop_on_errors
-from ballbot.printable import shell_line
+from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
 from ballbot.report.console import finding_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import named_robot_findings
@@ -36,8 +34,7 @@ def check_input(
     logs: Mapping[Path, Log],
     *,
     accept: Sequence[str] | None,
-    source: str | None = None,
-    mappings: Mapping[Path, Path | None] = MappingProxyType({}),
+    mappings: Collection[Path | None] = (),
     show: bool = True,
 ) -> tuple[Finding, ...]:
     """Check the logs of a command, print accepted errors and warnings, and return all findings.
@@ -50,10 +47,8 @@ def check_input(
         By their files.
     accept : sequence of str, optional
         What `--accept` gave.
-    source : str, optional
-        The preset or file of the robot, as the command line names it.
-    mappings : mapping of Path to Path or None, optional
-        The mapping files of the logs, by the logs' files.
+    mappings : collection of Path or None, optional
+        The mapping files of the logs.
     show : bool
         Whether to print the findings; if not, the command calls `show_findings` when it has printed its result.
 
@@ -62,40 +57,19 @@ def check_input(
     InputError
         If a log has an error whose code is not accepted, or a code is unknown.
     """
-    from ballbot.log.checks import checked_logs
+    from ballbot.log.checks import findings_of
     from ballbot.log.mapping_file import dead_band_findings
 
-    named = {str(path): log for path, log in logs.items()}
-    used = {str(path): mapping for path, mapping in mappings.items()}
-
-    def listed_by(error: Finding) -> str:
-        file = error.where.file
-        tokens = ["ballbot", "check-log", file]
-        if file not in named:  # it is about the robot
-            tokens = ["ballbot", "check", source or "ROBOT"]
-        else:
-            tokens += ["--robot", source] if source else []
-            tokens += ["--mapping", str(used[file])] if used.get(file) else []
-        return f"run `{shell_line(tokens)}`"
-
-    findings = checked_logs(robot, named, accept=accept or (), going_on=as_options, more=listed_by).findings
+    check_codes(accept or ())
+    findings = findings_of(robot, {str(path): log for path, log in logs.items()})
     if robot is not None:
-        findings = by_severity([*findings, *dead_band_findings(dict.fromkeys(mappings.values()))])
-    if show:
-        show_findings(findings)
+        findings = by_severity([*findings, *dead_band_findings(dict.fromkeys(mappings))])
+    stop_or_show(findings, accept=accept, others="`ballbot check-log`", show=show)
     return findings
 
 
-def check_robot(robot: Robot, source: str, *, accept: Sequence[str] | None) -> tuple[Finding, ...]:
+def check_robot(robot: Robot, *, accept: Sequence[str] | None) -> tuple[Finding, ...]:
     """Check a robot's numbers against one another, print accepted errors and warnings, and return all findings.
-
-    Parameters
-    ----------
-    robot : Robot
-    source : str
-        Its preset or file, as the command line names it.
-    accept : sequence of str, optional
-        What `--accept` gave.
 
     Raises
     ------
@@ -103,16 +77,16 @@ def check_robot(robot: Robot, source: str, *, accept: Sequence[str] | None) -> t
         If there is an error whose code is not accepted, or a code is unknown.
     """
     findings = named_robot_findings(robot)
-    stop_or_show(findings, accept=accept, more=lambda _: f"run `{shell_line(['ballbot', 'check', source])}`")
+    stop_or_show(findings, accept=accept, others="`ballbot check`")
     return findings
 
 
 def stop_or_show(
-    findings: Sequence[Finding], *, accept: Sequence[str] | None, more: Callable[[Finding], str] | None = None
+    findings: Sequence[Finding], *, accept: Sequence[str] | None, others: str = "", show: bool = True
 ) -> None:
-    """Stop on an error that is not accepted; else print accepted errors and warnings.
+    """Stop on an error that is not accepted; else print accepted errors and warnings, if asked for.
 
-    Without a command that shows the other errors (`more`), they are printed here.
+    Without a command that shows the other errors (`others`), they are printed here.
 
     Raises
     ------
@@ -121,11 +95,11 @@ def stop_or_show(
     """
     accepted = check_codes(accept or ())
     errors = [one for one in findings if one.severity == "error" and one.code not in accepted]
-    if more is None and len(errors) > 1:
+    if not others:
         show_findings(errors[1:], accept=accepted)
-        stop_on_errors(errors, accept=accepted, more=lambda _: "see above")
-    stop_on_errors(errors, accept=accepted, more=more or no_command)
-    show_findings(findings)
+    stop_on_errors(errors, others=others or "above")
+    if show:
+        show_findings(findings)
 
 
 def show_findings(findings: Collection[Finding], *, accept: Collection[str] | None = None) -> None:

@@ -134,7 +134,7 @@ def identify(
     mappings = reading.mapping or []
     named, others = _logs(logs, reading.holdout or [], mappings, described)
     bounds = read_bounds(fit.bounds) if fit.bounds else Bounds()
-    checked = _checked(robot, described, named, others, accept)
+    checked = _checked(described, named, others, accept)
     back_emf = common_back_emf(mappings)
     inputs = [robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep]
     with (
@@ -209,7 +209,6 @@ def _logs(
 
 
 def _checked(
-    source: str,
     robot: Robot,
     named: Mapping[str, _Named],
     others: Mapping[str, _Named],
@@ -221,8 +220,7 @@ def _checked(
         robot,
         {one.path: one.log for one in both},
         accept=accept,
-        source=source,
-        mappings={one.path: one.mapping for one in both},
+        mappings=[one.mapping for one in both],
     )
     return CheckedLogs(logs={name: one.log for name, one in named.items()}, findings=findings)
 

@@ -110,7 +110,7 @@ def record(
         The folder to write into.
     """
     described = Robot.load(robot)
-    check_robot(described, robot, accept=accept)
+    check_robot(described, accept=accept)
     # refused before anything is run or made
     as_reference(run.reference)
     check_seed(random.seed)

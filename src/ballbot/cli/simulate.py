@@ -81,7 +81,7 @@ def simulate(
         Length of the run [s].
     """
     described = Robot.load(robot)
-    findings = check_robot(described, robot, accept=accept)
+    findings = check_robot(described, accept=accept)
     check_seed(simulated.seed)
     check_format(format)
     path = as_reference(reference)

@@ -13,7 +13,6 @@ from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
-from ballbot.findings import in_check_log
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.spin import difference_figure, spin_report, spin_results, velocity_figure
@@ -115,7 +114,7 @@ def spin(
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
     findings = bench_findings(described, {str(log): run}) if described and run else ()
-    stop_or_show(findings, accept=accept, more=in_check_log)
+    stop_or_show(findings, accept=accept, others="`ballbot check-log`")
     film = open_video(video, frame_rate=camera.frame_rate)
     with open_result(out, command="spin", writes=_WRITTEN, inputs=input_files(video, log, mapping)) as result:
         with result.progress("looking") as bar:

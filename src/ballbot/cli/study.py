@@ -108,8 +108,7 @@ def study(
         described,
         dict(zip(logs, named.values(), strict=True)),
         accept=accept,
-        source=robot,
-        mappings=dict.fromkeys(logs, fit.mapping),
+        mappings=[fit.mapping],
     )
     back_emf, excluded = back_emf_of(fit.mapping), names_listed(fit.exclude_states)
     scenario = load_scenario(trial.scenario, described)

@@ -66,9 +66,7 @@ def _validate_prediction(
     log = read_balancing_log(log_path, mapping, robot)
     # what the robot does wrong, the verdict is about
     accepted = [*(accept or ()), *sorted(EXPLAINED_CODES)]
-    found = check_input(
-        robot, {log_path: log}, accept=accepted, source=source, mappings={log_path: mapping}, show=False
-    )
+    found = check_input(robot, {log_path: log}, accept=accepted, mappings=[mapping], show=False)
     try:
         verdict = evaluate_log(prediction, log, driver, log_findings=found)
     except InputError as error:
@@ -192,8 +190,7 @@ def validate(
         described,
         dict(zip(logs, named.values(), strict=True)),
         accept=accept,
-        source=robot,
-        mappings=dict.fromkeys(logs, mapping),
+        mappings=[mapping],
     )
     fitted = fitted_findings(models, named)
     show_findings(fitted)

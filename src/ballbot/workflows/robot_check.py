@@ -19,7 +19,7 @@ from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import PRESETS, named_controller
 from ballbot.control.references import as_reference, is_reference_file
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, finding_results, no_command, stop_on_errors
+from ballbot.findings import Finding, by_severity, finding_results, stop_on_errors
 from ballbot.identification.inertia import (
     Pivot,
     SwingInertia,
@@ -196,7 +196,7 @@ def check_swing(
 
 def _stop(findings: Sequence[Finding], file: Path, accept: Collection[str]) -> None:
     named = [replace(one, where=replace(one.where, file=str(file))) for one in findings]
-    stop_on_errors(named, accept=accept, more=no_command)
+    stop_on_errors(named, accept=accept)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ that follow from another one are left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -29,7 +29,6 @@ from ballbot.findings import (
     by_severity,
     check_codes,
     error,
-    in_check_log,
     note,
     stop_on_errors,
 )
@@ -209,13 +208,21 @@ class CheckedLogs:
         return cls(logs={"": log}, findings=())
 
 
+def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
+    """Return what is wrong with logs by their names, and with the robot that they are of; errors first.
+
+    Raises
+    ------
+    InputError
+        If two logs are of the same run.
+    """
+    refuse_copies(logs)
+    of_robot = () if robot is None else named_robot_findings(robot)
+    return by_severity([*of_robot, *check_logs(logs, robot=robot)])
+
+
 def checked_logs(
-    robot: RobotLike | None,
-    logs: LogsLike | CheckedLogs,
-    *,
-    accept: Collection[str] = (),
-    going_on: Callable[[Sequence[str]], str] = as_argument,
-    more: Callable[[Finding], str] = in_check_log,
+    robot: RobotLike | None, logs: LogsLike | CheckedLogs, *, accept: Collection[str] = ()
 ) -> CheckedLogs:
     """Check logs, unless they are checked, and stop on an error that is not accepted.
 
@@ -227,8 +234,6 @@ def checked_logs(
         See `ballbot.log.as_logs` for their names in messages.
     accept : collection of str
         Codes of errors despite which to continue; see `ballbot.findings.CODES`.
-    going_on, more : callable
-        See `ballbot.findings.stop_on_errors`.
 
     Raises
     ------
@@ -240,11 +245,8 @@ def checked_logs(
     if isinstance(logs, CheckedLogs):
         return logs
     named = as_logs(logs)
-    refuse_copies(named)
-    described = None if robot is None else as_robot(robot)
-    of_robot = named_robot_findings(described) if described else ()
-    findings = by_severity([*of_robot, *check_logs(named, robot=described)])
-    stop_on_errors(findings, accept=codes, going_on=going_on, more=more)
+    findings = findings_of(None if robot is None else as_robot(robot), named)
+    stop_on_errors(findings, accept=codes, going_on=as_argument)
     return CheckedLogs(logs=named, findings=findings)
 
 
