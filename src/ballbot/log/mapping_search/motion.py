@@ -123,7 +123,7 @@ class Signals:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class SensedMotion:
     """What the sensors show with the units that the motion supports."""
 
     units: Units
@@ -140,7 +140,7 @@ class Motion:
     heading: HeadingTest | None
 
 
-def motion_of_file(base: Columned) -> Motion:
+def motion_of_file(base: Columned) -> SensedMotion:
     """Return the likeliest units and what the sensors show with them."""
     roles, t = base.roles, base.t
     raw, wrap = _continued(base.stacked(roles.angles), of_speeds=roles.of_speeds)
@@ -188,7 +188,7 @@ def _continued(angles: NDArray[np.float64], *, of_speeds: bool) -> tuple[NDArray
     return np.column_stack([unwrapped(column, period=period) for column in angles.T]), period
 
 
-def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, units: Units) -> Motion:
+def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, units: Units) -> SensedMotion:
     roles, robot, t = base.roles, base.robot, base.t
     lean, wheel = units
     angles, limit = raw * wheel.factor, IMPOSSIBLE_SPEED * fastest(robot)
@@ -206,7 +206,7 @@ def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, un
     ]
     known = [(one, test) for one, test in tests if test is not None]
     signals, tested = min(known, key=lambda one: _doubt(one[1])) if known else (tried[0], None)
-    return Motion(
+    return SensedMotion(
         units=units,
         likely={},
         angles=carried,

@@ -19,7 +19,7 @@ from ballbot.log.formats import read_foreign_table
 from ballbot.log.mapping_search.commands import KINDS, drive_of, needs_of, turned_by
 from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.frame import frame_of
-from ballbot.log.mapping_search.motion import Columned, Motion, Stated, motion_of_file
+from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, motion_of_file
 from ballbot.log.mapping_search.roles import Roles, roles_of
 from ballbot.log.mapping_search.text import Proposal, Question, What, mapped
 from ballbot.log.mapping_search.units import lean_units, other_encoder, time_unit
@@ -127,7 +127,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     )
 
 
-def _contradiction(proposal: Proposal, motion: Motion) -> str:
+def _contradiction(proposal: Proposal, motion: SensedMotion) -> str:
     """Return why it is not this robot's log; empty if nothing says so."""
     base, tested = proposal.base, motion.tested
     if not base.roles.of_speeds:
@@ -146,7 +146,7 @@ def _contradiction(proposal: Proposal, motion: Motion) -> str:
     )
 
 
-def _what(roles: Roles, motion: Motion | None) -> What:
+def _what(roles: Roles, motion: SensedMotion | None) -> What:
     if motion is None:
         return "IMU only"
     if not roles.attitude:
@@ -161,14 +161,14 @@ def _what(roles: Roles, motion: Motion | None) -> What:
     return "held by hand" if np.quantile(away, 0.9) > LARGEST_LEAN else "balancing"
 
 
-def _on_a_stand(base: Columned, motion: Motion) -> bool:
+def _on_a_stand(base: Columned, motion: SensedMotion) -> bool:
     """Return whether wheels follow commands that no balancing robot gives: of one sign, or alike."""
     commands = base.stacked(base.roles.commands)
     one_way = not commands.min() < 0.0 < commands.max() or np.allclose(commands, commands[:, :1])
     return bool(one_way and turned_by(base, motion) is not None)
 
 
-def _questions(proposal: Proposal, motion: Motion) -> Iterator[Question]:
+def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
 
     def question(key: str, name: str, answers: Sequence[str], evidence: str) -> Question:
@@ -262,7 +262,7 @@ def _finding(severity: Severity, code: str, sentence: str, columns: tuple[str, .
     return Finding(severity=severity, code=code, text=sentence, where=Place(columns=columns))
 
 
-def _findings(proposal: Proposal, motion: Motion) -> Iterator[Finding]:
+def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     """Yield what was noticed and not changed."""
     roles, tested, drive, cut = proposal.roles, motion.tested, proposal.drive, proposal.base.cut
     used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in cut]

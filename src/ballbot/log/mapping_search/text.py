@@ -19,9 +19,9 @@ from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_search.commands import Drive
-from ballbot.log.mapping_search.frame import Frame
-from ballbot.log.mapping_search.motion import Columned, Motion
+from ballbot.log.mapping_search.commands import CommandDrive
+from ballbot.log.mapping_search.frame import SensorFrame
+from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.placement import LeanTest
 from ballbot.log.mapping_search.roles import Roles
@@ -72,11 +72,11 @@ class Proposal:
     unordered: bool
     time: Unit
     lean: Unit | None
-    motion: Motion | None  #: None without wheels
-    frame: Frame
+    motion: SensedMotion | None  #: None without wheels
+    frame: SensorFrame
     keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]
     what: What
-    drive: Drive | None = None
+    drive: CommandDrive | None = None
     questions: tuple[Question, ...] = ()
     contradiction: str = ""  #: why it is not this robot's log, in a sentence; empty if nothing says so
     findings: tuple[Finding, ...] = ()
