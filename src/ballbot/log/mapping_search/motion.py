@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.columns import FACTORS, Columns
+from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.frame import HeadingTest, heading_test
@@ -64,11 +65,20 @@ class Columned:
     """The columns that have a role."""
 
     path: Path
+    table: ForeignTable
     cut: Columns  #: the rows that are taken
+    rows: tuple[int, int] | None  #: the first and the last of them, from 1; None for all
+    repeated: bool  #: whether repeated rows are left out
+    unordered: bool  #: whether rows whose time decreases are left out
     roles: Roles
-    t: NDArray[np.float64]  #: (M,) [s]
+    time: Unit
     robot: Robot
     stated: Stated
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Times (M,) [s]."""
+        return self.cut[self.roles.time] * self.time.factor
 
     def stacked(self, names: Sequence[str]) -> NDArray[np.float64]:
         """Return columns (M, k) with missing values interpolated; counts stay whole numbers."""
