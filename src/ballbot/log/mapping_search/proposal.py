@@ -320,28 +320,24 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
         yield _finding("warning", "scale", sentence, roles.commands)
 
 
-def agreement(proposals: Sequence[Proposal]) -> list[tuple[Proposal, str]]:
-    """Return the logs of one robot that contradict the others, with what they contradict; the surest comes first."""
-
-    def answer(one: Proposal) -> dict[str, object]:
-        found: dict[str, object] = {}
-        if one.tested is not None and one.tested.confidence >= CONFIDENT:
-            found["order of the wheels"] = one.frame.order
-            if one.frame.direction >= CONFIDENT:
-                found["signs of the wheels"] = one.frame.signs
-                found["turn of the IMU"] = round(math.degrees(one.frame.turn) / 30.0) % 12
-        assigned = one.drive.assigned if one.drive else None
-        if assigned is not None and assigned.confidence >= CONFIDENT:
-            found["order and signs of the commands"] = (assigned.wheels, assigned.signs)
-        return found
-
-    wrong = []
+def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[tuple[Proposal, str]]:
+    """Yield the logs of one robot that contradict the surest of them, with the first thing that they contradict."""
+    wanted = _answers(surest)
     for one in proposals:
-        for key, value in answer(one).items():
-            votes = [answer(other).get(key) for other in proposals]
-            others = [vote for vote in votes if vote is not None and vote != value]
-            alone = others and one is not proposals[0] and votes.count(value) == 1
-            if alone or len(others) > votes.count(value):
-                wrong.append((one, key))
-                break
-    return wrong
+        other = next((key for key, value in _answers(one).items() if wanted.get(key, value) != value), None)
+        if other is not None:
+            yield one, other
+
+
+def _answers(one: Proposal) -> dict[str, object]:
+    """Return what a log shows with confidence and another of the same robot must show, too."""
+    found: dict[str, object] = {}
+    if one.tested is not None and one.tested.confidence >= CONFIDENT:
+        found["order of the wheels"] = one.frame.order
+        if one.frame.direction >= CONFIDENT:
+            found["signs of the wheels"] = one.frame.signs
+            found["turn of the IMU"] = round(math.degrees(one.frame.turn) / 30.0) % 12
+    assigned = one.drive.assigned if one.drive else None
+    if assigned is not None and assigned.confidence >= CONFIDENT:
+        found["order and signs of the commands"] = (assigned.wheels, assigned.signs)
+    return found
