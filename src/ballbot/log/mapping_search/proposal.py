@@ -39,6 +39,8 @@ LARGEST_LEAN = 0.2
 #: the largest ratio of torques, in either direction, that friction which the law lacks explains in a weak motion (2.8
 #: on a real log)
 LARGEST_RATIO = 4.0
+#: a ratio of torques that is told: masses and torque constants of robot files are this uncertain
+NOTABLE_RATIO = 1.25
 
 
 def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Proposal:
@@ -202,10 +204,8 @@ def _frame_questions(proposal: Proposal) -> Iterator[Question]:
     if tested is not None:
         best, other = tested.placements[:2]
         if tested.confidence < CONFIDENT:
-            words, evidence = (
-                (best.description, other.description),
-                f"the first fits {tested.margin:.2f} times better than the second",
-            )
+            words = best.description, other.description
+            evidence = f"the first fits {tested.margin:.2f} times better than the second"
             yield _question("[wheels] order", "order and signs of the wheels", words, evidence)
         elif frame.direction < CONFIDENT:
             words = str(list(frame.signs)), str([-sign for sign in frame.signs])
@@ -222,14 +222,10 @@ def _frame_questions(proposal: Proposal) -> Iterator[Question]:
             evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
             yield _question("[attitude] from", "axes of the lean", words, evidence)
         if tested.phase_error is None or tested.phase_error > CLEAR_TURN:
-            known = (
-                "unknown"
-                if tested.phase_error is None
-                else f"known to {math.degrees(tested.phase_error):.0f} deg"
-            )
-            yield _question(
-                "[attitude] turn", "turn of the IMU", (f"{math.degrees(frame.turn):.0f} deg",), known
-            )
+            known, words = "unknown", (f"{math.degrees(frame.turn):.0f} deg",)
+            if tested.phase_error is not None:
+                known = f"known to {math.degrees(tested.phase_error):.0f} deg"
+            yield _question("[attitude] turn", "turn of the IMU", words, known)
     elif proposal.roles.attitude:
         words = "order and signs of the wheels"
         yield _question("[wheels] order", words, ("as in the file",), "the robot hardly moves")
@@ -252,10 +248,7 @@ def _command_questions(proposal: Proposal, drive: CommandDrive) -> Iterator[Ques
         yield _question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
     if proposal.tested is None:
         return
-    values, one = (
-        np.column_stack([proposal.base.cut[name] for name in proposal.roles.commands]),
-        drive.assigned,
-    )
+    one, values = drive.assigned, np.array([proposal.base.cut[name] for name in proposal.roles.commands])
     if not np.nanmin(values) < 0.0:
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
@@ -309,13 +302,10 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
             "IMU's data sheet gives one."
         )
         yield _finding("note", "timing", sentence, roles.attitude)
-    if (
-        drive is not None
-        and math.isfinite(drive.ratio)
-        and abs(math.log(max(drive.ratio, 1e-12))) > math.log(1.25)
-    ):
+    ratio = drive.ratio if drive is not None else math.nan
+    if math.isfinite(ratio) and not 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO:
         sentence = (
-            f"The torques are {drive.ratio:.2f} times those that the motion and the robot file's masses need."
+            f"The torques are {ratio:.2f} times those that the motion and the robot file's masses need."
         )
         yield _finding("warning", "scale", sentence, roles.commands)
 
