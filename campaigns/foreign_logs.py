@@ -40,46 +40,27 @@ class Names:
     first: int = 1
 
 
-STYLES = (
+STYLES = tuple(
     Names(
-        time="t_now",
-        lean=("theta_x", "theta_y", "theta_z"),
-        gyro="gyro_{}",
-        angle="psi_{}",
-        command="u{}",
-        units=False,
-    ),
-    Names(
-        time="Timestamp",
-        lean=("Roll", "Pitch", "Yaw"),
-        gyro="Gyro{}",
-        angle="Enc{}",
-        command="Motor{}_{kind}",
-        units=True,
-    ),
-    Names(
-        time="time", lean=("roll", "pitch", "yaw"), gyro="g{}", angle="enc_{}", command="{kind}{}", units=True
-    ),
-    Names(
-        time="t", lean=("roll", "pitch", "yaw"), gyro="w{}", angle="wheel{}", command="cmd_{}", units=False
-    ),
-    Names(
-        time="stamp",
-        lean=("imu.roll", "imu.pitch", "imu.yaw"),
-        gyro="imu.gyro.{}",
-        angle="motor[{}].position",
-        command="motor[{}].{kind}",
-        units=False,
-        first=0,
-    ),
-    Names(
-        time="Time",
-        lean=("ImuRoll", "ImuPitch", "ImuYaw"),
-        gyro="ImuGyro{}",
-        angle="q{}",
-        command="tau_{}",
-        units=True,
-    ),
+        time=time,
+        lean=(lean[0], lean[1], lean[2]),
+        gyro=gyro,
+        angle=angle,
+        command=command,
+        units=units == "units",
+        first=0 if "[" in angle else 1,
+    )
+    for time, *lean, gyro, angle, command, units in map(
+        str.split,
+        (
+            "t_now theta_x theta_y theta_z gyro_{} psi_{} u{} -",
+            "Timestamp Roll Pitch Yaw Gyro{} Enc{} Motor{}_{kind} units",
+            "time roll pitch yaw g{} enc_{} {kind}{} units",
+            "t roll pitch yaw w{} wheel{} cmd_{} -",
+            "stamp imu.roll imu.pitch imu.yaw imu.gyro.{} motor[{}].position motor[{}].{kind} -",
+            "Time ImuRoll ImuPitch ImuYaw ImuGyro{} q{} tau_{} units",
+        ),
+    )
 )
 #: what a style's unit is called at the end of a name
 SPELLED = {"deg/s": "dps", "rad/s": "rad_s", "N m": "Nm", "mN m": "mNm", "%": "pct"}

@@ -146,8 +146,8 @@ def test_a_time_of_day_over_midnight_keeps_all_rows(tmp_path):
         lines.append([clock, *row[1:], *(f"{np.sin(0.05 * k + i) * 8.0:.4f}" for i in range(3))])
     path = write(tmp_path, "time,u1,u2,u3,theta,phi,psi,wheel1,wheel2,wheel3", lines)
     found = propose(path, ALTEN)
-    assert found.rows is None
-    np.testing.assert_allclose(np.diff(found.table.columns["time"]), 0.005, atol=2e-6)
+    assert found.base.rows is None
+    np.testing.assert_allclose(np.diff(found.base.table.columns["time"]), 0.005, atol=2e-6)
     assert any("begins again" in one.text for one in found.findings)
 
 
@@ -209,7 +209,7 @@ def test_what_a_shared_case_is(name, what):
     columns = None if what == "held by hand" else RAMP
     found = propose(path, Robot.load("rob311"), Stated(command="duty", columns=columns))
     assert found.what == what
-    assert found.rows is None
+    assert found.base.rows is None
 
 
 def test_only_the_columns_that_a_mapping_uses_must_be_numbers(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log.mapping_search.commands import command_delay
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import agreement, propose
+from ballbot.log.mapping_search.proposal import contradictions, propose
 from ballbot.log.mapping_search.text import MOST_LINES, Evaluation, answer_lines, evaluate
 from ballbot.log.signals import INTERVAL, Smooth
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
@@ -123,5 +123,5 @@ def test_a_delay_of_chattering_commands_is_told_from_half_a_period_more_by_their
 def test_a_log_that_contradicts_the_others_is_named(tmp_path):
     one = found_for(tmp_path, Habits()).proposal
     negated = replace(one, frame=replace(one.frame, signs=tuple(-sign for sign in one.frame.signs)))
-    assert agreement([one, one]) == []
-    assert [words for _, words in agreement([one, one, negated])] == ["signs of the wheels"]
+    assert list(contradictions([one, one], one)) == []
+    assert [words for _, words in contradictions([one, negated], one)] == ["signs of the wheels"]

@@ -16,7 +16,7 @@ from ballbot.log import Log
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.mapping_search.proposal import agreement, propose
+from ballbot.log.mapping_search.proposal import contradictions, propose
 from ballbot.log.mapping_search.text import Evaluation, Proposal, evaluate, surest
 from ballbot.printable import shell_line
 from ballbot.report.log_check import (
@@ -175,12 +175,12 @@ def _show(
             result.write_json(proposal_results(evaluated), new)
             result.write_page(proposal_report(found, robot, result.origin), new)
         result.show_file(PAGE, *("mapping.toml", "log.csv")[: 1 if found.log is None else 2])
-    for other, words in agreement([one.proposal for one in evaluated]):
+    for other, words in contradictions([one.proposal for one in evaluated], found.proposal):
         raise InputError(
             f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."
         )
     for one in evaluated:
-        if one.proposal.table.layout.names != found.proposal.table.layout.names:
+        if one.proposal.base.table.layout.names != found.proposal.base.table.layout.names:
             raise InputError(
                 f"{one.proposal.file} has other columns than {found.proposal.file}: the logs agree, but each needs "
                 "a mapping of its own, by a check of its own."

@@ -271,7 +271,7 @@ def _proposal_results(found: Evaluation) -> dict[str, object]:
         "file": str(proposal.file),
         "what": proposal.what,
         "roles": proposal.roles,
-        "time_unit": proposal.time,
+        "time_unit": proposal.base.time,
         "wheel_unit": proposal.motion.units[1] if proposal.motion else None,
         "lean_unit": proposal.lean,
         "gyro": proposal.motion.gyro if proposal.motion else None,

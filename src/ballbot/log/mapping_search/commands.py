@@ -36,8 +36,8 @@ from ballbot.log.mapping_search.evidence import (
     solved,
     vertex_with_error,
 )
-from ballbot.log.mapping_search.frame import Frame
-from ballbot.log.mapping_search.motion import Columned, Motion
+from ballbot.log.mapping_search.frame import SensorFrame
+from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import INPUT_OF_UNIT, InputKind
 from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
 from ballbot.robot import Robot
@@ -76,7 +76,7 @@ _SCALES: dict[InputKind, dict[str, float]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Assignment:
+class CommandOrder:
     """Which wheel each command drives."""
 
     wheels: tuple[int, ...]  #: for the file's commands in turn, the robot's wheel (from 0)
@@ -94,10 +94,10 @@ class Assignment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drive:
+class CommandDrive:
     """What the commands are."""
 
-    assigned: Assignment | None  #: None if the motion cannot be compared with them
+    assigned: CommandOrder | None  #: None if the motion cannot be compared with them
     kind: InputKind | None  #: None if nobody states it
     scale: float  #: what turns the file's number into N m, A, V or a duty
     scales: tuple[str, ...]  #: names of scales that fit alike, the likeliest first; empty if one is clear
@@ -112,7 +112,11 @@ class Drive:
         return self.ratios[self.kind][1] if self.kind in self.ratios else math.nan
 
 
-def needs_of(log: Log, robot: Robot) -> tuple[Driving, Floats] | None:
+#: torques with the needs of each wheel, and gravity's part of these
+Needs = tuple[Driving, Floats]
+
+
+def needs_of(log: Log, robot: Robot) -> Needs | None:
     """Return the torques of a log with the needs of each wheel, and gravity's part of these; None if it shows none."""
     rows = usable_rows(log, robot)
     if rows is None:
@@ -122,7 +126,7 @@ def needs_of(log: Log, robot: Robot) -> tuple[Driving, Floats] | None:
     return None if driving is None else (driving, gravity_need(moved, robot))
 
 
-def drive_of(base: Columned, motion: Motion, frame: Frame, needs: tuple[Driving, Floats] | None) -> Drive:
+def drive_of(base: Columned, motion: SensedMotion, frame: SensorFrame, needs: Needs | None) -> CommandDrive:
     """Return what the commands are, by what they are as torques in the frame's order of the wheels (`needs_of`)."""
     assigned, gain, error = None, math.nan, 0.0
     if not base.roles.attitude:
@@ -133,7 +137,7 @@ def drive_of(base: Columned, motion: Motion, frame: Frame, needs: tuple[Driving,
         gain, error = _gain_of(driving, assigned, pulled)
     kind, scale, scales, ratios = _scale_of(base, gain, error)
     delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
-    return Drive(
+    return CommandDrive(
         assigned=assigned,
         kind=kind,
         scale=scale,
@@ -144,7 +148,7 @@ def drive_of(base: Columned, motion: Motion, frame: Frame, needs: tuple[Driving,
     )
 
 
-def turned_by(base: Columned, motion: Motion) -> Assignment | None:
+def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
     """Return which command turns which free wheel, by their speeds; None if they do not follow the commands."""
     held = base.held_commands(motion.signals.rows)
     x, y = (one - one.mean(axis=0) for one in (held, motion.signals.wheels.rate))
@@ -155,7 +159,7 @@ def turned_by(base: Columned, motion: Motion) -> Assignment | None:
     best, other = sorted(sums, key=lambda one: (-round(sums[one], 6), one))[:2]
     if min(abs(R[j, wheel]) for j, wheel in enumerate(best)) < FOLLOWED:
         return None
-    return Assignment(
+    return CommandOrder(
         wheels=best,
         signs=tuple(1 if R[j, wheel] > 0.0 else -1 for j, wheel in enumerate(best)),
         explained=(sums[best] / len(R)) ** 2,
@@ -165,10 +169,10 @@ def turned_by(base: Columned, motion: Motion) -> Assignment | None:
     )
 
 
-_Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `Assignment`
+_Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `CommandOrder`
 
 
-def assign(driving: Driving, counted: Sequence[int]) -> Assignment:
+def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     """Return the order and signs of the commands that the motion explains best.
 
     Of those that make nearly the same torques, as opposite wheels of four do while the heading stands still, the usual
@@ -191,7 +195,7 @@ def assign(driving: Driving, counted: Sequence[int]) -> Assignment:
     other = next((one for one in found if one not in alike), best)
     explained = 1.0 - float(totals[best].sum())
     enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
-    return Assignment(
+    return CommandOrder(
         wheels=best[0],
         signs=best[1],
         explained=explained,
@@ -250,7 +254,7 @@ def _left(driving: Driving) -> dict[_Order, Floats]:
     return found
 
 
-def _gain_of(driving: Driving, assigned: Assignment, pulled: Floats) -> tuple[float, float]:
+def _gain_of(driving: Driving, assigned: CommandOrder, pulled: Floats) -> tuple[float, float]:
     """Return the command a of 1 N m of need (nan if the log does not show it), and its logarithm's standard error.
 
     `pulled` is gravity's part of the need (N, n), by wheel [N m]: the instrument, which noise of the accelerations is
@@ -276,7 +280,9 @@ def _gain_of(driving: Driving, assigned: Assignment, pulled: Floats) -> tuple[fl
     return math.exp(log_gain(total)), jackknife_error(np.array([log_gain(total - one) for one in sums]))
 
 
-def _delay(base: Columned, motion: Motion, frame: Frame, assigned: Assignment) -> tuple[float, float]:
+def _delay(
+    base: Columned, motion: SensedMotion, frame: SensorFrame, assigned: CommandOrder
+) -> tuple[float, float]:
     """Return how late the wheels answer to the commands [s], and its standard error; nan, inf if unknown."""
     driven = np.zeros((len(frame.order), len(frame.order)))
     for j, wheel in enumerate(

@@ -66,7 +66,7 @@ def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frame:
+class SensorFrame:
     """How the file's wheels and IMU sit on the robot."""
 
     order: tuple[int, ...]  #: for the robot's wheels in turn, the file's wheel (from 1)
@@ -78,12 +78,12 @@ class Frame:
     handedness: float = 1.0  #: confidence that no other axis of the IMU is reversed
 
 
-def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None) -> Frame:
+def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None) -> SensorFrame:
     """Return the frame that the tests speak for; the robot's own if there is no lean to test."""
     count = robot.wheel_count
     own = tuple(range(1, count + 1))
     if tested is None:
-        return Frame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
+        return SensorFrame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
     best, beta = tested.placements[0], robot.wheels.azimuths
     same = 0.0 if heading is None else tested.handedness
     prior = SAME_IF_MIRRORED if best.mirrored else SAME_HANDEDNESS
@@ -110,7 +110,7 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
     error = tested.phase_error if tested.phase_error is not None else ROUNDED
     rounded = abs(turn - near) <= min(ROUNDED, ROUNDED_ERRORS * error + np.deg2rad(1.0))
     by_wheels = seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
-    return Frame(
+    return SensorFrame(
         order=tuple(positions.index(place) + 1 for place in own),
         signs=tuple(int(sign) for sign in signs),
         turn=float(near if rounded else turn),

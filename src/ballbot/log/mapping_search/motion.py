@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.columns import FACTORS, Columns
+from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.frame import HeadingTest, heading_test
@@ -64,11 +65,20 @@ class Columned:
     """The columns that have a role."""
 
     path: Path
+    table: ForeignTable
     cut: Columns  #: the rows that are taken
+    rows: tuple[int, int] | None  #: the first and the last of them, from 1; None for all
+    repeated: bool  #: whether repeated rows are left out
+    unordered: bool  #: whether rows whose time decreases are left out
     roles: Roles
-    t: NDArray[np.float64]  #: (M,) [s]
+    time: Unit
     robot: Robot
     stated: Stated
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Times (M,) [s]."""
+        return self.cut[self.roles.time] * self.time.factor
 
     def stacked(self, names: Sequence[str]) -> NDArray[np.float64]:
         """Return columns (M, k) with missing values interpolated; counts stay whole numbers."""
@@ -123,7 +133,7 @@ class Signals:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class SensedMotion:
     """What the sensors show with the units that the motion supports."""
 
     units: Units
@@ -140,7 +150,7 @@ class Motion:
     heading: HeadingTest | None
 
 
-def motion_of_file(base: Columned) -> Motion:
+def motion_of_file(base: Columned) -> SensedMotion:
     """Return the likeliest units and what the sensors show with them."""
     roles, t = base.roles, base.t
     raw, wrap = _continued(base.stacked(roles.angles), of_speeds=roles.of_speeds)
@@ -188,7 +198,7 @@ def _continued(angles: NDArray[np.float64], *, of_speeds: bool) -> tuple[NDArray
     return np.column_stack([unwrapped(column, period=period) for column in angles.T]), period
 
 
-def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, units: Units) -> Motion:
+def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, units: Units) -> SensedMotion:
     roles, robot, t = base.roles, base.robot, base.t
     lean, wheel = units
     angles, limit = raw * wheel.factor, IMPOSSIBLE_SPEED * fastest(robot)
@@ -206,7 +216,7 @@ def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, un
     ]
     known = [(one, test) for one, test in tests if test is not None]
     signals, tested = min(known, key=lambda one: _doubt(one[1])) if known else (tried[0], None)
-    return Motion(
+    return SensedMotion(
         units=units,
         likely={},
         angles=carried,

@@ -125,7 +125,7 @@ _ONE_LETTER = ("A", "m", "s", "V")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class NameReading:
     """What the name of a column says."""
 
     name: str  #: as the file has it
@@ -137,7 +137,7 @@ class Reading:
     weight: float = 0.0  #: how plainly the name says it, from 0 to 1
 
 
-def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[Reading]:
+def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[NameReading]:
     """Return what the names of a file's columns say, with the units (by name) that a row below the header has."""
     numbered, found = _numbered(names), []
     for name in names:
@@ -170,7 +170,7 @@ def _numbered(names: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def read_name(name: str) -> Reading:
+def read_name(name: str) -> NameReading:
     """Return what a column's name says; any text has a reading."""
     words, unit = _words_and_unit(name)
     axis, index, bare = None, None, list[str]()
@@ -191,7 +191,7 @@ def read_name(name: str) -> Reading:
     fits = unit if unit in _UNITS_OF_KIND[kind] else None
     weight = min(weight + (0.15 if fits else 0.0), 0.99)
     stem = "".join(word for word in bare if kind not in ("attitude", "gyro") or word not in _LEAN)
-    return Reading(name=name, kind=kind, axis=axis, index=index, unit=fits, stem=stem, weight=weight)
+    return NameReading(name=name, kind=kind, axis=axis, index=index, unit=fits, stem=stem, weight=weight)
 
 
 def _kind(

@@ -16,10 +16,10 @@ import numpy as np
 from ballbot.errors import InputError
 from ballbot.findings import Finding, Place, Severity
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.mapping_search.commands import KINDS, drive_of, needs_of, turned_by
+from ballbot.log.mapping_search.commands import KINDS, CommandDrive, drive_of, needs_of, turned_by
 from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.frame import frame_of
-from ballbot.log.mapping_search.motion import Columned, Motion, Stated, motion_of_file
+from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, motion_of_file
 from ballbot.log.mapping_search.roles import Roles, roles_of
 from ballbot.log.mapping_search.text import Proposal, Question, What, mapped
 from ballbot.log.mapping_search.units import lean_units, other_encoder, time_unit
@@ -39,6 +39,8 @@ LARGEST_LEAN = 0.2
 #: the largest ratio of torques, in either direction, that friction which the law lacks explains in a weak motion (2.8
 #: on a real log)
 LARGEST_RATIO = 4.0
+#: a ratio of torques that is told: masses and torque constants of robot files are this uncertain
+NOTABLE_RATIO = 1.25
 
 
 def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Proposal:
@@ -58,7 +60,42 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     InputError
         If the file is no table, or no names say which columns are the time, and the lean or the wheels.
     """
-    stated = stated or Stated()
+    base, notes = _columned(path, robot, stated or Stated())
+    roles = base.roles
+    motion = motion_of_file(base) if roles.angles else None
+    if motion and roles.commands and _what(roles, motion) != "free wheels" and _on_a_stand(base, motion):
+        base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
+        motion = motion_of_file(base)
+    tested = motion.tested if motion else None
+    lean = motion.units[0] if motion else lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
+    proposal = Proposal(
+        base=base,
+        lean=lean if base.roles.attitude else None,
+        motion=motion,
+        frame=frame_of(robot, tested, motion.heading if motion else None),
+        keep=row_spans(motion.signals.rows, motion.signals.usable & ~tested.pushed) or None
+        if motion and tested
+        else None,
+        what=_what(base.roles, motion),
+    )
+    if motion is None:
+        return replace(proposal, findings=tuple(notes))
+    if roles.commands:
+        try:
+            needs = needs_of(mapped(proposal, robot), robot) if base.roles.attitude and tested else None
+        except InputError:  # too short, or rows without a value
+            needs = None
+        proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
+    return replace(
+        proposal,
+        questions=tuple(_questions(proposal, motion)),
+        contradiction=_contradiction(proposal, motion),
+        findings=(*notes, *_findings(proposal, motion)),
+    )
+
+
+def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned, list[Finding]]:
+    """Return the rows that are taken of a file's columns, and what is left out."""
     table, roles = roles_of(path, read_foreign_table(path, names=stated.columns), robot.wheel_count)
     clock, again = continuous_clock(table.columns[roles.time])
     table = replace(table, columns={**table.columns, roles.time: clock})
@@ -84,50 +121,20 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
         notes.append(_finding("warning", "time", sentence))
     base = Columned(
         path=Path(path),
-        cut=cut,
-        roles=roles,
-        t=cut[roles.time] * time.factor,
-        robot=robot,
-        stated=stated,
-    )
-    motion = motion_of_file(base) if roles.angles else None
-    if motion and roles.commands and _what(roles, motion) != "free wheels" and _on_a_stand(base, motion):
-        base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
-        motion = motion_of_file(base)
-    tested = motion.tested if motion else None
-    lean = motion.units[0] if motion else lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
-    proposal = Proposal(
         table=table,
-        base=base,
+        cut=cut,
         rows=None if whole else (first + 1, last),
         repeated=bool(repeated.any()),
         unordered=unordered,
+        roles=roles,
         time=time,
-        lean=lean if base.roles.attitude else None,
-        motion=motion,
-        frame=frame_of(robot, tested, motion.heading if motion else None),
-        keep=row_spans(motion.signals.rows, motion.signals.usable & ~tested.pushed) or None
-        if motion and tested
-        else None,
-        what=_what(base.roles, motion),
+        robot=robot,
+        stated=stated,
     )
-    if motion is None:
-        return replace(proposal, findings=tuple(notes))
-    if roles.commands:
-        try:
-            needs = needs_of(mapped(proposal, robot), robot) if base.roles.attitude and tested else None
-        except InputError:  # too short, or rows without a value
-            needs = None
-        proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
-    return replace(
-        proposal,
-        questions=tuple(_questions(proposal, motion)),
-        contradiction=_contradiction(proposal, motion),
-        findings=(*notes, *_findings(proposal, motion)),
-    )
+    return base, notes
 
 
-def _contradiction(proposal: Proposal, motion: Motion) -> str:
+def _contradiction(proposal: Proposal, motion: SensedMotion) -> str:
     """Return why it is not this robot's log; empty if nothing says so."""
     base, tested = proposal.base, motion.tested
     if not base.roles.of_speeds:
@@ -146,7 +153,7 @@ def _contradiction(proposal: Proposal, motion: Motion) -> str:
     )
 
 
-def _what(roles: Roles, motion: Motion | None) -> What:
+def _what(roles: Roles, motion: SensedMotion | None) -> What:
     if motion is None:
         return "IMU only"
     if not roles.attitude:
@@ -161,21 +168,27 @@ def _what(roles: Roles, motion: Motion | None) -> What:
     return "held by hand" if np.quantile(away, 0.9) > LARGEST_LEAN else "balancing"
 
 
-def _on_a_stand(base: Columned, motion: Motion) -> bool:
+def _on_a_stand(base: Columned, motion: SensedMotion) -> bool:
     """Return whether wheels follow commands that no balancing robot gives: of one sign, or alike."""
     commands = base.stacked(base.roles.commands)
     one_way = not commands.min() < 0.0 < commands.max() or np.allclose(commands, commands[:, :1])
     return bool(one_way and turned_by(base, motion) is not None)
 
 
-def _questions(proposal: Proposal, motion: Motion) -> Iterator[Question]:
+def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
+    if proposal.what != "held by hand":
+        yield from _unit_questions(motion)
+        yield from _frame_questions(proposal)
+        if proposal.drive is not None:
+            yield from _command_questions(proposal, proposal.drive)
 
-    def question(key: str, name: str, answers: Sequence[str], evidence: str) -> Question:
-        return Question(key=key, name=name, answers=tuple(answers), evidence=evidence)
 
-    if proposal.what == "held by hand":
-        return
+def _question(key: str, name: str, answers: Sequence[str], evidence: str) -> Question:
+    return Question(key=key, name=name, answers=tuple(answers), evidence=evidence)
+
+
+def _unit_questions(motion: SensedMotion) -> Iterator[Question]:
     for place, (key, name) in enumerate((("[attitude] unit", "lean"), ("[wheels] angle", "wheels"))):
         shares: dict[str, float] = {}
         for units, share in motion.likely.items():
@@ -183,45 +196,42 @@ def _questions(proposal: Proposal, motion: Motion) -> Iterator[Question]:
         ranked = sorted(shares, key=lambda one: -shares[one])[:3]
         if shares[ranked[0]] < CONFIDENT:
             shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
-            yield question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
-    tested, frame = motion.tested, proposal.frame
+            yield _question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
+
+
+def _frame_questions(proposal: Proposal) -> Iterator[Question]:
+    tested, frame = proposal.tested, proposal.frame
     if tested is not None:
         best, other = tested.placements[:2]
         if tested.confidence < CONFIDENT:
-            words, evidence = (
-                (best.description, other.description),
-                f"the first fits {tested.margin:.2f} times better than the second",
-            )
-            yield question("[wheels] order", "order and signs of the wheels", words, evidence)
+            words = best.description, other.description
+            evidence = f"the first fits {tested.margin:.2f} times better than the second"
+            yield _question("[wheels] order", "order and signs of the wheels", words, evidence)
         elif frame.direction < CONFIDENT:
             words = str(list(frame.signs)), str([-sign for sign in frame.signs])
             evidence = (
                 "the heading turns too little; with the other signs the IMU is turned by half a turn more"
             )
-            yield question("[wheels] sign", "direction in which all wheels count", words, evidence)
+            yield _question("[wheels] sign", "direction in which all wheels count", words, evidence)
         elif frame.handedness < CONFIDENT:
             evidence = f"the turning of the heading shows it by {abs(tested.handedness):.1f} standard errors"
             words = str(list(frame.axis_signs)), "one axis reversed"
-            yield question("[attitude] sign", "axes of the IMU", words, evidence)
+            yield _question("[attitude] sign", "axes of the IMU", words, evidence)
         if tested.body_frame < -WORLD_BETTER:
             words = "about the world's axes", "about the IMU's axes"
             evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
-            yield question("[attitude] from", "axes of the lean", words, evidence)
+            yield _question("[attitude] from", "axes of the lean", words, evidence)
         if tested.phase_error is None or tested.phase_error > CLEAR_TURN:
-            known = (
-                "unknown"
-                if tested.phase_error is None
-                else f"known to {math.degrees(tested.phase_error):.0f} deg"
-            )
-            yield question(
-                "[attitude] turn", "turn of the IMU", (f"{math.degrees(frame.turn):.0f} deg",), known
-            )
+            known, words = "unknown", (f"{math.degrees(frame.turn):.0f} deg",)
+            if tested.phase_error is not None:
+                known = f"known to {math.degrees(tested.phase_error):.0f} deg"
+            yield _question("[attitude] turn", "turn of the IMU", words, known)
     elif proposal.roles.attitude:
         words = "order and signs of the wheels"
-        yield question("[wheels] order", words, ("as in the file",), "the robot hardly moves")
-    drive = proposal.drive
-    if drive is None:
-        return
+        yield _question("[wheels] order", words, ("as in the file",), "the robot hardly moves")
+
+
+def _command_questions(proposal: Proposal, drive: CommandDrive) -> Iterator[Question]:
     if drive.kind is None:
         shown = [
             f"as {one} the torques are {times:.2g} times those that the motion needs"
@@ -229,23 +239,20 @@ def _questions(proposal: Proposal, motion: Motion) -> Iterator[Question]:
             if math.isfinite(times)
         ]
         evidence = "; ".join(shown) or "state it with --command"
-        yield question("[input] kind", "kind of the command", KINDS, evidence)
+        yield _question("[input] kind", "kind of the command", KINDS, evidence)
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        yield question("[input] scale", name, drive.scales, "the motion fits both")
+        yield _question("[input] scale", name, drive.scales, "the motion fits both")
     elif math.isfinite(drive.ratio) and not 1.0 / LARGEST_RATIO < drive.ratio < LARGEST_RATIO:
         evidence = f"as it is stated the torques are {drive.ratio:.2g} times those that the motion needs"
-        yield question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
-    if tested is None:
+        yield _question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
+    if proposal.tested is None:
         return
-    values, one = (
-        np.column_stack([proposal.base.cut[name] for name in proposal.roles.commands]),
-        drive.assigned,
-    )
+    one, values = drive.assigned, np.array([proposal.base.cut[name] for name in proposal.roles.commands])
     if not np.nanmin(values) < 0.0:
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
-        yield question("[input] zero", "sign of the commands", words, evidence)
+        yield _question("[input] zero", "sign of the commands", words, evidence)
     elif one is None or one.confidence < CONFIDENT:
         words, evidence = ("as numbered",), "too little motion"
         if one is not None:
@@ -255,14 +262,14 @@ def _questions(proposal: Proposal, motion: Motion) -> Iterator[Question]:
             )
             explained = f"the first explains {100.0 * one.explained:.0f} %"
             evidence = f"{explained}, {one.advantage:.1f} standard errors better"
-        yield question("[input] sign", "order and signs of the commands", words, evidence)
+        yield _question("[input] sign", "order and signs of the commands", words, evidence)
 
 
 def _finding(severity: Severity, code: str, sentence: str, columns: tuple[str, ...] = ()) -> Finding:
     return Finding(severity=severity, code=code, text=sentence, where=Place(columns=columns))
 
 
-def _findings(proposal: Proposal, motion: Motion) -> Iterator[Finding]:
+def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     """Yield what was noticed and not changed."""
     roles, tested, drive, cut = proposal.roles, motion.tested, proposal.drive, proposal.base.cut
     used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in cut]
@@ -295,39 +302,32 @@ def _findings(proposal: Proposal, motion: Motion) -> Iterator[Finding]:
             "IMU's data sheet gives one."
         )
         yield _finding("note", "timing", sentence, roles.attitude)
-    if (
-        drive is not None
-        and math.isfinite(drive.ratio)
-        and abs(math.log(max(drive.ratio, 1e-12))) > math.log(1.25)
-    ):
+    ratio = drive.ratio if drive is not None else math.nan
+    if math.isfinite(ratio) and not 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO:
         sentence = (
-            f"The torques are {drive.ratio:.2f} times those that the motion and the robot file's masses need."
+            f"The torques are {ratio:.2f} times those that the motion and the robot file's masses need."
         )
         yield _finding("warning", "scale", sentence, roles.commands)
 
 
-def agreement(proposals: Sequence[Proposal]) -> list[tuple[Proposal, str]]:
-    """Return the logs of one robot that contradict the others, with what they contradict; the surest comes first."""
-
-    def answer(one: Proposal) -> dict[str, object]:
-        found: dict[str, object] = {}
-        if one.tested is not None and one.tested.confidence >= CONFIDENT:
-            found["order of the wheels"] = one.frame.order
-            if one.frame.direction >= CONFIDENT:
-                found["signs of the wheels"] = one.frame.signs
-                found["turn of the IMU"] = round(math.degrees(one.frame.turn) / 30.0) % 12
-        assigned = one.drive.assigned if one.drive else None
-        if assigned is not None and assigned.confidence >= CONFIDENT:
-            found["order and signs of the commands"] = (assigned.wheels, assigned.signs)
-        return found
-
-    wrong = []
+def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[tuple[Proposal, str]]:
+    """Yield the logs of one robot that contradict the surest of them, with the first thing that they contradict."""
+    wanted = _answers(surest)
     for one in proposals:
-        for key, value in answer(one).items():
-            votes = [answer(other).get(key) for other in proposals]
-            others = [vote for vote in votes if vote is not None and vote != value]
-            alone = others and one is not proposals[0] and votes.count(value) == 1
-            if alone or len(others) > votes.count(value):
-                wrong.append((one, key))
-                break
-    return wrong
+        other = next((key for key, value in _answers(one).items() if wanted.get(key, value) != value), None)
+        if other is not None:
+            yield one, other
+
+
+def _answers(one: Proposal) -> dict[str, object]:
+    """Return what a log shows with confidence and another of the same robot must show, too."""
+    found: dict[str, object] = {}
+    if one.tested is not None and one.tested.confidence >= CONFIDENT:
+        found["order of the wheels"] = one.frame.order
+        if one.frame.direction >= CONFIDENT:
+            found["signs of the wheels"] = one.frame.signs
+            found["turn of the IMU"] = round(math.degrees(one.frame.turn) / 30.0) % 12
+    assigned = one.drive.assigned if one.drive else None
+    if assigned is not None and assigned.confidence >= CONFIDENT:
+        found["order and signs of the commands"] = (assigned.wheels, assigned.signs)
+    return found

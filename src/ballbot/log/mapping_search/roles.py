@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
-from ballbot.log.mapping_search.names import Kind, Reading, read_names
+from ballbot.log.mapping_search.names import Kind, NameReading, read_names
 
 #: norm of a unit quaternion [1 +-], in nearly all rows
 UNIT_NORM, UNIT_ROWS = 0.02, 0.99
@@ -95,9 +95,9 @@ def roles_by_name(names: Sequence[str], *, wheel_count: int, units: Mapping[str,
     )
 
 
-def _series(readings: Iterable[Reading], kind: Kind, count: int) -> tuple[str, ...]:
+def _series(readings: Iterable[NameReading], kind: Kind, count: int) -> tuple[str, ...]:
     """Return the complete series of columns of a kind with the plainest names; empty without one."""
-    series: dict[str, dict[int, Reading]] = {}
+    series: dict[str, dict[int, NameReading]] = {}
     for one in readings:
         if one.kind == kind and one.index is not None:
             series.setdefault(one.stem, {}).setdefault(one.index, one)
@@ -110,9 +110,9 @@ def _series(readings: Iterable[Reading], kind: Kind, count: int) -> tuple[str, .
     return tuple(one.name for one in plainest)
 
 
-def _axes(readings: Iterable[Reading], kind: Kind) -> dict[str, str]:
+def _axes(readings: Iterable[NameReading], kind: Kind) -> dict[str, str]:
     """Return the columns of a kind by axis, of one family of names: that with the most axes, then the plainest."""
-    families: dict[str, dict[str, Reading]] = {}
+    families: dict[str, dict[str, NameReading]] = {}
     for one in readings:
         if one.kind == kind and one.axis is not None:
             families.setdefault(one.stem, {}).setdefault(one.axis, one)

@@ -15,13 +15,12 @@ from ballbot.file_formats import format_line
 from ballbot.findings import Finding, by_severity
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import disturbance_findings
-from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_search.commands import Drive
-from ballbot.log.mapping_search.frame import Frame
-from ballbot.log.mapping_search.motion import Columned, Motion
+from ballbot.log.mapping_search.commands import CommandDrive
+from ballbot.log.mapping_search.frame import SensorFrame
+from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.placement import LeanTest
 from ballbot.log.mapping_search.roles import Roles
@@ -65,18 +64,13 @@ class Question:
 class Proposal:
     """What a foreign log is."""
 
-    table: ForeignTable
     base: Columned
-    rows: tuple[int, int] | None  #: first and last row to take, from 1; None for all
-    repeated: bool
-    unordered: bool
-    time: Unit
     lean: Unit | None
-    motion: Motion | None  #: None without wheels
-    frame: Frame
+    motion: SensedMotion | None  #: None without wheels
+    frame: SensorFrame
     keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]
     what: What
-    drive: Drive | None = None
+    drive: CommandDrive | None = None
     questions: tuple[Question, ...] = ()
     contradiction: str = ""  #: why it is not this robot's log, in a sentence; empty if nothing says so
     findings: tuple[Finding, ...] = ()
@@ -172,7 +166,7 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
     """Return a proposal with the answers of another log of the same robot, and without its own times to keep."""
     still = {one.key for one in common.questions}
     questions = tuple(one for one in proposal.questions if one.key in still)
-    answered = replace(proposal, questions=questions, keep=None, rows=None)
+    answered = replace(proposal, questions=questions, keep=None, base=replace(proposal.base, rows=None))
     if proposal.questions and proposal.tested is not None and common.tested is not None:
         answered = replace(answered, frame=common.frame)
         if proposal.drive is not None and common.drive is not None:
@@ -239,17 +233,17 @@ def _line(entry: _Entry) -> str:
 
 
 def _file_entries(proposal: Proposal) -> list[_Entry]:
-    layout = proposal.table.layout
+    base, layout = proposal.base, proposal.base.table.layout
     return [
-        ("separator", proposal.table.separator, ""),
+        ("separator", base.table.separator, ""),
         ("header_lines", layout.header_lines, ""),
         ("decimal", "comma" if layout.decimal_comma else None, ""),
         ("names", layout.names, ""),
         ("missing", layout.missing or None, ""),
         ("damaged_rows", "drop" if layout.drop_damaged else None, ""),
-        ("repeated_rows", "drop" if proposal.repeated else None, ""),
-        ("unordered_rows", "drop" if proposal.unordered else None, ""),
-        ("rows", proposal.rows, "time starts again outside these rows"),
+        ("repeated_rows", "drop" if base.repeated else None, ""),
+        ("unordered_rows", "drop" if base.unordered else None, ""),
+        ("rows", base.rows, "time starts again outside these rows"),
     ]
 
 
@@ -271,7 +265,7 @@ def _time_entries(proposal: Proposal) -> list[_Entry]:
 
 
 def _column_entries(proposal: Proposal) -> list[_Entry]:
-    roles, time = proposal.roles, proposal.time
+    roles, time = proposal.roles, proposal.base.time
     source = roles.time if time.name == "s" else {"from": roles.time, "unit": time.name}
     entries: list[_Entry] = [("t", source, time.reason)]
     if roles.attitude and (proposal.motion is None or proposal.motion.gyro is None):
@@ -410,7 +404,7 @@ def answer_lines(found: Evaluation) -> list[str]:
     without = " (without torques)" if one.what == "balancing" and not roles.commands else ""
     lines = [
         f"{one.file.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}.",
-        f"time       {roles.time} [{one.time.name}]: {one.time.reason}",
+        f"time       {roles.time} [{one.base.time.name}]: {one.base.time.reason}",
     ]
     if one.lean is not None:
         lines.append(f"lean       {', '.join(roles.attitude)} [{one.lean.name}]: {one.lean.reason}")
