@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.identify import Estimate
+from ballbot.identification.axis.identify import AxisEstimate
 from ballbot.identification.axis.model import parameter_named, unit_for
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion, speed_at_start
 from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section, table
@@ -74,9 +74,9 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     return figure
 
 
-def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str, Look]]:
+def _drawn_laws(found: AxisIdentification) -> list[tuple[AxisEstimate, str, str, Look]]:
     """Return the estimates that are drawn, each with its color and dash, and with the same look in time series."""
-    drawn: list[tuple[Estimate, str, str, Look]] = [
+    drawn: list[tuple[AxisEstimate, str, str, Look]] = [
         (found.inverse, ORANGE, "--", "second"),
         (found.best, BLUE, "-", "first"),
     ]
@@ -85,7 +85,7 @@ def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str, Loo
     return drawn
 
 
-def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: Axes) -> None:
+def _draw_law(estimate: AxisEstimate, fastest: float, color: str, dash: str, axes: Axes) -> None:
     speed = np.linspace(1e-4, 1.0, 200) * fastest
     axis = estimate.axis()
     plus, minus = axis.law.laws(axis.values)
@@ -292,7 +292,9 @@ def expected_sentence(found: AxisIdentification) -> str:
     )
 
 
-def error_table(estimates: Sequence[Estimate], unit: str) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def error_table(
+    estimates: Sequence[AxisEstimate], unit: str
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of the errors of estimates, without a column that is empty or the only method's."""
     rows = [row for one in estimates for row in error_rows(one, unit)]
     kept = [
@@ -304,7 +306,7 @@ def error_table(estimates: Sequence[Estimate], unit: str) -> tuple[tuple[str, ..
     return tuple(ERROR_HEADINGS[i] for i in kept), [tuple(row[i] for i in kept) for row in rows]
 
 
-def error_rows(estimate: Estimate, unit: str) -> list[tuple[str, ...]]:
+def error_rows(estimate: AxisEstimate, unit: str) -> list[tuple[str, ...]]:
     """Return an estimate's prediction errors: method, law, record, and the errors."""
     return [
         (
