@@ -29,7 +29,7 @@ from ballbot.identification.axis import (
     inverse_fit,
 )
 from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.identify import Estimate
+from ballbot.identification.axis.identify import AxisEstimate
 from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from campaigns.axis_machines import Drive, Logging, Machine, Motion, record_of
@@ -100,7 +100,7 @@ def campaign() -> Section:
     )
 
 
-def _row(name: str, one: Estimate) -> list[str]:
+def _row(name: str, one: AxisEstimate) -> list[str]:
     texts = []
     for parameter in PUBLISHED:
         if parameter in one.values:

@@ -14,7 +14,6 @@ from ballbot.identification.axis.model import AXIS_LAWS, Axis
 from ballbot.report.axis import (
     axis_friction_figure,
     axis_report,
-    error_table,
     expected_sentence,
     laws_figure,
     open_loop_series,
@@ -88,14 +87,6 @@ def test_the_whole_record_has_the_colors_of_the_friction(found: AxisIdentificati
     # orange and dashed, blue and solid
     assert [line.look for line in shown.panels[1].lines] == ["second", "first", "third"]
     assert all(line.name.endswith("mm RMS") for line in shown.panels[1].lines)
-
-
-@pytest.mark.slow
-def test_columns_that_hold_nothing_are_left_out(found: AxisIdentification) -> None:
-    headings, rows = error_table(found.estimates, "m")
-    assert headings == ("method", "law", "record", "position, windows", "position, whole")
-    assert all(len(row) == len(headings) for row in rows)
-    assert error_table(tuple(found.by_law.values()), "m")[0][:2] == ("law", "record")
 
 
 @pytest.mark.slow

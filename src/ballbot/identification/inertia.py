@@ -88,7 +88,7 @@ class Pivot:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class SwingEstimate:
     """A number with its standard deviation, and each cause's share of the variance."""
 
     value: float
@@ -105,9 +105,9 @@ class Estimate:
 class SwingInertia:
     """The body's inertia about the axis of its swing [kg m^2]."""
 
-    about_pivot: Estimate
-    about_center_of_mass: Estimate
-    about_ball_center: Estimate
+    about_pivot: SwingEstimate
+    about_center_of_mass: SwingEstimate
+    about_ball_center: SwingEstimate
 
 
 def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
@@ -191,10 +191,10 @@ def likely_cause(frequency: float, robot: Robot, pivot: Pivot) -> str:
     return ""
 
 
-def _estimate(value: float, changes: dict[str, float]) -> Estimate:
+def _estimate(value: float, changes: dict[str, float]) -> SwingEstimate:
     variance = sum(change**2 for change in changes.values())
     shares = {cause: change**2 / variance if variance else 0.0 for cause, change in changes.items()}
-    return Estimate(value=value, deviation=math.sqrt(variance), shares=shares)
+    return SwingEstimate(value=value, deviation=math.sqrt(variance), shares=shares)
 
 
 def _deviation(robot: Robot, name: str) -> float:
@@ -418,7 +418,7 @@ def _known(value: float, half_width: float) -> str:
     return f"{value:.{decimals}f} ± {half_width:.{decimals}f}"
 
 
-def _beside_file(one: Estimate, robot: Robot) -> str:
+def _beside_file(one: SwingEstimate, robot: Robot) -> str:
     written = np.diag(robot.body.inertia_about_ball_center())[:2].tolist()
     named = [f"{value:.4g} about {axis}" for value, axis in zip(written, "xy", strict=True)]
     # rounding of the file's number is no deviation
@@ -431,7 +431,7 @@ def _beside_file(one: Estimate, robot: Robot) -> str:
     return f"the file's {' and '.join(named)} lie outside."
 
 
-def _estimate_results(one: Estimate) -> dict[str, object]:
+def _estimate_results(one: SwingEstimate) -> dict[str, object]:
     return {**asdict(one), "half_width": one.half_width}
 
 

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.identify import Estimate
+from ballbot.identification.axis.identify import AxisEstimate
 from ballbot.identification.axis.model import parameter_named, unit_for
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion, speed_at_start
 from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section, table
@@ -74,9 +74,9 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     return figure
 
 
-def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str, Look]]:
+def _drawn_laws(found: AxisIdentification) -> list[tuple[AxisEstimate, str, str, Look]]:
     """Return the estimates that are drawn, each with its color and dash, and with the same look in time series."""
-    drawn: list[tuple[Estimate, str, str, Look]] = [
+    drawn: list[tuple[AxisEstimate, str, str, Look]] = [
         (found.inverse, ORANGE, "--", "second"),
         (found.best, BLUE, "-", "first"),
     ]
@@ -85,7 +85,7 @@ def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str, Loo
     return drawn
 
 
-def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: Axes) -> None:
+def _draw_law(estimate: AxisEstimate, fastest: float, color: str, dash: str, axes: Axes) -> None:
     speed = np.linspace(1e-4, 1.0, 200) * fastest
     axis = estimate.axis()
     plus, minus = axis.law.laws(axis.values)
@@ -209,14 +209,13 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         else None,
         drawn_picture("friction", partial(axis_friction_figure, found, record), friction),
     )
-    by_method, columns = error_table(found.estimates, found.unit)
     errors = (
         "Each method's parameters on each record, RMS. Windows: each from its best start; whole: the record from its "
         "first row."
     )
     yield section(
         "Prediction errors",
-        Sheet(headings=by_method, rows=columns, caption=errors),
+        Sheet(headings=ERROR_HEADINGS, rows=error_rows(found.estimates, found.unit), caption=errors),
         open_loop_series(found, record, of_record) if len(record.segments) == 1 else None,
     )
     yield _law_section(found)
@@ -228,12 +227,12 @@ def _law_section(found: AxisIdentification) -> Section:
         "intervals, with a filled dot if the law is accepted: if it predicts better than that law and than the "
         "largest accepted one within it. An arrow points to a value beyond the axis."
     )
-    headings, rows = error_table(tuple(found.by_law.values()), found.unit)
+    rows = error_rows(tuple(found.by_law.values()), found.unit)
     compared = any(one.gain for one in found.laws.candidates)
     return section(
         "The friction laws",
         drawn_picture("laws", partial(laws_figure, found), caption) if compared else None,
-        Sheet(headings=headings, rows=rows, caption="Every law, by output error."),
+        Sheet(headings=ERROR_HEADINGS, rows=rows, caption="Every law, by output error."),
     )
 
 
@@ -292,46 +291,30 @@ def expected_sentence(found: AxisIdentification) -> str:
     )
 
 
-def error_table(estimates: Sequence[Estimate], unit: str) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of the errors of estimates, without a column that is empty or the only method's."""
-    rows = [row for one in estimates for row in error_rows(one, unit)]
-    kept = [
-        place
-        for place, heading in enumerate(ERROR_HEADINGS)
-        if {row[place] for row in rows} != {"–"}
-        and (heading != "method" or len({row[place] for row in rows}) > 1)
-    ]
-    return tuple(ERROR_HEADINGS[i] for i in kept), [tuple(row[i] for i in kept) for row in rows]
+ERROR_HEADINGS = ("estimate", "record", "position, windows", "position, whole")
 
 
-def error_rows(estimate: Estimate, unit: str) -> list[tuple[str, ...]]:
-    """Return an estimate's prediction errors: method, law, record, and the errors."""
+def error_rows(estimates: Sequence[AxisEstimate], unit: str) -> list[tuple[str, ...]]:
+    """Return the prediction errors of estimates on each record."""
     return [
         (
-            estimate.method,
-            estimate.law.name,
+            f"{estimate.law.name}, {estimate.method}",
             errors.record,
-            f"{digits(1e3 * errors.window_rmse)} m{unit}",
-            f"{digits(1e3 * errors.open_loop_rmse)} m{unit}" if np.isfinite(errors.open_loop_rmse) else "–",
+            *(
+                f"{digits(1e3 * error)} m{unit}" if np.isfinite(error) else "–"
+                for error in (errors.window_rmse, errors.open_loop_rmse)
+            ),
         )
+        for estimate in estimates
         for errors in estimate.errors
     ]
-
-
-ERROR_HEADINGS = (
-    "method",
-    "law",
-    "record",
-    "position, windows",
-    "position, whole",
-)
 
 
 def axis_parts(found: AxisIdentification) -> Iterator[RenderableType]:
     """Yield the parameters by each method, their errors, and the findings."""
     headings = ("symbol", "meaning", "unit", *(one.method for one in found.estimates))
     yield table(f"Friction law: {found.chosen.name}", headings, parameter_rows(found))
-    yield table("Errors", *error_table(found.estimates, found.unit))
+    yield table("Errors", ERROR_HEADINGS, error_rows(found.estimates, found.unit))
     yield Text(expected_sentence(found))
     for finding in found.findings:
         yield Text(finding.text)

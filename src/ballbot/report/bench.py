@@ -242,8 +242,9 @@ def upside_down_report(
                 "Friction found",
                 replace(
                     _parameter_table(found, described),
-                    caption=f"Friction of drivelines and ball-wheel contacts. {driveline_symbols()} A dash: held at a "
-                    "bound, or the log does not show it.",
+                    caption="Friction of drivelines and ball-wheel contacts. "
+                    f"{driveline_symbols([one.name for one in QUANTITIES])} A dash: held at a bound, or the log does "
+                    "not show it.",
                 ),
                 Bullets(items=_comparison(described)) if _comparison(described) else None,
             ),

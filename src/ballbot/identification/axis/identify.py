@@ -134,7 +134,7 @@ class AxisErrors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Estimate:
+class AxisEstimate:
     """One method's parameters and their prediction errors."""
 
     method: str  #: "inverse" or "output error"
@@ -181,9 +181,9 @@ class AxisIdentification:
     unit: str  #: of positions: "m" or "rad"
     terms: tuple[tuple[str, Gain], ...]  #: forces over position and load that were selected, and their gains
     window: float  #: length of the windows [s]
-    inverse: Estimate  #: the law's linear part by the inverse model, of the moving axis
-    best: Estimate  #: the law that was selected or requested, by output error
-    by_law: dict[str, Estimate]  #: every law by output error
+    inverse: AxisEstimate  #: the law's linear part by the inverse model, of the moving axis
+    best: AxisEstimate  #: the law that was selected or requested, by output error
+    by_law: dict[str, AxisEstimate]  #: every law by output error
     laws: ModelSelection[AxisLaw]  #: every law, by its errors on held-out blocks
     expected: tuple[float, float, float]  #: error over windows on held-out blocks [m], and its 95 % interval
     findings: tuple[Finding, ...]
@@ -194,7 +194,7 @@ class AxisIdentification:
         return self.best.law
 
     @property
-    def estimates(self) -> tuple[Estimate, ...]:
+    def estimates(self) -> tuple[AxisEstimate, ...]:
         """The chosen law by both steps."""
         return self.inverse, self.best
 
@@ -302,7 +302,7 @@ def identify_axis(
         unit=records[0].unit,
         terms=terms,
         window=window_duration(records),
-        inverse=Estimate(
+        inverse=AxisEstimate(
             method="inverse",
             model=linear,
             values=moving.by_name,
@@ -517,8 +517,8 @@ def _select_law(
     return ModelSelection(candidates=selection.candidates, best=best)
 
 
-def _estimate(fit: OutputErrorFit, seen: Sequence[Sighting], others: Sequence[Sighting]) -> Estimate:
-    return Estimate(
+def _estimate(fit: OutputErrorFit, seen: Sequence[Sighting], others: Sequence[Sighting]) -> AxisEstimate:
+    return AxisEstimate(
         method="output error",
         model=fit.model,
         values=fit.values,
@@ -555,7 +555,9 @@ def _errors(
     return tuple(found)
 
 
-def _widened(plain: Estimate, fit: OutputErrorFit, inverse: InverseFit) -> tuple[Estimate, list[Finding]]:
+def _widened(
+    plain: AxisEstimate, fit: OutputErrorFit, inverse: InverseFit
+) -> tuple[AxisEstimate, list[Finding]]:
     """Return the result with intervals that contain what differs between parts and methods, and a finding on that."""
     names = list(fit.values)
     lacks, causes = np.zeros(len(names)), [""] * len(names)
@@ -638,7 +640,7 @@ _ADVICE = {
 
 
 def _residual_findings(
-    records: Sequence[AxisRecord], best: Estimate, bandwidth: float | None
+    records: Sequence[AxisRecord], best: AxisEstimate, bandwidth: float | None
 ) -> Iterator[Finding]:
     """Warn if the force that the result leaves depends on position, speed or time, by straight pieces over each."""
     rows = regression_rows(records, best.model, bandwidth=bandwidth, moving=True)
@@ -689,7 +691,7 @@ def _law_findings(found: AxisIdentification, *, by_user: bool) -> Iterator[Findi
         )
 
 
-def _undetermined(best: Estimate) -> Iterator[Finding]:
+def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
     for name, value in best.values.items():
         error, kind = best.standard_errors[name], parameter_named(name)
         if kind.scale == "signed":

@@ -36,7 +36,7 @@ _DISTURBED, _MOST_DISTURBED = 5, 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class AxisMotion:
     """The motion of the axis, without noise above the filter's frequency."""
 
     position: NDArray[np.float64]  #: (N,) [m]
@@ -74,7 +74,7 @@ def position_noise(record: AxisRecord, *, bandwidth: float) -> float:
     return float(np.sqrt(np.mean(removed**2) / max(share, 0.1)))
 
 
-def smoothed_motion(record: AxisRecord, *, bandwidth: float) -> Motion:
+def smoothed_motion(record: AxisRecord, *, bandwidth: float) -> AxisMotion:
     """Return position, speed and acceleration, filtered at five times the bandwidth [Hz].
 
     Raises
@@ -97,13 +97,13 @@ def smoothed_motion(record: AxisRecord, *, bandwidth: float) -> Motion:
         return np.array([smooth, speed, np.gradient(speed, record.sample_time)])
 
     if record.even:
-        return Motion(*filtered(record.position))
+        return AxisMotion(*filtered(record.position))
     whole = np.zeros((3, len(record)))
     whole[0] = record.position
     for first, last in record.segments:
         if last - first >= LEAST_SEGMENT:
             whole[:, first:last] = _on_even_rows(record, first, last, filtered)
-    return Motion(*whole)
+    return AxisMotion(*whole)
 
 
 def _on_even_rows(

@@ -27,7 +27,7 @@ from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.parameter import RelativeSpace
 from ballbot.fitting.uncertainty import block_length, correlation, covariance, leverage_corrected
 from ballbot.identification.axis.model import AxisModel, Values
-from ballbot.identification.axis.motion import Motion, position_noise, smoothed_motion, speed_at_start
+from ballbot.identification.axis.motion import AxisMotion, position_noise, smoothed_motion, speed_at_start
 from ballbot.identification.axis.record import AxisRecord
 
 #: length of a window [s], shorter where records are so short that there would be fewer than `_LEAST_WINDOWS`
@@ -57,7 +57,7 @@ class Sighting:
     """A record with its filtered motion."""
 
     record: AxisRecord
-    motion: Motion
+    motion: AxisMotion
     bandwidth: float  #: [Hz]
     noise: float  #: of the position [m]
     usual_speed: float  #: root mean square [m/s]
@@ -76,7 +76,7 @@ def sighting(record: AxisRecord, bandwidth: float) -> Sighting:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Windows:
+class AxisWindows:
     """Windows of one record, and which of its rows are compared: every `_COMPARED_EVERY`, and from one row on."""
 
     seen: Sighting
@@ -94,12 +94,12 @@ class Windows:
         step, window = np.concatenate(steps), np.repeat(np.arange(len(steps)), sizes)
         return begins[window] + step - 1, self.firsts[window] + step, window
 
-    def only(self, kept: NDArray[np.bool_]) -> Windows:
+    def only(self, kept: NDArray[np.bool_]) -> AxisWindows:
         """Return some of the windows (w,)."""
         return replace(self, firsts=self.firsts[kept], counts=self.counts[kept], starts=self.starts[kept])
 
 
-def windows_of(seen: Sighting, duration: float) -> Windows:
+def windows_of(seen: Sighting, duration: float) -> AxisWindows:
     """Return windows of about that duration [s], end to end, in each part between gaps."""
     record, spans = seen.record, list[tuple[int, int]]()
     for begin, end in record.segments:
@@ -111,7 +111,7 @@ def windows_of(seen: Sighting, duration: float) -> Windows:
     speeds = seen.motion.speed[firsts].copy()
     speeds[firsts == 0] = speed_at_start(record)
     positions = np.where(record.even & (firsts == 0), record.position[firsts], seen.motion.position[firsts])
-    return Windows(
+    return AxisWindows(
         seen=seen,
         firsts=firsts,
         counts=np.array([last - first for first, last in spans], dtype=np.int64),
@@ -129,7 +129,7 @@ class OutputError:
     """Position errors [m] of a model over windows of records."""
 
     model: AxisModel
-    windows: tuple[Windows, ...]  #: of each record
+    windows: tuple[AxisWindows, ...]  #: of each record
     late: float = 0.0  #: by how much the force acts later than its row [s]
 
     @cached_property
