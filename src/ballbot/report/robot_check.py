@@ -17,13 +17,16 @@ from ballbot.report.loop import margins_table
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived
 from ballbot.robot.drawing import robot_drawing
-from ballbot.workflows.reference_check import MARGIN_HEADINGS
+from ballbot.workflows.reference_check import (
+    MARGIN_HEADINGS,
+    ReferenceMargins,
+    margin_rows,
+    reference_verdict,
+)
 from ballbot.workflows.robot_check import (
     MATRICES,
     MATRIX_EQUATIONS,
-    MISTAKEN_MATRICES,
     CheckedLoop,
-    CheckedReference,
     CheckedRobot,
     CheckedSwing,
     PoleSpread,
@@ -43,9 +46,7 @@ def robot_check_parts(checked: CheckedRobot) -> list[RenderableType]:
         Text("\nTransformation matrices", style="bold"),
     ]
     for name, meaning in MATRICES.items():
-        mistake = MISTAKEN_MATRICES.get(name)
         heading = f"\n{meaning} {MATRIX_EQUATIONS.get(name, '')}".rstrip()
-        heading += f"\nFor comparison only, no fault of the robot: {mistake}" if mistake else ""
         parts += [Text(heading), Text(matrix_text(name, checked.matrices[name]))]
     parts += [
         *_linear_lines(checked),
@@ -142,7 +143,7 @@ def _swing_parts(swing: CheckedSwing) -> list[RenderableType]:
     ]
 
 
-def _reference_parts(reference: CheckedReference) -> list[RenderableType]:
-    found = table("Largest use of each limit", MARGIN_HEADINGS, reference.rows())
-    sentences = [Text(line) for line in reference.verdict()]
-    return [Text(f"\nFollowing {reference.name}", style="bold"), *sentences, found]
+def _reference_parts(margins: ReferenceMargins) -> list[RenderableType]:
+    found = table("Largest use of each limit", MARGIN_HEADINGS, margin_rows(margins))
+    sentences = [Text(line) for line in reference_verdict(margins)]
+    return [Text(f"\nFollowing {margins.name}", style="bold"), *sentences, found]

@@ -34,13 +34,16 @@ from ballbot.report.words import with_symbols
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
-from ballbot.workflows.reference_check import MARGIN_HEADINGS
+from ballbot.workflows.reference_check import (
+    MARGIN_HEADINGS,
+    ReferenceMargins,
+    margin_rows,
+    reference_verdict,
+)
 from ballbot.workflows.robot_check import (
     MATRICES,
     MATRIX_EQUATIONS,
-    MISTAKEN_MATRICES,
     CheckedLoop,
-    CheckedReference,
     CheckedRobot,
     CheckedSwing,
     state_order,
@@ -82,7 +85,9 @@ def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
         quantity, value, unit = checked.swing.rows()[0]
         verdict.append(("Swing", _capital(f"{quantity}: {value} {unit}.")))
     if checked.following:
-        verdict.append((f"Following {checked.following.name}", " ".join(checked.following.verdict())))
+        verdict.append(
+            (f"Following {checked.following.name}", " ".join(reference_verdict(checked.following)))
+        )
     return verdict
 
 
@@ -138,11 +143,8 @@ def _loop_section(loop: CheckedLoop) -> Section:
 def _matrices(checked: CheckedRobot) -> Iterator[Block]:
     for name, meaning in MATRICES.items():
         yield Subheading(text=f"{meaning[0].upper()}{meaning[1:]}")
-        equation, mistake = MATRIX_EQUATIONS.get(name), MISTAKEN_MATRICES.get(name)
-        notes = [f"In the thesis: {equation}."] if equation else []
-        notes += [f"For comparison only, no fault of the robot: {mistake}."] if mistake else []
-        if notes:
-            yield Paragraph(text=" ".join(notes), quiet=True)
+        if name in MATRIX_EQUATIONS:
+            yield Paragraph(text=f"In the thesis: {MATRIX_EQUATIONS[name]}.", quiet=True)
         yield Verbatim(text=matrix_text(name, checked.matrices[name]))
 
 
@@ -182,11 +184,11 @@ def swing_series(swing: CheckedSwing) -> TimeSeries:
     )
 
 
-def _reference_section(following: CheckedReference) -> Section:
+def _reference_section(following: ReferenceMargins) -> Section:
     return section(
         f"Following {following.name}",
-        Bullets(items=list(following.verdict())),
-        Sheet(headings=MARGIN_HEADINGS, rows=following.rows(), caption="Largest use of each limit."),
+        Bullets(items=reference_verdict(following)),
+        Sheet(headings=MARGIN_HEADINGS, rows=margin_rows(following), caption="Largest use of each limit."),
     )
 
 

@@ -217,6 +217,7 @@ class Followed:
 class ReferenceMargins:
     """How much of the robot's limits a reference uses."""
 
+    name: str  #: of the reference
     #: when [s] and by how much [m or rad]; a path with jumps has no demand
     jumps: tuple[tuple[float, float], ...]
     uses: tuple[Use, ...] = field(
@@ -235,7 +236,13 @@ class ReferenceMargins:
 
 
 def check_reference(
-    robot: Robot, controller: Controller, reference: Reference, *, duration: float, grip: float = 1.0
+    robot: Robot,
+    controller: Controller,
+    reference: Reference,
+    *,
+    duration: float,
+    name: str = "the reference",
+    grip: float = 1.0,
 ) -> ReferenceMargins:
     """Return which share of a robot's limits a reference uses, followed exactly and in closed loop.
 
@@ -249,6 +256,8 @@ def check_reference(
     reference : callable
     duration : float
         [s]
+    name : str
+        Of the reference, in sentences.
     grip : float
         Friction coefficient of the wheels on the ball.
 
@@ -266,6 +275,7 @@ def check_reference(
     jumps = np.flatnonzero(changes > JUMP)
     if len(jumps):
         return ReferenceMargins(
+            name=name,
             jumps=tuple((float((k + 1) * sample_time), float(changes[k])) for k in jumps),
             uses=(),
             peak_power=None,
@@ -274,6 +284,7 @@ def check_reference(
         )
     demand = path_demand(model, poses, sample_time)
     return ReferenceMargins(
+        name=name,
         jumps=(),
         uses=_uses(model, controller, demand.t, demand.states, demand.torques, grip),
         peak_power=float(demand.power.max()),
@@ -356,9 +367,9 @@ def _uses(
 MARGIN_HEADINGS = ("", "quantity", "at most", "limit", "used", "when [s]")
 
 
-def reference_verdict(margins: ReferenceMargins, name: str) -> list[str]:
-    """Return whether the robot can follow the reference of that name, and why not."""
-    reasons = _reasons(margins)
+def reference_verdict(margins: ReferenceMargins) -> list[str]:
+    """Return whether the robot can follow the reference, and why not."""
+    reasons, name = _reasons(margins), margins.name
     if reasons:
         lines = [f"The robot cannot follow {name}:", *(f"- {reason};" for reason in reasons)]
         lines[-1] = lines[-1][:-1] + "."
