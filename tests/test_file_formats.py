@@ -125,12 +125,10 @@ def test_newer_format_is_refused_with_what_to_do(kind: Kind, tmp_path: Path) -> 
 RENAMED: dict[Kind, tuple[str, str]] = {
     "controller": ("[lean_bound]", "[lean_limit]"),
     "scenario": ("share = ", "fraction = "),
-    "courses": ("unlike = ", "mismatch = "),
 }
 RENAMED_TEXTS: dict[Kind, str] = {
     "controller": f"{TEXTS['controller']}\n[lean_limit]\nlean = 0.1\nturn = 0.5\n",
     "scenario": f"{TEXTS['scenario']}\n[load_dependence]\nfraction = 0.5\n",
-    "courses": TEXTS["courses"],
 }
 
 

@@ -81,8 +81,6 @@ def test_the_robots_of_the_set_mismatch_are_all_corners():
     assert choose_courses("light_low_smooth", alten(), "model")[0].mismatch == ModelMismatch(
         mass=0.8, height=0.8, friction=0.8
     )
-    with pytest.raises(InputError, match=r"^The set unlike is now called mismatch\.$"):
-        choose_courses("unlike", alten(), "model")
 
 
 @pytest.mark.parametrize(

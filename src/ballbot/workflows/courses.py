@@ -6,7 +6,6 @@ The built-in courses are in courses.toml beside this file, in sets; a user's own
 from __future__ import annotations
 
 import inspect
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,14 +16,14 @@ from typing import Literal, cast
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat, PositiveFloat
 
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
-from ballbot.errors import InputError, OldFileFormat, suggest
+from ballbot.errors import InputError, suggest
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import take_format
 from ballbot.files import parse_toml, read_toml
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
-from ballbot.schema import renamed_keys, validate_table
+from ballbot.schema import validate_table
 from ballbot.simulation.plant import Plant
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
@@ -132,9 +131,6 @@ _IN_LEAGUE = ("motions", "disturbances")
 #: a course lasts at most a day [s]: the log of a longer one would not fit into memory
 _MAX_DURATION = 86400.0
 
-#: keys of courses that have another name now
-_RENAMED = {"course": {"unlike": "mismatch"}}
-
 _Tables = Mapping[str, Mapping[str, object]]
 
 
@@ -197,8 +193,6 @@ def built_in_sets() -> dict[str, _Tables]:
 def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Course]:
     """Return the courses of all sets of a course file.
 
-    Warns with `OldFileFormat` if the file has a key by its earlier name.
-
     Raises
     ------
     InputError
@@ -210,22 +204,15 @@ def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Cours
         sets = take_format(tree, "courses")
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    courses, hints = [], dict[str, None]()
+    courses = []
     for group, tables in sets.items():
         if not (isinstance(tables, dict) and all(isinstance(one, dict) for one in tables.values())):
             raise InputError(f"{path}: {group} holds no courses; write each under a line [{group}.NAME].")
         for name, table in tables.items():
-            present, renamed = renamed_keys({"course": table}, _RENAMED)
-            hints |= dict.fromkeys(renamed)
             place = f"{path}: [{group}.{name}]"
-            table = cast("Mapping[str, object]", present["course"])
             courses.append(_course(name, table, robot, plant, place=place, beside=path.parent))
     if not courses:
         raise InputError(f"{path} holds no courses; write each under a line [SET.NAME].")
-    if hints:
-        warnings.warn(
-            f"{path} was written by an earlier version: {'; '.join(hints)}.", OldFileFormat, stacklevel=2
-        )
     return courses
 
 
@@ -233,8 +220,6 @@ def _of_word(word: str, sets: Mapping[str, _Tables], robot: Robot, plant: PlantN
     if Path(word).suffix == ".toml":
         return read_courses(word, robot, plant)
     known = {name: table for tables in sets.values() for name, table in tables.items()}
-    if word == "unlike":
-        raise InputError("The set unlike is now called mismatch.")
     if word not in sets and word not in known:
         hint = suggest(
             word, [*sets, *known], otherwise="the name of a course file ends in .toml; sets and courses are"

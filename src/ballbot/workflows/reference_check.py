@@ -183,6 +183,7 @@ JUMP = 0.02
 THIN = 0.8
 _STEP = 1e-3  # inner step of the closed loop [s]
 _RUNS = 5  # of the closed loop
+_GRIP = 1.0  # friction coefficient of the wheels on the ball, as of the loop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,7 +243,6 @@ def check_reference(
     *,
     duration: float,
     name: str = "the reference",
-    grip: float = 1.0,
 ) -> ReferenceMargins:
     """Return which share of a robot's limits a reference uses, followed exactly and in closed loop.
 
@@ -258,8 +258,6 @@ def check_reference(
         [s]
     name : str
         Of the reference, in sentences.
-    grip : float
-        Friction coefficient of the wheels on the ball.
 
     Raises
     ------
@@ -267,29 +265,19 @@ def check_reference(
         If the duration is invalid, the reference has a lean or a rate, or no lean can follow it.
     """
     model, sample_time = Model(robot, step=_STEP), controller.sample_time
-    loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), grip=grip, step=_STEP)
+    loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), step=_STEP)
     wanted = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
-    closed = _followed(loop, reference, wanted, duration)
     poses = wanted[:, [0, 1, 4]]
     changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
     jumps = np.flatnonzero(changes > JUMP)
-    if len(jumps):
-        return ReferenceMargins(
-            name=name,
-            jumps=tuple((float((k + 1) * sample_time), float(changes[k])) for k in jumps),
-            uses=(),
-            peak_power=None,
-            supply_voltage=robot.drive.supply_voltage,
-            closed=closed,
-        )
-    demand = path_demand(model, poses, sample_time)
+    demand = None if len(jumps) else path_demand(model, poses, sample_time)
     return ReferenceMargins(
         name=name,
-        jumps=(),
-        uses=_uses(model, controller, demand.t, demand.states, demand.torques, grip),
-        peak_power=float(demand.power.max()),
+        jumps=tuple((float((k + 1) * sample_time), float(changes[k])) for k in jumps),
+        uses=_uses(model, controller, demand.t, demand.states, demand.torques) if demand else (),
+        peak_power=float(demand.power.max()) if demand else None,
         supply_voltage=robot.drive.supply_voltage,
-        closed=closed,
+        closed=_followed(loop, reference, wanted, duration),
     )
 
 
@@ -318,7 +306,7 @@ def _followed(loop: Loop, reference: Reference, wanted: NDArray[np.float64], dur
     error = np.hypot(*(states[:, :2] - np.broadcast_to(wanted, (_RUNS, *wanted.shape))[going][:, :2]).T)
     limit = loop.controller.torque_limit
     return Followed(
-        uses=_uses(loop.model, loop.controller, t, states, torques, loop.grip),
+        uses=_uses(loop.model, loop.controller, t, states, torques),
         share_at_torque_limit=float(np.mean(np.abs(torques).max(axis=1) >= limit * (1.0 - 1e-9))),
         ended=float(run.ended.min()),
         peak_error=float(error.max()),
@@ -332,7 +320,6 @@ def _uses(
     t: NDArray[np.float64],
     states: NDArray[np.float64],
     torques: NDArray[np.float64],
-    grip: float,
 ) -> tuple[Use, ...]:
     """Return the largest use of each limit along states (N, 10) under torques (N, n)."""
     robot, limit = model.robot, controller.torque_limit
@@ -360,7 +347,7 @@ def _uses(
         most("torque", np.abs(torques), left, "N m"),
         most("wheel speed", np.abs(speeds), top_speed(robot), "rad/s"),
         most("lean", lean_of(states), lost_lean(model), "rad"),
-        most("grip", needed, grip, ""),
+        most("grip", needed, _GRIP, ""),
     )
 
 
