@@ -256,7 +256,6 @@ def _gain_results(gain: PairedGain) -> dict[str, object]:
         "interval": [gain.low, gain.high],
         "verdict": gain.verdict,
         "drift": gain.drift,
-        "without_pairing": gain.without_pairing,
     }
 
 

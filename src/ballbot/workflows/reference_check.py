@@ -36,6 +36,7 @@ from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 from ballbot.twin.scenario import Scenario
+from ballbot.workflows.metrics import lean_of
 from ballbot.workflows.recovery_region import Loop, lost_lean, top_speed
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
@@ -60,11 +61,6 @@ class Demand:
     def power(self) -> NDArray[np.float64]:
         """Mechanical power of all motors (N,) [W]."""
         return (self.torques * self.wheel_speeds).sum(axis=1)
-
-
-def lean_of(states: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the axis's lean from the vertical (...) [rad] of states (..., 10)."""
-    return np.arccos(np.clip(np.cos(states[..., 2]) * np.cos(states[..., 3]), -1.0, 1.0))
 
 
 def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) -> Demand:
@@ -346,7 +342,7 @@ def _uses(
     return (
         most("torque", np.abs(torques), left, "N m"),
         most("wheel speed", np.abs(speeds), top_speed(robot), "rad/s"),
-        most("lean", lean_of(states), lost_lean(model), "rad"),
+        most("lean", lean_of(states[..., 2], states[..., 3]), lost_lean(model), "rad"),
         most("grip", needed, _GRIP, ""),
     )
 
