@@ -1,9 +1,9 @@
-"""The frames of live views, and what server and simulation take of a core: writes docs/generated/live_view.md.
+"""The frames of live views, and what they take of a core: writes docs/generated/live_view.md.
 
     python -m benchmarks.live_view
 
 `ballbot view` runs as a person runs it; a web socket of this process stands for the page and counts frames. What a
-browser takes to draw them is not counted. Linux only: the processes' times are those of /proc.
+browser takes to draw them is not counted. Linux only: the process's time is that of /proc.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import re
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,39 +57,26 @@ class Measured:
 
     frames: float  #: that reached the page [1/s]
     pace: float  #: simulated over real time
-    server: float  #: share of a core
-    simulation: float  #: share of a core
+    taken: float  #: share of a core
 
 
-def processor_times() -> dict[int, tuple[int, float]]:
-    """Return of each process its parent and the time [s] that it has taken of a core."""
-    found = {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            ticks = int(fields[11]) + int(fields[12])
-            found[int(folder.name)] = (int(fields[1]), ticks / os.sysconf("SC_CLK_TCK"))
-    return found
-
-
-def shares(server: int) -> tuple[float, float]:
-    """Return the times [s] that the server and its children have taken."""
-    times = processor_times()
-    return times[server][1], sum(time for parent, time in times.values() if parent == server)
+def processor_time(process: int) -> float:
+    """Return the time [s] that a process has taken of a core."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def counted(page: ClientConnection, server: int, robots: int) -> Measured:
     """Return what is found at a page whose simulation runs."""
     size = len(WORLD_NAMES) + robots * len(robot_names(3))
-    before, begun, rows = shares(server), time.monotonic(), []
+    before, begun, rows = processor_time(server), time.monotonic(), []
     while time.monotonic() < begun + SECONDS:
         data = page.recv()
         if isinstance(data, bytes):
             rows.append(np.frombuffer(data, dtype="<f4").reshape(-1, size))
-    after, seconds, table = shares(server), time.monotonic() - begun, np.concatenate(rows)
-    taken = [(b - a) / seconds for a, b in zip(before, after, strict=True)]
+    taken, seconds, table = processor_time(server) - before, time.monotonic() - begun, np.concatenate(rows)
     pace = float(table[-1, 0] - table[0, 0]) / seconds
-    return Measured(frames=len(table) / seconds, pace=pace, server=taken[0], simulation=taken[1])
+    return Measured(frames=len(table) / seconds, pace=pace, taken=taken / seconds)
 
 
 def measured(robots: int, words: tuple[str, ...]) -> Measured:
@@ -103,8 +89,6 @@ def measured(robots: int, words: tuple[str, ...]) -> Measured:
                 raise RuntimeError("ballbot view gave no address")
             address = f"{found[1].replace('http', 'ws')}/live?{found[2]}"
             with connect(address, origin=Origin(found[1])) as page:
-                while '"running"' not in str(page.recv()):
-                    pass
                 return counted(page, process.pid, robots)
         finally:
             process.terminate()
@@ -115,7 +99,7 @@ def main() -> None:
     rows = []
     for name, (robots, words) in CASES.items():
         one = measured(robots, words)
-        shown = (f"{one.frames:.1f}", f"{one.pace:.3f}", f"{one.server:.1%}", f"{one.simulation:.1%}")
+        shown = (f"{one.frames:.1f}", f"{one.pace:.3f}", f"{one.taken:.1%}")
         rows.append(f"| {name} | {' | '.join(shown)} |")
         print(rows[-1], flush=True)
     table = "\n".join(rows)
@@ -123,10 +107,10 @@ def main() -> None:
 
 `python -m benchmarks.live_view` writes this page: {SECONDS:.0f} s of each view after its start, with a web socket in
 place of the browser. {processor()}, {os.cpu_count()} cores, load average {os.getloadavg()[1]:.0f}.
-The targets are 50 frames a second and a quarter of a core for the server.
+The target is 50 frames a second.
 
-| live view of | frames a second | simulated over real time | server, of a core | simulation, of a core |
-|---|---:|---:|---:|---:|
+| live view of | frames a second | simulated over real time | of a core |
+|---|---:|---:|---:|
 {table}
 """
     write_text(PAGE, text)

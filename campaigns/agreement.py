@@ -69,7 +69,7 @@ SCENARIOS: Mapping[str, Scenario] = {
     ),
     # a cheap robot: rows of rollers far apart, twice the play, three times the noise, gyro and lean off
     "cheap": replace(
-        Scenario.wide_rows("alten"),
+        Scenario.named("wide_rows", "alten"),
         backlash=2.0 * NOMINAL.backlash,
         sensors=replace(
             NOMINAL.sensors,

@@ -28,29 +28,28 @@ Numbers = dict[str, list[float]]
 
 
 def truth_of(scenario: Scenario, wheel: int) -> list[float]:
-    """Return the true b, c, s, v_s and delta of a wheel (0 for the first)."""
+    """Return the true b, c, s and v_s of a wheel (0 for the first); the twin's delta is 1.1."""
     friction = scenario.friction
     own = [friction.viscous[wheel], friction.coulomb[wheel], friction.stribeck[wheel]]
-    return [*own, friction.stribeck_speed, friction.stribeck_exponent]
+    return [*own, friction.stribeck_speed]
 
 
-def fits_of(seed: int, *, generations: int = 120) -> list[DrivelineFit]:
+def fits_of(seed: int) -> list[DrivelineFit]:
     """Record a sweep of the nominal twin with that seed and fit its wheels."""
     robot = Robot.load("alten")
     scenario = Scenario.nominal(robot)
     torques = sweep_torques(robot, scenario, duration=DURATION)
     log = run_bench(robot, scenario, torques, bench="stand", seed=seed).log
-    return [fit_driveline(sweep, generations=generations) for sweep in sweeps_of(robot, log)]
+    return [fit_driveline(sweep) for sweep in sweeps_of(robot, log)]
 
 
 def numbers_of(fit: DrivelineFit) -> Numbers:
-    """Return estimate, standard error and limits of each of the five; NaN for a parameter without interval."""
-    ends = [fit.intervals.get(name) for name in NAMES]
+    """Return estimate, standard error and limits of each of the four; NaN for a parameter without interval."""
     return {
         "values": fit.values.tolist(),
         "errors": fit.standard_errors.tolist(),
-        "lower": [math.nan if one is None else one.lower for one in ends],
-        "upper": [math.nan if one is None else one.upper for one in ends],
+        "lower": fit.intervals[:, 0].tolist(),
+        "upper": fit.intervals[:, 1].tolist(),
     }
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import Reference, named_reference, square
-from ballbot.estimation.interface import Estimator, Reading, StateErrors, state_errors
+from ballbot.estimation.interface import EstimationErrors, Estimator, Reading, state_errors
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.kalman_model import FilterNoise
 from ballbot.estimation.onboard import OnboardState
@@ -76,7 +76,7 @@ class SideBySide:
 
 def side_by_side(
     robot: Robot, scenario: Scenario, reference: Reference, *, seed: int, duration: float = DURATION
-) -> dict[str, StateErrors]:
+) -> dict[str, EstimationErrors]:
     """Return each estimator's errors on one run that the thesis's own steers."""
     h = scenario.sensors.sample_time
     thesis = Listener(OnboardState(robot, sample_time=h))
@@ -132,7 +132,7 @@ def in_closed_loop(robot: Robot, *, seeds: Sequence[int], duration: float = 64.0
         return Comparison(runs=tuple(runs), results=tuple(pool.map(ComparedRun.result, runs)))
 
 
-def rows(name: str, found: Sequence[dict[str, StateErrors]]) -> list[list[str]]:
+def rows(name: str, found: Sequence[dict[str, EstimationErrors]]) -> list[list[str]]:
     """Return a row for each estimator: means over the runs, and the worst drift over the thesis's on the same run."""
     table = []
     for estimator in found[0]:
@@ -161,7 +161,7 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
     biased = replace(nominal, name="biased", sensor_faults=BIASED)
     cases = [(name, nominal, name) for name in REFERENCES] + [("square, biased AHRS", biased, "square")]
 
-    def run(job: tuple[tuple[str, Scenario, str], int]) -> dict[str, StateErrors]:
+    def run(job: tuple[tuple[str, Scenario, str], int]) -> dict[str, EstimationErrors]:
         (_, scenario, reference), seed = job
         return side_by_side(robot, scenario, named_reference(reference), seed=seed, duration=duration)
 

@@ -45,8 +45,6 @@ CAMPAIGNS = {
     "choice": "campaigns.controller_choice:choice",
     "factors": "campaigns.controller_factors",
     "friction_share": "campaigns.controller_choice:friction_share",
-    "adaptation": "campaigns.adaptation",
-    "adaptation_courses": "campaigns.adaptation:courses",
     "delay": "campaigns.delay",
     "feedback_options": "campaigns.feedback_options",
     "optima": "campaigns.optima",
@@ -84,8 +82,6 @@ CAMPAIGNS = {
 
 #: campaigns whose section the page does not have, and why
 NOT_ON_THE_PAGE = {
-    "adaptation": "measured only while the controller also adapted to its drivelines, a part that is gone",
-    "adaptation_courses": "as adaptation",
     "axis_machines": "not run yet since one method replaced several; docs/axis.md has a sample of it",
     "firmware_math": "not run yet over every float; tests/firmware/test_math.py measures a sample of them",
     "reproduce": "compares docs/generated/reproduce.md, which `ballbot reproduce` writes, with a fresh run",

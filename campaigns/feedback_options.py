@@ -274,7 +274,7 @@ def _settled(times: tuple[float, ...]) -> str:
     return ", ".join("falls" if math.isnan(time) else f"{time:.1f}" for time in times)
 
 
-RESONANT = Scenario.resonant(ROBOT)
+RESONANT = Scenario.named("resonant", ROBOT)
 RESONANT_TWINS = {
     "nominal": Scenario.nominal(ROBOT),
     "resonance, no play": replace(RESONANT, backlash=0.0),

@@ -41,6 +41,7 @@ from ballbot.firmware.processor_load import readings
 from ballbot.mechanics.geometry import transforms
 from campaigns.section import Section
 from tests.support.compiled_firmware import library
+from tests.support.estimation_examples import covariance_of
 
 H = 0.005  #: [s]
 #: included before a source, it is compiled in double precision
@@ -162,7 +163,7 @@ def long_run(robot: Robot, *, minutes: Sequence[float], fixes: float = 0.0, seed
     for k, reading in enumerate(readings(robot, samples=max(looks), seed=seed, fixes=fixes), start=1):
         a, b = (one.update(reading) for one in filters)
         if k % 20 == 0 or k in looks:
-            deviation = np.sqrt(np.diagonal(filters[1].covariance))
+            deviation = np.sqrt(np.diagonal(covariance_of(filters[1])))
             state = max(state, float((np.abs(a - b)[:7] / deviation).max()))
         if k in looks:
             P, exact = covariances(*filters)

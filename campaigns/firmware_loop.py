@@ -165,9 +165,7 @@ def beside(controller: Controller, *, duration: float, taken: Taken = "nothing",
 
 def without_sums(controller: Controller) -> Controller:
     """Return a controller without the parts that sum up an error for ever."""
-    return controller.with_parts(
-        replace(controller.parts, disturbance_observer=None, integral=None, floor_adaptation=None)
-    )
+    return controller.with_parts(replace(controller.parts, disturbance_observer=None, integral=None))
 
 
 def beside_campaign() -> Section:

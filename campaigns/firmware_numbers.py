@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ballbot import Controller, Robot
 from ballbot.control.law import LAW, MEMORY, MEMORY_SIZE, control_law
 from ballbot.control.parts import KINDS, Parts
-from ballbot.control.presets import adaptive, nominal_controller, precise_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
 from ballbot.twin import Scenario
 from campaigns.section import Section
@@ -251,7 +251,6 @@ def controllers() -> dict[str, Callable[[], Controller]]:
                 nominal_controller, robot, compensation=compensation
             )
         found[f"precise, {wheels}"] = partial(precise_controller, robot)
-        found[f"adaptive, {wheels}"] = partial(_adaptive, robot)
         found[f"every part, {wheels}"] = partial(everything, robot)
         directed = replace(
             robot.friction,
@@ -266,10 +265,6 @@ def controllers() -> dict[str, Callable[[], Controller]]:
         found[f"without {name}"] = partial(_without, alten, name)
         found[f"{name} alone"] = partial(_alone, alten, name)
     return found
-
-
-def _adaptive(robot: Robot) -> Controller:
-    return adaptive(precise_controller(robot))
 
 
 def _without(robot: Robot, name: str) -> Controller:

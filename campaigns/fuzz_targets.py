@@ -27,8 +27,7 @@ from ballbot.control.parts import example_parts
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference, read_reference, reference_text
 from ballbot.errors import InputError, UnsuitedController
-from ballbot.identification.axis.file_columns import AxisColumns
-from ballbot.identification.axis.reading import read_axis_record
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log
@@ -413,7 +412,7 @@ def _judge_sweep(path: Path) -> None:
 
 
 def _judge_axis(path: Path) -> None:
-    record = read_axis_record(path, AxisColumns(reference="reference"))
+    record = read_axis_record(path, AxisColumns())
     assert np.isfinite(record.force).all()
     assert np.isfinite(record.position).all()
     assert 0.0 < record.sample_time < math.inf

@@ -25,12 +25,12 @@ from ballbot.control.presets import (
 from ballbot.control.references import named_reference
 from ballbot.findings import texts
 from ballbot.identification import Identification, cross_validate, identify
-from ballbot.identification.driveline import fit_as_printed, fit_driveline, sweeps_of
+from ballbot.identification.driveline import fit_driveline, robot_of_sweep, sweeps_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.driveline import driveline_findings, parameter_rows
-from ballbot.robot import Friction, Robot
+from ballbot.report.driveline import parameter_rows
+from ballbot.robot import Robot
 from ballbot.rounding import digits
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
@@ -154,25 +154,12 @@ def identified_errors() -> Section:
 SPEEDS = (0.2, 0.5, 1.0, 2.0, 5.0)  # [rad/s]
 
 
-def driveline_friction() -> Friction:
-    """Return the friction of the three drivelines, wheels free; v_s and delta are the three's means."""
-    fits = [fit_driveline(sweep) for sweep in sweeps_of(ROBOT, bench_log("stand"))]
-    b, c, s, v_s, delta = np.array([fit.values for fit in fits]).T
-    return Friction(
-        viscous=tuple(b.tolist()),
-        coulomb=tuple(c.tolist()),
-        stribeck=tuple(s.tolist()),
-        stribeck_speed=float(v_s.mean()),
-        stribeck_exponent=float(delta.mean()),
-        rolling=0.0,
-    )
-
-
 def identified_friction() -> Section:
     """Identify by all three stages and return the section of docs/generated/evidence.md."""
+    fits = [fit_driveline(sweep) for sweep in sweeps_of(ROBOT, bench_log("stand"))]
     upside_down = identify_upside_down(ROBOT, bench_log("upside_down")).robot.friction
     stages = {
-        "driveline, wheel free": driveline_friction(),
+        "driveline, wheel free": robot_of_sweep(ROBOT, fits, log="stand").friction,
         "upside down, ball on the wheels": replace(upside_down, rolling=0.0),
         "balancing": identified()[0].robot.friction,
         "set in the twin's drivelines": NOMINAL.friction,
@@ -201,22 +188,16 @@ def drivelines() -> Section:
     """Fit every wheel and return the section of docs/generated/evidence.md."""
     sweeps = sweeps_of(ROBOT, bench_log("stand"))
     fits = [fit_driveline(sweep) for sweep in sweeps]
-    printed = [fit_as_printed(sweep, fit) for sweep, fit in zip(sweeps, fits, strict=True)]
     rows = [[f"{name} [{unit}]" if unit else name, *cells] for name, unit, *cells in parameter_rows(fits)]
     rows.append(["RMS speed error [rad/s]", *(f"{fit.rmse:.3f}" for fit in fits)])
-    rows.append(["wind-up at the limit, refitted", *(f"{one.rmse:.2f}" for one in printed)])
-    rows.append(
-        ["wind-up at the limit, the friction above", *(f"{one.rmse_restarted:.1f}" for one in printed)]
-    )
     rows.append(["without friction", *(f"{fit.rmse_without:.1f}" for fit in fits)])
     return Section(
         title="Stage one: the drivelines, wheels free",
-        before="The thesis's sweep on the nominal twin, wheels free: a sine of 1 N m and 62.83 s. The thesis's five "
-        "parameters and cost (3.5), by an evolution strategy and Gauss-Newton steps; "
-        "in brackets 95 % intervals.",
+        before="The thesis's sweep on the nominal twin, wheels free: a sine of 1 N m and 62.83 s. Each "
+        "wheel is fitted as an axis of known inertia, with delta = 1; in brackets 95 % intervals.",
         columns=["", *(f"wheel {fit.wheel}" for fit in fits)],
         rows=rows,
-        after=" ".join(texts(driveline_findings(fits, printed))),
+        after=" ".join(texts([one for fit in fits for one in fit.findings])),
     )
 
 

@@ -18,8 +18,7 @@ from ballbot import Robot
 from ballbot.control.presets import nominal_controller
 from ballbot.estimation.interface import Reading
 from ballbot.firmware.build import source_files
-from ballbot.firmware.cortex_m4 import CLOCK
-from ballbot.firmware.emulator import Board, Run, compile_image
+from ballbot.firmware.emulator import CLOCK, Board, Run, compile_image
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.header import SOURCES
@@ -180,7 +179,7 @@ def campaign() -> Section:
     return Section(
         title="The link on the processor",
         before="The robot's side of the link on an emulated Cortex-M4F: exact instructions, and an upper estimate of "
-        f"cycles with two wait states of flash, at {CLOCK / 1e6:.0f} MHz; the nominal controller of the thesis's "
+        f"cycles, 3.3 for each, at {CLOCK / 1e6:.0f} MHz; the nominal controller of the thesis's "
         "robot. `State` is what a sample costs more if one is sent.",
         columns=["", "bytes", "instructions", "cycles", "time [us]", "share of 5 ms"],
         rows=rows,

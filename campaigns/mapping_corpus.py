@@ -1,7 +1,6 @@
 """Measure `ballbot check-log` on logs of other people's making: logs renamed, permuted, scaled, turned and cut.
 
-.venv/bin/python -m campaigns.evidence mapping_corpus
-.venv/bin/python -m campaigns.mapping_corpus 200     that many variants, with each failure
+BALLBOT_VARIANTS=200 .venv/bin/python -m campaigns.evidence mapping_corpus    that many variants, with each failure
 
 A variant is a stretch of a recorded log, written as a team might write it (`campaigns.foreign_logs`), with the kind of
 its command stated, and the columns' names if the file has no header. The log that the proposed mapping makes is
@@ -35,8 +34,8 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.formats import is_foreign
-from ballbot.log.mapping_search.found import Stated
 from ballbot.log.mapping_search.frame import TURNING_BY_WHEELS
+from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import propose
 from ballbot.log.mapping_search.text import Evaluation, evaluate
 from ballbot.processes import worker_pool
@@ -242,20 +241,6 @@ def _smoothed(values: NDArray[np.float64], interval: float) -> NDArray[np.float6
     return np.array([np.convolve(row, window / window.sum(), mode="valid") for row in values])
 
 
-def outcomes(half: Half, seeds: Sequence[int], *, processes: int = 1) -> Iterator[Outcome]:
-    """Yield the outcomes of seeds as they come."""
-    if processes == 1:
-        yield from (outcome(half, seed) for seed in seeds)
-        return
-    with worker_pool(processes) as pool:
-        runs = [pool.submit(outcome, half, seed) for seed in seeds]
-        try:
-            yield from (run.result() for run in as_completed(runs))
-        finally:
-            # whoever takes no more of them does not wait for the rest
-            pool.shutdown(cancel_futures=True)
-
-
 #: variants of all halves in turn
 VARIANTS = 2000
 #: environment variables: variants, the most minutes, and processes
@@ -328,7 +313,3 @@ def _followed(count: int) -> Iterator[Outcome]:
         finally:
             # whoever takes no more of them does not wait for the rest
             pool.shutdown(cancel_futures=True)
-
-
-if __name__ == "__main__":
-    print(section(list(_followed(int(sys.argv[1])))).markdown())

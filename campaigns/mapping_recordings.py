@@ -23,7 +23,7 @@ from ballbot.control.references import Reference, change_pose, circle, figure_ei
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.robot.components import Ball, scaled_friction
+from ballbot.robot.components import scaled_friction
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -91,8 +91,9 @@ KEPT = Path(__file__).parents[1] / "build" / "mapping_corpus"
 @cache
 def robot_named(name: str) -> Robot:
     """Return a robot of the corpus as its team would describe it: a preset, one with four wheels, or one of its own."""
-    if name in OWN_ROBOTS:
-        return OWN_ROBOTS[name]()
+    own = _own_robot(name)
+    if own is not None:
+        return own
     preset = name.removesuffix("_four_wheels")
     robot = Robot.load(preset)
     if preset in WHEEL_INERTIA:
@@ -107,181 +108,53 @@ def _with_wheels(robot: Robot, *, count: int, first: float) -> Robot:
     return robot.replace(wheels=replace(robot.wheels, azimuths=azimuths), friction=friction)
 
 
-def _with_body(robot: Robot, *, mass: float, height: float, slenderness: float) -> Robot:
-    """Return a robot with another body.
-
-    Parameters
-    ----------
-    robot : Robot
-    mass : float
-        [kg]
-    height : float
-        Of the centre of mass above the ball's [m].
-    slenderness : float
-        Inertia about the ball's centre over mass times height squared.
-    """
-    about = slenderness * mass * height**2
-    old = robot.body.inertia
-    inertia = (about, about, old[2] * mass / robot.body.mass, 0.0, 0.0, 0.0)
-    body = replace(robot.body, mass=mass, center_of_mass=height, inertia=inertia, inertia_about="ball_center")
-    return robot.replace(body=body)
-
-
-def _ball(robot: Robot, *, radius: float, mass: float) -> Ball:
-    # between a solid ball's 2/5 and a thin shell's 2/3
-    return replace(robot.ball, radius=radius, mass=mass, inertia=0.55 * mass * radius**2)
+#: robots that are no preset, as a preset with another body, ball, wheels and drive: masses [kg], lengths [m], angles
+#: [deg], the torque limit [N m]. Slenderness is the inertia about the ball's centre over mass times height squared,
+#: height that of the centre of mass above the ball's, `first` the azimuth of wheel 1; - keeps the preset's own
+OWN_ROBOTS = """
+name                preset mass height slenderness r_ball m_ball radius inertia tilt limit gear counts wheels first
+lantern             alten  9.0  0.45   1.3         0.115  2.2    0.045  6e-4    42   3.5   30   -      3      20
+barrel              kugle  21.0 0.5    1.2         0.14   4.0    -      -       -    9.0   21   1024   3      -40
+scout_four_wheels   rezero 11.0 0.36   1.25        0.12   2.8    -      -       -    4.5   29   -      4      30
+kettle              alten  6.0  0.3    1.35        0.095  1.3    0.035  2e-4    40   2.5   19   -      3      75
+crane               kugle  14.0 0.55   1.25        0.125  3.0    -      -       50   7.0   26   2000   3      10
+sledge_four_wheels  rezero 18.0 0.4    1.2         0.13   3.5    -      -       -    6.0   23   -      4      45
+spinner             alten  7.5  0.36   1.2         0.12   0.9    0.05   8e-4    47   3.0   16   2048   3      -15
+mast                kugle  26.0 0.62   1.15        0.11   5.0    -      -       43   10.0  24   1500   3      50
+cart_four_wheels    rezero 15.0 0.33   1.3         0.125  2.4    -      -       44   5.5   26   -      4      10
+heron               alten  8.5  0.48   1.2         0.12   0.62   0.04   4e-4    45   3.0   22   1024   3      100
+drum                kugle  19.0 0.42   1.25        0.135  3.6    -      -       48   8.0   20   1800   3      -70
+trolley_four_wheels rezero 13.0 0.37   1.22        0.118  2.6    -      -       42   5.0   28   -      4      25
+"""
 
 
-def _lantern() -> Robot:
-    """Return a light robot with a high centre of mass, the first wheel at 20 degrees."""
-    robot = _with_body(Robot.load("alten"), mass=9.0, height=0.45, slenderness=1.3)
+def _own_robot(name: str) -> Robot | None:
+    """Return the robot of a row of `OWN_ROBOTS`; None without one."""
+    headings, *rows = (line.split() for line in OWN_ROBOTS.strip().splitlines())
+    row = next((one for one in rows if one[0] == name), None)
+    if row is None:
+        return None
+    robot = Robot.load(row[1])
+    given = {key: float(value) for key, value in zip(headings[2:], row[2:], strict=True) if value != "-"}
+    mass, height, old = given["mass"], given["height"], robot.body
+    about = given["slenderness"] * mass * height**2
+    inertia = (about, about, old.inertia[2] * mass / old.mass, 0.0, 0.0, 0.0)
+    radius, ball_mass = given["r_ball"], given["m_ball"]
+    wheels = robot.wheels
     robot = robot.replace(
-        ball=_ball(robot, radius=0.115, mass=2.2),
-        wheels=replace(robot.wheels, radius=0.045, tilt=float(np.radians(42.0)), inertia=6e-4),
-        drive=replace(robot.drive, torque_limit=3.5, gear_ratio=30.0),
+        body=replace(old, mass=mass, center_of_mass=height, inertia=inertia, inertia_about="ball_center"),
+        # between a solid ball's 2/5 and a thin shell's 2/3
+        ball=replace(robot.ball, radius=radius, mass=ball_mass, inertia=0.55 * ball_mass * radius**2),
+        wheels=replace(
+            wheels,
+            radius=given.get("radius", wheels.radius),
+            inertia=given.get("inertia", wheels.inertia),
+            tilt=float(np.radians(given["tilt"])) if "tilt" in given else wheels.tilt,
+        ),
+        drive=replace(robot.drive, torque_limit=given["limit"], gear_ratio=given["gear"]),
+        sensors=replace(robot.sensors, encoder_counts=int(given.get("counts", robot.sensors.encoder_counts))),
     )
-    return _with_wheels(robot, count=3, first=float(np.radians(20.0)))
-
-
-def _barrel() -> Robot:
-    """Return a heavy robot on a large ball, the first wheel at -40 degrees."""
-    robot = _with_body(Robot.load("kugle"), mass=21.0, height=0.5, slenderness=1.2)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.14, mass=4.0),
-        drive=replace(robot.drive, torque_limit=9.0, gear_ratio=21.0),
-        sensors=replace(robot.sensors, encoder_counts=1024),
-    )
-    return _with_wheels(robot, count=3, first=float(np.radians(-40.0)))
-
-
-def _scout() -> Robot:
-    """Return a low robot with four wheels, the first at 30 degrees."""
-    robot = _with_body(Robot.load("rezero"), mass=11.0, height=0.36, slenderness=1.25)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.12, mass=2.8),
-        drive=replace(robot.drive, torque_limit=4.5, gear_ratio=29.0),
-    )
-    return _with_wheels(robot, count=4, first=float(np.radians(30.0)))
-
-
-def _kettle() -> Robot:
-    """Return a small robot on a small ball, the first wheel at 75 degrees."""
-    robot = _with_body(Robot.load("alten"), mass=6.0, height=0.3, slenderness=1.35)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.095, mass=1.3),
-        wheels=replace(robot.wheels, radius=0.035, tilt=float(np.radians(40.0)), inertia=2e-4),
-        drive=replace(robot.drive, torque_limit=2.5, gear_ratio=19.0),
-    )
-    return _with_wheels(robot, count=3, first=float(np.radians(75.0)))
-
-
-def _crane() -> Robot:
-    """Return a tall robot with steep wheels, the first at 10 degrees."""
-    robot = _with_body(Robot.load("kugle"), mass=14.0, height=0.55, slenderness=1.25)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.125, mass=3.0),
-        wheels=replace(robot.wheels, tilt=float(np.radians(50.0))),
-        drive=replace(robot.drive, torque_limit=7.0, gear_ratio=26.0),
-        sensors=replace(robot.sensors, encoder_counts=2000),
-    )
-    return _with_wheels(robot, count=3, first=float(np.radians(10.0)))
-
-
-def _sledge() -> Robot:
-    """Return a heavy robot with four wheels, the first at 45 degrees."""
-    robot = _with_body(Robot.load("rezero"), mass=18.0, height=0.4, slenderness=1.2)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.13, mass=3.5),
-        drive=replace(robot.drive, torque_limit=6.0, gear_ratio=23.0),
-    )
-    return _with_wheels(robot, count=4, first=float(np.radians(45.0)))
-
-
-def _spinner() -> Robot:
-    """Return a robot of a teaching laboratory: light, on a basketball, the first wheel at -15 degrees."""
-    robot = _with_body(Robot.load("alten"), mass=7.5, height=0.36, slenderness=1.2)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.12, mass=0.9),
-        wheels=replace(robot.wheels, radius=0.05, tilt=float(np.radians(47.0)), inertia=8e-4),
-        drive=replace(robot.drive, torque_limit=3.0, gear_ratio=16.0),
-        sensors=replace(robot.sensors, encoder_counts=2048),
-    )
-    return _with_wheels(robot, count=3, first=float(np.radians(-15.0)))
-
-
-def _mast() -> Robot:
-    """Return a tall and heavy robot on a bowling ball, the first wheel at 50 degrees."""
-    robot = _with_body(Robot.load("kugle"), mass=26.0, height=0.62, slenderness=1.15)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.11, mass=5.0),
-        wheels=replace(robot.wheels, tilt=float(np.radians(43.0))),
-        drive=replace(robot.drive, torque_limit=10.0, gear_ratio=24.0),
-        sensors=replace(robot.sensors, encoder_counts=1500),
-    )
-    return _with_wheels(robot, count=3, first=float(np.radians(50.0)))
-
-
-def _cart() -> Robot:
-    """Return a robot that carries a load low, with four wheels, the first at 10 degrees."""
-    robot = _with_body(Robot.load("rezero"), mass=15.0, height=0.33, slenderness=1.3)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.125, mass=2.4),
-        wheels=replace(robot.wheels, tilt=float(np.radians(44.0))),
-        drive=replace(robot.drive, torque_limit=5.5, gear_ratio=26.0),
-    )
-    return _with_wheels(robot, count=4, first=float(np.radians(10.0)))
-
-
-def _heron() -> Robot:
-    """Return a slim robot on a basketball, the first wheel at 100 degrees."""
-    robot = _with_body(Robot.load("alten"), mass=8.5, height=0.48, slenderness=1.2)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.12, mass=0.62),
-        wheels=replace(robot.wheels, radius=0.04, tilt=float(np.radians(45.0)), inertia=4e-4),
-        drive=replace(robot.drive, torque_limit=3.0, gear_ratio=22.0),
-        sensors=replace(robot.sensors, encoder_counts=1024),
-    )
-    return _with_wheels(robot, count=3, first=float(np.radians(100.0)))
-
-
-def _drum() -> Robot:
-    """Return a heavy robot of a middle height, the first wheel at -70 degrees."""
-    robot = _with_body(Robot.load("kugle"), mass=19.0, height=0.42, slenderness=1.25)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.135, mass=3.6),
-        wheels=replace(robot.wheels, tilt=float(np.radians(48.0))),
-        drive=replace(robot.drive, torque_limit=8.0, gear_ratio=20.0),
-        sensors=replace(robot.sensors, encoder_counts=1800),
-    )
-    return _with_wheels(robot, count=3, first=float(np.radians(-70.0)))
-
-
-def _trolley() -> Robot:
-    """Return a robot with four wheels, the first at 25 degrees."""
-    robot = _with_body(Robot.load("rezero"), mass=13.0, height=0.37, slenderness=1.22)
-    robot = robot.replace(
-        ball=_ball(robot, radius=0.118, mass=2.6),
-        wheels=replace(robot.wheels, tilt=float(np.radians(42.0))),
-        drive=replace(robot.drive, torque_limit=5.0, gear_ratio=28.0),
-    )
-    return _with_wheels(robot, count=4, first=float(np.radians(25.0)))
-
-
-#: robots that are no preset
-OWN_ROBOTS = {
-    "lantern": _lantern,
-    "barrel": _barrel,
-    "scout_four_wheels": _scout,
-    "kettle": _kettle,
-    "crane": _crane,
-    "sledge_four_wheels": _sledge,
-    "spinner": _spinner,
-    "mast": _mast,
-    "cart_four_wheels": _cart,
-    "heron": _heron,
-    "drum": _drum,
-    "trolley_four_wheels": _trolley,
-}
+    return _with_wheels(robot, count=int(given["wheels"]), first=float(np.radians(given["first"])))
 
 
 def recording(half: Half, robot: str, motion: str) -> Log:
@@ -355,128 +228,70 @@ def _reference(motion: str, seed: int) -> Reference:
     if motion == "turn":
         turn = random.uniform(0.5 * np.pi, np.pi)
         return change_pose(x=size, y=-0.5 * size, psi=turn, at=6.0, ramp=40.0)
-    if motion in ("patrol", "orbit", "nudges"):
-        return _path(motion, random, size)
-    if motion in ("corners", "slalom", "sentry"):
-        return _round(motion, random, size)
-    if motion in ("errands", "loops", "station"):
-        return _errand(motion, random, size)
-    if motion in ("delivery", "spirals", "tour"):
-        return _on_the_move(motion, random, size)
+    if not motion.startswith(("sway", "wander", "dead_band")):
+        return _tour(motion, random, size)
     return _sway(random, heading=0.6 if motion == "sway" else 0.2)
 
 
-def _path(motion: str, random: np.random.Generator, size: float) -> Reference:
-    """Return a reference along a path of a size [m], which begins at rest."""
-    slow, way, turn = random.uniform(0.25, 0.5), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.4, 1.0)
-    places = size * random.uniform(-0.4, 0.4, (20, 2)) @ np.array([1.0, 1j])
-
-    def reference(t: float) -> NDArray[np.float64]:
-        pose, now, start = np.zeros(10), slow * t, min(t / 5.0, 1.0)
-        if motion == "patrol":
-            # along a line, to and fro, and turned at its ends
-            place = 0.7 * size * np.sin(now) * np.exp(1j * way)
-            pose[4] = turn * start * np.tanh(3.0 * np.cos(now))
-        elif motion == "orbit":
-            # around a circle and back, which the heading follows
-            angle = 2.0 * np.sin(0.7 * now)
-            place = 0.5 * size * (np.exp(1j * angle) - 1.0) * np.exp(1j * way)
-            pose[4] = 0.5 * start * angle
-        else:
-            # stands, and is sent to another place near by every 6 s
-            last, part = int(t // 6.0), np.clip((t % 6.0) / 1.5, 0.0, 1.0)
-            smooth = part * part * (3.0 - 2.0 * part)
-            place = (1.0 - smooth) * places[last] + smooth * places[last + 1]
-            pose[4] = 0.3 * turn * start * np.sin(0.9 * now)
-        place = start * place
-        pose[:2] = place.real, place.imag
-        return pose
-
-    return reference
-
-
-def _round(motion: str, random: np.random.Generator, size: float) -> Reference:
-    """Return a reference of a robot on duty, of a size [m], which begins at rest."""
-    slow, way, turn = random.uniform(0.25, 0.5), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.4, 1.0)
-    corners = 0.5 * size * (np.exp(2j * np.pi * np.arange(4) / 3.0) - 1.0) * np.exp(1j * way)
-
-    def reference(t: float) -> NDArray[np.float64]:
-        pose, now, start = np.zeros(10), slow * t, min(t / 5.0, 1.0)
-        if motion == "corners":
-            # goes from corner to corner of a triangle, stops for 2 s at each, and looks about
-            last, part = int(t // 6.0) % 3, np.clip((t % 6.0) / 4.0, 0.0, 1.0)
-            smooth = part * part * (3.0 - 2.0 * part)
-            place = (1.0 - smooth) * corners[last] + smooth * corners[last + 1]
-            pose[4] = 0.5 * turn * start * np.sin(0.6 * now)
-        elif motion == "slalom":
-            # to and fro, three times as often across as along, headed where it goes
-            place = 0.5 * size * (np.sin(now) + 0.3j * np.sin(3.0 * now)) * np.exp(1j * way)
-            pose[4] = 0.6 * turn * start * np.cos(3.0 * now)
-        else:
-            # keeps its place but for a few centimetres, and turns to and fro
-            place = 0.1 * size * (np.sin(1.7 * now) + 1j * np.sin(1.1 * now)) * np.exp(1j * way)
-            pose[4] = turn * start * np.sin(now)
-        place = start * place
-        pose[:2] = place.real, place.imag
-        return pose
-
-    return reference
-
-
-def _errand(motion: str, random: np.random.Generator, size: float) -> Reference:
-    """Return a reference of a robot that is sent about, of a size [m], which begins at rest."""
-    slow, way, turn = random.uniform(0.25, 0.5), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.4, 1.0)
+def _tour(motion: str, random: np.random.Generator, size: float) -> Reference:
+    """Return a reference of a size [m], which begins at rest."""
+    on_the_move = motion in ("delivery", "spirals", "tour")
+    slow, way = (
+        random.uniform(*((0.35, 0.6) if on_the_move else (0.25, 0.5))),
+        random.uniform(0.0, 2.0 * np.pi),
+    )
+    turn = random.uniform(0.4, 1.0)
+    phases, towards = random.uniform(0.0, 2.0 * np.pi, 3), np.exp(1j * way)
     places = size * random.uniform(-0.5, 0.5, (30, 2)) @ np.array([1.0, 1j])
     looks = turn * random.uniform(-1.0, 1.0, 30)
+    corners = 0.5 * size * (np.exp(2j * np.pi * np.arange(3) / 3.0) - 1.0) * towards
+
+    def between(points: NDArray[np.generic], t: float, every: float, taking: float) -> complex:
+        """Return where one is that starts from point to point every so many seconds, and takes so many."""
+        last, part = int(t // every), np.clip((t % every) / taking, 0.0, 1.0)
+        smooth = part * part * (3.0 - 2.0 * part)
+        n = len(points)
+        return (1.0 - smooth) * points[last % n] + smooth * points[(last + 1) % n]
+
+    def place_and_heading(t: float) -> tuple[complex, float]:
+        now = slow * t
+        match motion:
+            case "patrol":  # along a line, to and fro, and turned at its ends
+                return 0.7 * size * np.sin(now) * towards, turn * np.tanh(3.0 * np.cos(now))
+            case "orbit":  # around a circle and back, which the heading follows
+                angle = 2.0 * np.sin(0.7 * now)
+                return 0.5 * size * (np.exp(1j * angle) - 1.0) * towards, 0.5 * angle
+            case "nudges":  # stands, and is sent to another place near by every 6 s
+                return 0.8 * between(places, t, 6.0, 1.5), 0.3 * turn * np.sin(0.9 * now)
+            case "corners":  # from corner to corner of a triangle, stops for 2 s at each, and looks about
+                return between(corners, t, 6.0, 4.0), 0.5 * turn * np.sin(0.6 * now)
+            case "slalom":  # to and fro, three times as often across as along, headed where it goes
+                place = 0.5 * size * (np.sin(now) + 0.3j * np.sin(3.0 * now)) * towards
+                return place, 0.6 * turn * np.cos(3.0 * now)
+            case "sentry":  # keeps its place but for a few centimetres, and turns to and fro
+                place = 0.1 * size * (np.sin(1.7 * now) + 1j * np.sin(1.1 * now)) * towards
+                return place, turn * np.sin(now)
+            case "errands":  # to another place every 5 s, without a stop, and every 10 s to another heading
+                return between(places, t, 5.0, 5.0), between(np.repeat(looks, 2), t, 5.0, 5.0).real
+            case "loops":  # a rosette of three leaves, with a heading that follows slowly
+                place = 0.5 * size * np.sin(3.0 * now) * np.exp(1j * (now + way))
+                return place, 0.8 * turn * np.sin(0.8 * now)
+            case "station":  # stands where it is for 8 s, and moves on by a few centimetres
+                return 0.25 * between(places, t, 8.0, 2.0), 0.25 * between(looks, t, 8.0, 2.0).real
+            case "delivery":  # a closed path of two loops across and three along, headed to and fro
+                path = np.sin(2.0 * now) + 1j * np.sin(3.0 * now + phases[0])
+                return 0.4 * size * path * towards, turn * np.sin(0.7 * now)
+            case "spirals":  # out and in again around a point, with a heading that follows in part
+                place = 0.6 * size * np.sin(0.4 * now + 0.3) * np.exp(1j * (1.5 * now + way))
+                return place, 0.7 * turn * np.sin(1.5 * now + phases[1])
+            case _:  # a tour: two slow sways and a quicker one of a few centimetres, now and then turned
+                slower = np.sin(0.8 * now + phases[0]) + 1j * np.sin(0.55 * now + phases[1])
+                quicker = 0.05 * np.exp(1j * (4.0 * now + phases[2]))
+                return size * (0.35 * slower * towards + quicker), 0.8 * turn * np.sin(0.5 * now) ** 3
 
     def reference(t: float) -> NDArray[np.float64]:
-        pose, now, start = np.zeros(10), slow * t, min(t / 5.0, 1.0)
-        if motion == "errands":
-            # to another place every 5 s, without a stop, and to another heading in every second of them
-            last, part = int(t // 5.0), (t % 5.0) / 5.0
-            smooth = part * part * (3.0 - 2.0 * part)
-            place = (1.0 - smooth) * places[last] + smooth * places[last + 1]
-            before, after = looks[last // 2], looks[(last + 1) // 2]
-            pose[4] = start * ((1.0 - smooth) * before + smooth * after)
-        elif motion == "loops":
-            # a rosette of three leaves, with a heading that follows slowly
-            place = 0.5 * size * np.sin(3.0 * now) * np.exp(1j * (now + way))
-            pose[4] = 0.8 * turn * start * np.sin(0.8 * now)
-        else:
-            # stands where it is for 8 s, and moves on by a few centimetres
-            last, part = int(t // 8.0), np.clip((t % 8.0) / 2.0, 0.0, 1.0)
-            smooth = part * part * (3.0 - 2.0 * part)
-            place = 0.25 * ((1.0 - smooth) * places[last] + smooth * places[last + 1])
-            pose[4] = 0.25 * start * ((1.0 - smooth) * looks[last] + smooth * looks[last + 1])
-        place = start * place
-        pose[:2] = place.real, place.imag
-        return pose
-
-    return reference
-
-
-def _on_the_move(motion: str, random: np.random.Generator, size: float) -> Reference:
-    """Return a reference of a robot that never stands, of a size [m], which begins at rest."""
-    slow, way, turn = random.uniform(0.35, 0.6), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.4, 1.0)
-    phases = random.uniform(0.0, 2.0 * np.pi, 3)
-
-    def reference(t: float) -> NDArray[np.float64]:
-        pose, now, start = np.zeros(10), slow * t, min(t / 5.0, 1.0)
-        if motion == "delivery":
-            # a closed path of two loops across and three along, headed to and fro
-            place = 0.4 * size * (np.sin(2.0 * now) + 1j * np.sin(3.0 * now + phases[0])) * np.exp(1j * way)
-            pose[4] = turn * start * np.sin(0.7 * now)
-        elif motion == "spirals":
-            # out and in again around a point, with a heading that follows in part
-            place = 0.6 * size * np.sin(0.4 * now + 0.3) * np.exp(1j * (1.5 * now + way))
-            pose[4] = 0.7 * turn * start * np.sin(1.5 * now + phases[1])
-        else:
-            # two slow sways and a quicker one of a few centimetres, now and then turned
-            slower = np.sin(0.8 * now + phases[0]) + 1j * np.sin(0.55 * now + phases[1])
-            place = size * (0.35 * slower * np.exp(1j * way) + 0.05 * np.exp(1j * (4.0 * now + phases[2])))
-            pose[4] = 0.8 * turn * start * np.sin(0.5 * now) ** 3
-        place = start * place
-        pose[:2] = place.real, place.imag
+        pose, (place, heading), start = np.zeros(10), place_and_heading(t), min(t / 5.0, 1.0)
+        pose[[0, 1, 4]] = start * np.array([np.real(place), np.imag(place), heading])
         return pose
 
     return reference

@@ -20,21 +20,19 @@ from scipy.stats import binomtest
 
 from ballbot.errors import InputError
 from ballbot.findings import texts
-from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
-from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.file_columns import AxisColumns
-from ballbot.identification.axis.identify import Estimate
-from ballbot.identification.axis.reading import read_axis_record
-from campaigns.axis_machines import (
-    FAULTS,
-    MACHINES,
-    Drive,
-    Logging,
-    Machine,
-    Motion,
-    draw,
-    record_of,
+from ballbot.identification.axis import (
+    AXIS_LAWS,
+    AxisIdentification,
+    AxisOptions,
+    AxisRecord,
+    identify_axis,
+    inverse_fit,
 )
+from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.identify import Estimate
+from ballbot.identification.axis.model import AxisModel
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from campaigns.axis_machines import Drive, Logging, Machine, Motion, record_of
 from campaigns.section import DataMissingError, Section, data_folder, print_section
 
 #: of the record
@@ -67,31 +65,22 @@ def emps_record() -> AxisRecord:
         raise DataMissingError(
             f"{path} is another version of the EMPS record than the one that was published"
         )
-    columns = AxisColumns(
-        position="qm",
-        force="vir",
-        force_scale="gtau",
-        reference="qg",
-        position_gain="kp",
-        velocity_gain="kv",
-        limit="10",
-    )
-    return read_axis_record(path, columns)
+    return read_axis_record(path, AxisColumns(position="qm", force="vir", force_scale="gtau"))
 
 
 def campaign() -> Section:
     """Identify the axis and return the section of docs/generated/evidence.md."""
-    found = identify_axis(emps_record())
-    inverse = found.inverse_model
+    record = emps_record()
+    found = identify_axis(record)
+    inverse = inverse_fit(record, AxisModel(law=AXIS_LAWS["coulomb"]))
     rows = [
-        ["published (inverse model)", *(f"{v:.4f} ± {s:.4f}" for v, s in PUBLISHED.values()), "", "5.848"],
+        ["published (inverse model)", *(f"{v:.4f} ± {s:.4f}" for v, s in PUBLISHED.values()), ""],
         [
             "inverse model, as published",
             *(
                 f"{inverse.value(name):.4f} ± {inverse.standard_deviations[inverse.names.index(name)]:.4f}"
                 for name in PUBLISHED
             ),
-            "",
             "",
         ],
     ]
@@ -104,8 +93,8 @@ def campaign() -> Section:
         before=f"The training record {SOURCE}: 24.84 s at 1 kHz of an electro-mechanical positioning system, its "
         "position and its motor's voltage. In the first two rows the standard errors treat samples as independent, as "
         "published; below they are clustered in time, and those of the result include what differs between parts and "
-        "methods. Open loop: RMS position error over the whole record [mm]; closed loop: relative force error [%].",
-        columns=["law and method", "M [kg]", "b [N s/m]", "c [N]", "offset [N]", "open loop", "closed loop"],
+        "methods. Open loop: RMS position error over the whole record [mm].",
+        columns=["law and method", "M [kg]", "b [N s/m]", "c [N]", "offset [N]", "open loop"],
         rows=rows,
         after=_after(found),
     )
@@ -120,14 +109,7 @@ def _row(name: str, one: Estimate) -> list[str]:
             texts.append(f"{one.values[f'{parameter}_plus']:.4g} / {one.values[f'{parameter}_minus']:.4g}")
         else:
             texts.append("")
-    errors = one.errors[0]
-    force = errors.closed_loop_force
-    return [
-        name,
-        *texts,
-        f"{1e3 * errors.open_loop_rmse:.2f}",
-        "" if force is None else f"{100.0 * force:.2f}",
-    ]
+    return [name, *texts, f"{1e3 * one.errors[0].open_loop_rmse:.2f}"]
 
 
 def _after(found: AxisIdentification) -> str:
@@ -143,7 +125,7 @@ def _after(found: AxisIdentification) -> str:
     )
 
 
-#: machines of each kind with each fault, and with each motion
+#: machines of each kind with each motion
 SEEDS = 2
 #: the parameters that are judged, with their symbols
 SYMBOLS = {"mass": "M", "viscous": "b", "coulomb": "c"}
@@ -218,9 +200,6 @@ def _trials() -> Iterator[tuple[str, list[Trial]]]:
                 for motion in motions
             ]
             yield f"{kind}, {logger}", [trial(*one) for one in drawn]
-    for kind in MACHINES:
-        for fault in FAULTS:
-            yield f"{kind}, {fault}", [trial(*draw(kind, fault, seed), seed) for seed in range(SEEDS)]
 
 
 def machines() -> Section:
@@ -233,11 +212,10 @@ def machines() -> Section:
     return Section(
         title="One axis: simulated machines",
         before="Random machines (campaigns/axis_machines.py), simulated apart from Ballbot and identified with the law "
-        f"coulomb, all else selected. First {SEEDS} seeds with each of three motions, 8 s at 200 Hz: a slide and a "
+        f"coulomb, all else selected. {SEEDS} seeds with each of three motions, 8 s at 200 Hz: a slide and a "
         "pendulum with rigid drives, and wheels that drive 30 to 60 % of the inertia by gears with a play of 0.5 to 4 "
-        "mrad to either side, or by an elastic shaft (15 to 40 Hz); the uneven log comes from a loop at 1 kHz. Then "
-        f"{SEEDS} machines of each kind with each fault of the record. Arms and motors also have up to 20 % of "
-        "Stribeck friction, which the law leaves out. Of mass M, viscous friction b and Coulomb friction c: the median "
+        "mrad to either side, or by an elastic shaft (15 to 40 Hz); the uneven log comes from a loop at 1 kHz. "
+        "Of mass M, viscous friction b and Coulomb friction c: the median "
         "and the largest error and the median half width of the 95 % interval, as shares of the truth, and how many "
         "intervals contain it, at the end with the 95 % interval of that share (Clopper and Pearson).",
         columns=[

@@ -15,7 +15,11 @@ import cv2
 import numpy as np
 
 from ballbot.processes import worker_pool
-from ballbot.vision.rendering import (
+from ballbot.vision.seam import basketball_seam, tennis_seam
+from ballbot.vision.spin import Setup, measure_spin
+from ballbot.vision.video import open_video
+from campaigns.section import Section
+from tests.support.ball_video import (
     LOSSLESS,
     MOTION_JPEG,
     MPEG4,
@@ -26,10 +30,6 @@ from ballbot.vision.rendering import (
     wandering,
     write_video,
 )
-from ballbot.vision.seam import basketball_seam, tennis_seam
-from ballbot.vision.spin import Setup, measure_spin
-from ballbot.vision.video import open_video
-from campaigns.section import Section
 
 MINUTE = 60.0  # [s]
 PEAK = 10.0  # [rad/s]

@@ -269,7 +269,7 @@ COMPENSATIONS: tuple[Compensation, ...] = ("none", "full", "partial")
 ARRIVED = {"hold": 0.0, "square": 0.0, "change_pose": 14.0}
 WHEELS = ("nominal", "wide_rows", "single_row", "single_point")
 NOMINAL = Scenario.nominal(ROBOT)
-RESONANT = Scenario.resonant(ROBOT)
+RESONANT = Scenario.named("resonant", ROBOT)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,8 +26,8 @@ from campaigns.section import Section, finished
 SEEDS = range(201, 213)
 DURATION = 60.0  # [s]
 ROBOT = Robot.load("alten")
-#: the quantities and how many numbers of each there are
-QUANTITIES = {"b": 3, "c": 3, "s": 3, "v_s": 1, "delta": 1}
+#: the quantities and how many numbers of each there are; s and v_s, for delta = 1, have no truth on a robot of another
+QUANTITIES = {"b": 3, "c": 3}
 
 Numbers = dict[str, list[float]]
 
@@ -63,19 +63,15 @@ def recorded(scenario: Scenario, seed: int, *, duration: float = DURATION) -> Lo
 def numbers_of(log: Log, truth: Friction) -> Numbers:
     """Return truth, estimate and limits of each number, and whether the verdict is that it is usable."""
     found = identify_upside_down(ROBOT, log)
-    labels = [
-        f"{name}{i + 1}" if count > 1 else name for name, count in QUANTITIES.items() for i in range(count)
-    ]
-    ends = [found.intervals.get(label) for label in labels]
+    labels = [f"{name}{i + 1}" for name, count in QUANTITIES.items() for i in range(count)]
+    ends = [found.intervals.get(label, (math.nan, math.nan)) for label in labels]
     return {
-        "truth": [
-            *truth.viscous, *truth.coulomb, *truth.stribeck, truth.stribeck_speed, truth.stribeck_exponent
-        ],
+        "truth": [*truth.viscous, *truth.coulomb],
         "values": np.concatenate([np.atleast_1d(found.parameters[name]) for name in QUANTITIES]).tolist(),
-        "lower": [math.nan if one is None else one.lower for one in ends],
-        "upper": [math.nan if one is None else one.upper for one in ends],
+        "lower": [low for low, _ in ends],
+        "upper": [high for _, high in ends],
         "usable": [float(found.verdict.usable)],
-    }  # fmt: skip
+    }
 
 
 def _numbers_of_seed(seed: int) -> Numbers:

@@ -5,19 +5,16 @@ import tomllib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from mcap.reader import make_reader
 
 import ballbot
-from ballbot import InputError, file_formats
+from ballbot import InputError
 from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
-from ballbot.errors import OldFileFormat
 from ballbot.file_formats import NEWEST, Kind, format_line, format_name, read_results, without_format
-from ballbot.link.recorder import read_recording
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
@@ -47,7 +44,6 @@ READERS: dict[Kind, Callable[[Path], object]] = {
     "mapping": read_mapping,
     "courses": lambda path: read_courses(path, ALTEN, "model"),
     "results": read_results,
-    "recording": read_recording,
 }
 #: by the kind: a text that reads, of the present version
 TEXTS: dict[Kind, str] = {
@@ -57,8 +53,6 @@ TEXTS: dict[Kind, str] = {
     "mapping": f"{format_line('mapping')}\n{(OLD / 'mapping.toml').read_text(encoding='utf-8')}",
     "courses": f"{format_line('courses')}{COURSES}",
     "results": json.dumps({"format": format_name("results")}),
-    "recording": '{"format": "ballbot recording 1", "columns": ["t", "u1"], "about": {"robot": "alten"}}\n'
-    "0.005,0.1\n0.01,-2e-3\n",
 }
 
 
@@ -90,15 +84,7 @@ def test_checksum_of_a_controller_does_not_depend_on_the_number_of_the_format() 
 CHECKSUM = "207b4704be437a666943af470f96cd4d1c7f42e15cd8f151eb92c10ccb29932e"
 
 
-def test_recording_of_the_first_format_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "live.recording"
-    path.write_text(TEXTS["recording"], encoding="utf-8")
-    found = read_recording(path)
-    assert {name: found.log[name].tolist() for name in found.log} == {"t": [0.005, 0.01], "u1": [0.1, -0.002]}
-    assert (dict(found.about), found.damaged_bytes) == ({"robot": "alten"}, 0)
-
-
-@pytest.mark.parametrize("kind", [kind for kind in NEWEST if kind != "recording"])
+@pytest.mark.parametrize("kind", NEWEST)
 def test_file_of_the_present_format_reads_as_one_without_it(kind: Kind, tmp_path: Path) -> None:
     now, before = tmp_path / "now", tmp_path / "before"
     now.write_text(TEXTS[kind], encoding="utf-8")
@@ -114,100 +100,18 @@ def test_newer_format_is_refused_with_what_to_do(kind: Kind, tmp_path: Path) -> 
     path = tmp_path / f"newer_{kind}"
     newer = f"ballbot {kind} {NEWEST[kind] + 1}"
     text = TEXTS[kind].replace(format_name(kind), newer)
-    path.write_text(text.replace('"columns"', '"channels"'), encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(
         InputError, match=rf"newer_{kind}: format is '{newer}'.*pip install --upgrade ballbot"
     ):
         READERS[kind](path)
 
 
-#: by the kind: a key of an earlier file, and its present name
-RENAMED: dict[Kind, tuple[str, str]] = {
-    "controller": ("[lean_bound]", "[lean_limit]"),
-    "scenario": ("share = ", "fraction = "),
-}
-RENAMED_TEXTS: dict[Kind, str] = {
-    "controller": f"{TEXTS['controller']}\n[lean_limit]\nlean = 0.1\nturn = 0.5\n",
-    "scenario": f"{TEXTS['scenario']}\n[load_dependence]\nfraction = 0.5\n",
-}
-
-
-@pytest.mark.parametrize("kind", RENAMED)
-def test_file_of_the_format_before_is_migrated_with_a_hint(
-    kind: Kind, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A key is renamed, so the number rises: files of the number before are read, and written with the new one."""
-    before, now = tmp_path / "files", tmp_path / "now" / "files"
-    now.parent.mkdir()
-    (old, new), text, first = RENAMED[kind], RENAMED_TEXTS[kind], format_name(kind)
-    assert new in text
-    before.write_text(text.replace(new, old), encoding="utf-8")
-    monkeypatch.setitem(file_formats.NEWEST, kind, NEWEST[kind] + 1)
-    assert format_name(kind) != first
-    now.write_text(text.replace(first, format_name(kind)), encoding="utf-8")
-    with pytest.warns(OldFileFormat, match=rf"{before} was written by an earlier version: .* is now called"):
-        migrated = READERS[kind](before)
-    with warnings.catch_warnings(action="error"):
-        assert READERS[kind](now) == migrated
-    if kind == "controller":
-        assert format_line(kind) in str(migrated).splitlines()
-    later = now.read_text(encoding="utf-8").replace(format_name(kind), f"ballbot {kind} {NEWEST[kind] + 1}")
-    now.write_text(later, encoding="utf-8")
-    with pytest.raises(InputError, match="which a newer Ballbot wrote"):
-        READERS[kind](now)
-
-
-def test_file_of_an_earlier_number_is_migrated_number_by_number(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A key keeps its name and means something else: only the number tells the two apart."""
-
-    def in_seconds(tree: dict[str, Any]) -> dict[str, object]:
-        tree["mine"]["one"]["duration"] *= 60.0  # format 1 has minutes
-        return tree
-
-    def without_half(tree: dict[str, Any]) -> dict[str, object]:
-        tree["mine"]["one"]["duration"] -= 0.5  # format 2 counts half a second more
-        return tree
-
-    monkeypatch.setitem(file_formats.NEWEST, "courses", 3)
-    monkeypatch.setattr(file_formats, "MIGRATIONS", {"courses": (in_seconds, without_half)})
-    found = []
-    for number, duration in ((1, "0.15"), (2, "9.0"), (3, "8.5")):
-        path = tmp_path / "courses.toml"
-        courses = COURSES.replace("duration = 9.0", f"duration = {duration}")
-        path.write_text(f'format = "ballbot courses {number}"\n{courses}', encoding="utf-8")
-        found.append(READERS["courses"](path))
-    assert "duration=8.5" in str(found[0])
-    assert found[0] == found[1] == found[2]
-
-
-@pytest.mark.parametrize("kind", NEWEST)
-def test_every_earlier_number_can_be_migrated(kind: Kind) -> None:
-    assert len(file_formats.MIGRATIONS.get(kind, ())) == NEWEST[kind] - 1
-
-
-def test_results_of_format_1_come_back_with_one_list_of_findings(tmp_path: Path) -> None:
-    """Format 1 had `warnings` or `remarks` of the result beside the `findings` of the inputs."""
+def test_results_of_an_earlier_format_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
-    names = {"format": "ballbot results 1", "ballbot": "0.0.9", "warnings": ["a"], "findings": ["b"]}
-    path.write_text(json.dumps(names | {"swing": {"findings": [], "remarks": ["c"], "warnings": 2}}))
-    assert read_results(path) == {
-        "ballbot": "0.0.9",
-        "findings": ["a", "b"],
-        "swing": {"findings": ["c"], "warnings": 2},
-    }
-
-
-def test_errors_of_a_run_recorded_in_format_2_are_named_as_those_of_the_whole_run(tmp_path: Path) -> None:
-    """A simulated run had the same names for the errors once settled."""
-    path = tmp_path / "results.json"
-    errors = {"peak_position_error": 0.6, "rms_position_error": 0.3}
-    for other in ({"estimation_errors": None}, {"arrived": True}):
-        path.write_text(json.dumps({"format": "ballbot results 2", "ballbot": "0.0.9"} | errors | other))
-        end = "_whole_run" if "arrived" not in other else ""
-        expected = {f"{name}{end}": value for name, value in errors.items()}
-        assert read_results(path) == {"ballbot": "0.0.9"} | expected | other
+    path.write_text('{"format": "ballbot results 3"}')
+    with pytest.raises(InputError, match="format is 'ballbot results 3', which an earlier Ballbot wrote"):
+        read_results(path)
 
 
 def test_built_in_courses_state_the_newest_format_of_course_files() -> None:

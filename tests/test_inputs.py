@@ -95,10 +95,10 @@ def test_one_stray_time_is_reported(tmp_path, capsys, place):
     assert f"at row {max(place, 1) + 1}. Correct that time" in said
 
 
-@pytest.mark.parametrize(("per_second", "unit"), [(1e9, "nanoseconds"), (1e6, "microseconds")])
-def test_time_in_other_units_is_reported(tmp_path, capsys, per_second, unit):
+@pytest.mark.parametrize("per_second", [1e9, 1e6])
+def test_time_in_other_units_is_reported(tmp_path, capsys, per_second):
     said = refused(capsys, "check-log", log_file(tmp_path / "log.csv", per_second * 0.005 * np.arange(400.0)))
-    assert f"t is in seconds and is perhaps in {unit}" in said
+    assert "t is in seconds; convert it" in said
 
 
 MAPPING = """
@@ -261,7 +261,7 @@ def test_log_of_too_many_columns_is_refused(tmp_path, capsys, columns):
     assert f"wide.csv has {columns:,} columns; at most 1,000" in refused(capsys, "check-log", path)
     assert "columns; at most 1,000" in refused(capsys, "check-log", path, "--robot", "alten")
     path.write_text("t,u1\n" + f"0{',1' * (columns - 1)}\n")
-    assert f"line 2: the row has {columns} cells" in refused(capsys, "check-log", path)
+    assert "columns; at most 1,000" in refused(capsys, "check-log", path)
 
 
 def test_oversized_parquet_is_refused_by_its_header(tmp_path, capsys):

@@ -48,10 +48,7 @@ NOT_COMPILED = {
         *(f"ballbot.identification.axis.{name}" for name in ("AxisIdentification", "InverseFit")),
         "ballbot.thesis.lagrangian.Equations",
         *(f"ballbot.validation.{name}" for name in ("ErrorPair", "RecoveredGain", "StateErrors")),
-        *(
-            f"ballbot.validation.alignment.{name}"
-            for name in ("Clock", "Frame", "Lever", "MotionFit", "PositionError", "SensorErrors")
-        ),
+        *(f"ballbot.validation.alignment.{name}" for name in ("Clock", "MotionFit", "SensorErrors")),
     },
 }
 

@@ -75,12 +75,6 @@ def test_missing_and_infinite_numbers_are_told_apart_and_read_back(tmp_path):
     assert read["b"] == {"c": [math.inf, None, "inf", 2]}
 
 
-def test_a_null_of_an_earlier_format_stays_unknown(tmp_path):
-    path = tmp_path / "results.json"
-    path.write_text('{"format": "ballbot results 3", "intervals": {"c1": {"lower": 0.1, "upper": null}}}')
-    assert read_results(path) == {"intervals": {"c1": {"lower": 0.1, "upper": None}}}
-
-
 def test_json_holds_dataclasses_anywhere():
     assert json.loads(as_json({"parts": (Part(size=1.0),), "n": np.int64(3), "ok": np.bool_(True)})) == {
         "parts": [{"size": 1.0, "half": 0.5}],

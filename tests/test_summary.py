@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
-from ballbot.control.presets import IntegralDesign, nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.sweep import digest
@@ -79,8 +79,8 @@ def upside_down() -> UpsideDown:
         robot=alten(FRICTION),
         verdict=Verdict(gain=Gain(share=0.9, lower=0.88, upper=0.92), windows=1, reasons=()),
         intervals={},
-        parameters={"b": [0.01, 0.02, 0.03], "c": [0.1] * 3, "s": [0.05] * 3, "v_s": 0.6, "delta": np.nan},
-        standard_errors={"b": [0.001] * 3, "c": [0.01] * 3, "s": [np.nan] * 3, "v_s": 0.1, "delta": np.nan},
+        parameters={"b": [0.01, 0.02, 0.03], "c": [0.1] * 3, "s": [0.05] * 3, "v_s": 0.6},
+        standard_errors={"b": [0.001] * 3, "c": [0.01] * 3, "s": [np.nan] * 3, "v_s": 0.1},
         labels=("b1",),
         correlation=np.eye(1),
         held_out={"found": errors, "none": 10.0 * errors},
@@ -94,15 +94,10 @@ def upside_down() -> UpsideDown:
 def driveline() -> DrivelineFit:
     return DrivelineFit(
         wheel=1,
-        values=np.array([0.014, 0.1, 0.05, 0.6, 1.1]),
-        standard_errors=np.array([0.001, 0.01, np.nan, 0.1, 0.1]),
-        correlation=np.eye(5),
-        intervals={},
-        delay=0.01,
-        innovation=0.02,
-        unknown=np.array([False, False, False, False, True]),
-        cost=0.1,
-        samples=10,
+        values=np.array([0.014, 0.1, 0.05, 0.6]),
+        standard_errors=np.array([0.001, 0.01, np.nan, 0.1]),
+        intervals=np.array([[0.012, 0.016], [0.08, 0.12], [np.nan, np.nan], [0.4, 0.8]]),
+        correlation=np.eye(4),
         rmse=0.1,
         rmse_without=1.0,
         predicted=np.linspace(-20.0, 20.0, 10),
@@ -163,9 +158,7 @@ RESULTS = {
     "controller of an unstable loop": lambda: Controller(alten(), GAIN),
     "controller with every part": lambda: everything(alten(FRICTION)),
     "gain": lambda: LQR,
-    "gain with integral": lambda: IntegralDesign(
-        gain=GAIN, integral_gain=GAIN[:, :3], poles=np.linspace(-1, -9, 13) + 0j, sample_time=5e-3
-    ),
+    "gain with integral": lambda: replace(LQR, integral_gain=GAIN[:, :3]),
     "robust design": robust,
     "controller design": lambda: design_controller(alten(FRICTION)),
     "upside down": upside_down,

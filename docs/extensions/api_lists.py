@@ -3,7 +3,7 @@
     ## ballbot.control.safety
 
     ```{api}
-    __doc__ SafetyLimits SafeController evaluate_self_test
+    __doc__ SafetyLimits SafeController
     ```
 
 shows the own text (``__doc__``), classes, exceptions and functions of the module in the heading. ``Log(*)`` shows all

@@ -24,9 +24,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "alignment": "comparison of a log's sensors with motion capture",
         "asymmetry": "friction differs by direction, on one record only",
         "at-bound": "a parameter is at a bound",
-        "axis-load": "the load of a pendulum hangs straight down at another angle than the one given",
-        "axis-loop": "the recorded force is not that of the loop with its gains",
-        "axis-reference": "the position of an axis does not follow its reference",
         "axis-residuals": "what the model of an axis leaves of the force depends on something",
         "axis-unit": "the position of an axis appears to be in another unit",
         "ball-axes": "x and y are swapped or negated against the wheels",
@@ -45,7 +42,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "degrees": "angles or rates are in degrees, or mixed with radians",
         "discrepancy": "parts of a log want different parameters, or an effect that the model lacks would move them",
         "disturbance": "something other than wheels and gravity moves the lean",
-        "driveline": "how well a sweep determines the friction of a wheel",
         "encoders": "an encoder counts for another wheel, backward, with another scale or not at all",
         "excitation": "the logs do not excite a parameter",
         "fall": "the robot falls, or is not on its ball",
@@ -53,7 +49,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "fitted-log": "a model is validated on a log that it was identified from",
         "force-delay": "the force on an axis seems to act later or earlier than its rows",
         "force-friction": "the friction of an axis is estimated below zero and fixed at zero",
-        "force-limit": "the recorded force of an axis exceeds its limit, where it does not act",
         "force-sign": "the force on an axis has the opposite sign, or is delayed",
         "force-unrelated": "the motion of an axis does not explain its force",
         "foreign-torque": "the torques of a log are not those of the controller",
@@ -132,7 +127,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "unlimited": "the data limit a parameter on one side only, or not at all",
         "use": "the log lacks columns for a use",
         "weak-state": "a state that the model does not predict significantly better",
-        "wheel-unlike": "one wheel turns unlike the others for the states: its encoder, gear or columns",
         "wheels": "wheel angles or speeds contradict the states, or the places of the wheels are uncertain",
         "wrap": "an angle jumps by a full turn",
     }
@@ -161,14 +155,24 @@ class Finding:
     where: Place = Place()
 
 
-def warning(code: str, text: str) -> Finding:
+def finding(code: str, severity: Severity, text: str, *columns: str, time: float | None = None) -> Finding:
+    """Return a finding on these columns that is, or begins, at a time [s]."""
+    return Finding(code=code, severity=severity, text=text, where=Place(columns=columns, time=time))
+
+
+def error(code: str, text: str, *columns: str, time: float | None = None) -> Finding:
+    """Return a finding that makes results wrong."""
+    return Finding(code=code, severity="error", text=text, where=Place(columns=columns, time=time))
+
+
+def warning(code: str, text: str, *columns: str, time: float | None = None) -> Finding:
     """Return a finding that must be known before results are used."""
-    return Finding(code=code, severity="warning", text=text)
+    return Finding(code=code, severity="warning", text=text, where=Place(columns=columns, time=time))
 
 
-def note(code: str, text: str) -> Finding:
+def note(code: str, text: str, *columns: str, time: float | None = None) -> Finding:
     """Return a finding that is a fact."""
-    return Finding(code=code, severity="note", text=text)
+    return Finding(code=code, severity="note", text=text, where=Place(columns=columns, time=time))
 
 
 def texts(findings: Iterable[Finding]) -> list[str]:

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
-from types import NoneType, UnionType
-from typing import Annotated, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
-from pydantic.fields import FieldInfo
+from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from ballbot.errors import InputError, nearest, suggest
@@ -53,8 +51,6 @@ _RANGES = {
     "less_than": ("lt", "below"),
     "less_than_equal": ("le", "at most"),
 }
-#: pydantic's label of a member of a union, which stands in an error's location but not in the file
-_LABEL = re.compile(r".*[\[(].*|str|int|float|bool|constrained-\w+|none")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +59,6 @@ class _Mistake:
 
     error: ErrorDetails
     place: tuple[str | int, ...]  #: keys and indices of the file
-    hints: tuple[object, ...]  #: what the table or list above the last key may be
 
     @property
     def context(self) -> Mapping[str, object]:
@@ -94,33 +89,12 @@ def validate_table(schema: type[T], tree: object, *, of: str) -> T:
         # strict JSON knows tuples and floats by what they stand for, as strict Python does not
         return _adapter(schema).validate_json(json.dumps(tree, default=str), strict=True)
     except ValidationError as error:
-        raise InputError(_first_sentence(error, schema, of)) from None
+        raise InputError(_first_sentence(error, tree, _Keys(_adapter(schema).json_schema()), of)) from None
 
 
 @cache
 def _adapter(schema: type[T]) -> TypeAdapter[T]:
     return TypeAdapter(schema)
-
-
-def renamed_keys(
-    tree: Mapping[str, object], renamed: Mapping[str, Mapping[str, str]]
-) -> tuple[dict[str, object], list[str]]:
-    """Return the tables of an earlier version's file with the present keys, and a hint on each that was renamed.
-
-    Parameters
-    ----------
-    tree : mapping
-        What the TOML file holds.
-    renamed : mapping
-        By the name of a table, the present key of each old one.
-    """
-    tables, hints = dict(tree), []
-    for name, keys in renamed.items():
-        content = tables.get(name)
-        if isinstance(content, Mapping):
-            tables[name] = {keys.get(key, key): value for key, value in content.items()}
-            hints += [f"{name}.{old} is now called {now}" for old, now in keys.items() if old in content]
-    return tables, hints
 
 
 def toml_value(value: object) -> str:
@@ -141,19 +115,71 @@ def toml_line(key: str, value: object, comment: str = "") -> str:
     return f"{key} = {toml_value(value)}{f'  # {comment}' if comment else ''}"
 
 
-def _first_sentence(error: ValidationError, schema: object, of: str) -> str:
-    mistakes = [_placed(one, schema) for one in error.errors(include_url=False)]
+def _first_sentence(error: ValidationError, tree: object, keys: _Keys, of: str) -> str:
+    mistakes = [_Mistake(error=one, place=_place(one, tree)) for one in error.errors(include_url=False)]
     for mistake in mistakes:
         if mistake.error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            return _unknown_key(mistake, of)
+            return _unknown_key(mistake, keys, of)
     # of a union, the member that went furthest into the file is the one that was meant
     first = mistakes[0].place
     related = [one for one in mistakes if one.place[: len(first)] == first]
     deepest = max((one.place for one in related), key=len)
-    return _sentence([one for one in related if one.place == deepest], of)
+    return _sentence([one for one in related if one.place == deepest], keys, of)
 
 
-def _sentence(mistakes: Sequence[_Mistake], of: str) -> str:
+def _place(error: ErrorDetails, tree: Any) -> tuple[str | int, ...]:
+    """Return the keys and indices of an error's location that the file has, without pydantic's labels of a union."""
+    place: list[str | int] = []
+    for part in error["loc"]:
+        try:
+            tree = tree[part]
+        except (KeyError, IndexError, TypeError):  # a label, or the key that is missing
+            if error["type"] != "missing" or part is not error["loc"][-1]:
+                continue
+        place.append(part)
+    return tuple(place)
+
+
+class _Keys:
+    """The keys that a file may have, by the JSON schema of its type."""
+
+    def __init__(self, schema: Mapping[str, Any]) -> None:
+        self._schema = schema
+
+    def known(self, place: Sequence[str | int]) -> list[str]:
+        """Return the keys of the table at a place."""
+        return list(dict.fromkeys(key for one in self._at(place) for key in one.get("properties", ())))
+
+    def tags(self, place: Sequence[str | int]) -> list[str]:
+        """Return the values of the key by which the tables of a union at a place differ."""
+        tags: list[str] = []
+        for one in self._at(place):
+            mapping = one.get("discriminator", {}).get("mapping", {})
+            order = [member.get("$ref") for member in one.get("oneOf", ())]
+            tags += sorted(mapping, key=lambda tag: order.index(mapping[tag]))
+        return [repr(tag) for tag in tags]
+
+    def _at(self, place: Sequence[str | int]) -> list[Mapping[str, Any]]:
+        """Return what may stand at a place: unions, and each of their members."""
+        level = self._members(self._schema)
+        for part in place:
+            below = []
+            for one in level:
+                items = one.get("prefixItems", [])[part:] if isinstance(part, int) else []
+                more = one.get("items") if isinstance(part, int) else one.get("additionalProperties")
+                inner = one.get("properties", {}).get(part) or (items[0] if items else more)
+                below += self._members(inner) if isinstance(inner, Mapping) else []
+            level = below
+        return level
+
+    def _members(self, schema: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+        if "$ref" in schema:
+            return self._members(self._schema["$defs"][schema["$ref"].rpartition("/")[2]])
+        inner = [one for kind in ("anyOf", "oneOf", "allOf") for one in schema.get(kind, ())]
+        return [schema, *(member for one in inner for member in self._members(one))]
+
+
+def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
     """Return the sentence on mistakes at one place: several if each member of a union was tried."""
     mistake = mistakes[0]
     given, place = mistake.error["input"], format_place(mistake.place)
@@ -161,11 +187,11 @@ def _sentence(mistakes: Sequence[_Mistake], of: str) -> str:
         case "missing":
             return _missing(mistake, of)
         case "union_tag_not_found":
-            return f"{_tag_place(mistake)} is missing; it must be {_either(_tags(mistake))}."
+            return f"{_tag_place(mistake)} is missing; it must be {_either(keys.tags(mistake.place))}."
         case "union_tag_invalid":
             key = str(mistake.context["discriminator"]).strip("'")
             tag = given.get(key) if isinstance(given, Mapping) else given
-            return _choice(_tag_place(mistake), tag, _tags(mistake))
+            return _choice(_tag_place(mistake), tag, keys.tags(mistake.place))
         case "too_short":
             return f"{place} has {_entries(mistake)}; it must have at least {mistake.context['min_length']}."
         case "too_long":
@@ -187,9 +213,9 @@ def _missing(mistake: _Mistake, of: str) -> str:
     return f"{format_place(mistake.place)} is missing; {table} needs it."
 
 
-def _unknown_key(mistake: _Mistake, of: str) -> str:
-    known = list(dict.fromkeys(key for hint in mistake.hints for key in _keys(hint)))
-    hint = suggest(str(mistake.place[-1]) if mistake.place else "", known, otherwise="the keys there are")
+def _unknown_key(mistake: _Mistake, keys: _Keys, of: str) -> str:
+    *above, last = mistake.place
+    hint = suggest(str(last), keys.known(above), otherwise="the keys there are")
     return f"{format_place(mistake.place)} is not a key of {of}; {hint}"
 
 
@@ -222,17 +248,6 @@ def _tag_place(mistake: _Mistake) -> str:
     return f"{format_place(mistake.place)}.{str(mistake.context['discriminator']).strip(chr(39))}"
 
 
-def _tags(mistake: _Mistake) -> list[str]:
-    """Return the values that such a key may have."""
-    return [
-        repr(tag)
-        for hint in _after(mistake.hints, mistake.place[-1])
-        for key in _schema_keys(hint)
-        if get_origin(key.hint) is Literal and key.required
-        for tag in get_args(key.hint)
-    ]
-
-
 def _entries(mistake: _Mistake) -> str:
     count = mistake.context["actual_length"]
     return "one entry" if count == 1 else f"{count} entries"
@@ -251,92 +266,3 @@ def format_value(value: object) -> str:
     """Return a wrong value as a file could write it, cut short."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-
-
-def _placed(error: ErrorDetails, schema: object) -> _Mistake:
-    """Return an error with the keys of its location, without the labels that pydantic gives to a union's members."""
-    hints: tuple[object, ...] = tuple(_members(schema))
-    above, place = hints, []
-    for part in error["loc"]:
-        after = tuple(_after(hints, part))
-        if isinstance(part, str) and not after and _chooses(hints, part):
-            hints = tuple(hint for hint in hints if _is_labelled(hint, part)) or hints
-            continue
-        above, hints = hints, after
-        place.append(part)
-    return _Mistake(error=error, place=tuple(place), hints=above)
-
-
-def _chooses(hints: Sequence[object], label: str) -> bool:
-    return bool(_LABEL.fullmatch(label)) or any(_is_labelled(hint, label) for hint in hints)
-
-
-def _is_labelled(hint: object, label: str) -> bool:
-    """Return whether a union's member has that label: a model's name or the value of its key `kind`."""
-    keys = _schema_keys(hint)
-    named = bool(keys) and label == getattr(hint, "__name__", "")
-    return named or any(label in get_args(key.hint) for key in keys)
-
-
-def _after(hints: Sequence[object], part: str | int) -> Iterator[object]:
-    """Return what may stand under a key or an index of what the hints describe."""
-    for hint in hints:
-        if isinstance(part, int):
-            if get_origin(hint) in (tuple, list):
-                for one in get_args(hint):
-                    yield from _members(one)
-        elif get_origin(hint) is dict:
-            if not _LABEL.fullmatch(part):
-                yield from _members(get_args(hint)[1])
-        else:
-            yield from _members(_keys(hint).get(part))
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Key:
-    """A key of a model or a dataclass."""
-
-    name: str  #: in the file
-    hint: object  #: its type
-    required: bool
-
-
-def _schema_keys(hint: object) -> list[_Key]:
-    """Return the keys of a model or a dataclass; nothing of another type."""
-    if isinstance(hint, type) and issubclass(hint, BaseModel):
-        return [
-            _Key(name=one.alias or name, hint=one.annotation, required=one.is_required())
-            for name, one in hint.model_fields.items()
-        ]
-    if not (isinstance(hint, type) and is_dataclass(hint)):
-        return []
-    hints = get_type_hints(hint, include_extras=True)
-    return [
-        _Key(
-            name=_alias(hints[one.name]) or one.name,
-            hint=hints[one.name],
-            required=one.default is MISSING and one.default_factory is MISSING,
-        )
-        for one in fields(hint)
-    ]
-
-
-def _alias(hint: object) -> str | None:
-    stated = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-    return next((one.alias for one in stated if isinstance(one, FieldInfo) and one.alias), None)
-
-
-def _keys(hint: object) -> dict[str, object]:
-    """Return the keys of a model or a dataclass, each with its type."""
-    return {key.name: key.hint for key in _schema_keys(hint)}
-
-
-def _members(hint: object) -> Iterator[object]:
-    """Return the types that a type may be, without what annotates them and without None."""
-    if get_origin(hint) is Annotated:
-        yield from _members(get_args(hint)[0])
-    elif get_origin(hint) in (Union, UnionType):
-        for one in get_args(hint):
-            yield from _members(one)
-    elif hint not in (None, NoneType):
-        yield hint

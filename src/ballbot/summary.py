@@ -1,8 +1,8 @@
 """A result on one screen: its title, rows of names and values, and sentences, as text and as HTML for notebooks.
 
 A class that is a result has a method `summary` that returns a `Summary`; the decorator `summarized` makes its `repr`,
-and what a notebook shows of it, from that. Its method `plot` returns the figure that `plotted` finds in the table
-below: figures stand in packages that the result's own package must not import.
+and what a notebook shows of it, from that. Its method `plot` returns the figure that `plotted` finds in
+`ballbot.report.plots`: figures stand in packages that the result's own package must not import.
 
 Names in a summary may be others', as of robots, files and columns: nothing in them is obeyed, by a terminal or a page.
 """
@@ -31,25 +31,6 @@ if TYPE_CHECKING:
 WIDTH, HEIGHT = 80, 24
 #: longest name that the values of other rows are set apart by
 _LONGEST_NAME = 22
-#: the module and the function that draw a value, by its class
-_FIGURES = {
-    "AxisIdentification": ("ballbot.report.axis", "laws_figure"),
-    "Controller": ("ballbot.report.plots", "controller_figure"),
-    "ControllerDesign": ("ballbot.report.plots", "controller_design_figure"),
-    "DrivelineFit": ("ballbot.report.plots", "driveline_figure"),
-    "Identification": ("ballbot.report.friction", "wheel_friction_figure"),
-    "IntegralDesign": ("ballbot.report.plots", "design_figure"),
-    "League": ("ballbot.report.comparison", "overview_figure"),
-    "Log": ("ballbot.report.plots", "log_figure"),
-    "LqrDesign": ("ballbot.report.plots", "design_figure"),
-    "Margins": ("ballbot.report.loop", "margins_figure"),
-    "Robot": ("ballbot.robot.figure", "robot_figure"),
-    "RobotLimits": ("ballbot.report.plots", "limits_figure"),
-    "RobustDesign": ("ballbot.report.design", "robust_figure"),
-    "Study": ("ballbot.report.plots", "study_figure"),
-    "UpsideDown": ("ballbot.report.plots", "upside_down_figure"),
-    "Validation": ("ballbot.report.plots", "validation_figure"),
-}
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -168,8 +149,7 @@ def plotted(value: object) -> Figure:
 
     The figure belongs to no window: `figure.savefig("name.svg")` writes it.
     """
-    module, function = _FIGURES[type(value).__name__]
-    draw = getattr(import_module(module), function)
+    draw = import_module("ballbot.report.plots").FIGURES[type(value).__name__]
     return import_module("ballbot.report.style").plotted(draw, value)
 
 

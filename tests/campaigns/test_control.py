@@ -9,8 +9,6 @@ from tests.support.control_examples import FRICTION, alten
 
 pytest.importorskip("mujoco")
 
-from campaigns.adaptation import SAME, Job, Run, change_jobs, change_rows, ratio
-from campaigns.adaptation import run as run_over_a_change
 from campaigns.precise_controller import ALTEN, another, cycle_amplitude, outcome, task_run
 
 #: a friction that somebody has found: a fifth too large
@@ -56,32 +54,3 @@ def test_limit_cycle_is_distinguished_from_drift():
         0.002, rel=0.15
     )
     assert cycle_amplitude(hold_log(drift)) < 2e-5
-
-
-@pytest.mark.sample
-def test_adaptation_identifies_the_carpet_on_the_twin():
-    carpet, same = (
-        run_over_a_change(KNOWN, ("precise", True, "circle", floor, 400)) for floor in ("carpet", SAME)
-    )
-    # carpet has three times the rolling friction: the drag of both is the floor's, and more where a sixth too much is
-    # compensated
-    assert 2.0 * same.drag < carpet.drag < 5.0 * same.drag
-    assert carpet.seen - same.seen < 0.003  # the campaign's mean is 2.5 mm, and 5.0 without adaptation
-
-
-def test_table_of_changes_compares_each_run_with_its_own_on_the_unchanged_floor():
-    seeds = (1, 2, 3)
-    runs: dict[Job, Run] = {}
-    for name, adapts, reference, floor, seed in change_jobs(seeds):
-        added = 0.0 if floor == SAME else 0.002 if adapts else 0.004
-        error = 0.01 * seed + added
-        runs[name, adapts, reference, floor, seed] = Run(true=error, seen=0.5 * error, drag=0.0)
-    rows = change_rows(runs, seeds)
-    assert len(rows) == 2 * 2 * 2
-    wanted = ["20.0", "20.0", "24.0", "22.0", "+2.0 (+2.0 to +2.0)", "+1.0 (+1.0 to +1.0)"]
-    assert all(row[1:] == [*wanted, "0 of 12"] for row in rows)
-    key: Job = ("precise", True, "square", "carpet", 2)
-    (row, *_) = change_rows(runs | {key: Run(true=np.nan, seen=np.nan, drag=0.0)}, seeds)
-    assert row[1:] == [*wanted, "1 of 12"]  # of the other two the mean is the same
-    assert ratio([1.0, 4.0], [2.0, 2.0]) == "1.00"
-    assert ratio([1.0, 4.0, 2.0], [2.0, 2.0, 2.0]).startswith("1.00 (")

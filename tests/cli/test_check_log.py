@@ -121,7 +121,7 @@ def test_infinite_lean_is_not_reported_as_degrees(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("renamed", "sign", "shown"),
     [
-        ({}, 1.0, "lean and wheels agree with the robot's equations, and the torques are 1."),
+        ({}, 1.0, "By angles and wheels: theta_dot, phi_dot"),
         ({"theta": "phi", "phi": "theta"}, 1.0, "theta and phi are swapped"),
         ({"wheel1": "wheel2", "wheel2": "wheel1"}, 1.0, "The lean does not fit the ball's acceleration"),
         ({}, -1.0, "have the opposite sign"),
@@ -137,4 +137,4 @@ def test_a_log_of_angles_alone_is_checked_with_their_rates(tmp_path, capsys, ren
     Log(columns | {name: sign * log[name] for name in ("u1", "u2", "u3")}).write(tmp_path / "log.csv")
     code = main(["check-log", str(tmp_path / "log.csv"), "--robot", str(robot)])
     assert shown in " ".join(capsys.readouterr().out.split())
-    assert code == (0 if "agree" in shown else 2)
+    assert code == (0 if shown.startswith("By") else 2)

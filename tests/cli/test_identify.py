@@ -74,7 +74,7 @@ def test_friction_that_does_not_help_to_predict_is_said_first_and_not_written(tm
     assert main(command) == 2
     shown = capsys.readouterr()
     # after warnings of the log's checks, before any number
-    assert 0 <= shown.out.find("Not usable: ") < shown.out.find("Identified parameters")
+    assert 0 <= shown.out.find("Not usable: ") < shown.out.find("standard error")
     assert "No robot.toml was written." in shown.err
     assert not (out / "robot.toml").exists()
     results = json.loads((out / "results.json").read_text())
@@ -109,7 +109,6 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
     assert results["parameters"]["delay"] == 0.0
     assert results["excluded_states"] == ["psi", "psi_dot"]
     assert results["judged_on"]["other"]["with_over_without"]["phi"] < 1.0
-    assert (tmp_path / "out" / "ladder.svg").read_text().startswith("<svg")
     shown = capsys.readouterr().out
     assert "Friction laws on held-out windows" in shown
     assert "other" in shown

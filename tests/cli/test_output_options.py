@@ -18,7 +18,7 @@ from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
 
 #: what gives a command's results to --json
-_GIVES_RESULTS = {"emit", "show_written", "open_result", "record_run"}
+_GIVES_RESULTS = {"emit", "show_written", "open_result"}
 
 
 def printed_json(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict[str, object]:
@@ -46,7 +46,7 @@ def test_ballbot_alone_names_three_commands_that_exist_and_where_help_is(
     assert "`ballbot help`" in START
 
 
-@pytest.mark.parametrize("flag", ["-V", "--version", "version"])
+@pytest.mark.parametrize("flag", ["-V", "--version"])
 def test_version(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([flag]) == 0
     assert capsys.readouterr().out.strip() == ballbot.__version__
@@ -67,25 +67,15 @@ def test_help_prints_what_the_option_prints(
     assert "--quiet" in helped
 
 
-def test_help_on_a_misspelt_command_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["help", "studdy"]) == 2
-    assert "'studdy'; did you mean 'study'?" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("line", "nearest"),
     [
         ("studdy alten", "'study'"),
-        ("run wirring --emulated", "'wiring'"),
         ("check alten --figur a.svg", "--figure"),
-        ("check alten --jsn", "--json"),
         ("check altn", "'alten'"),
         ("view altn", "'alten'"),
         ("validate alten log.csv --against thessis --out out", "'thesis'"),
         ("validate alten log.csv --against altn --out out", "'alten'"),
-        ("--jsn", "--json"),
-        ("--jsn check alten", "--json"),
-        ("--verson", "--version"),
         ("check alten --reference sqare", "'square'"),
         ("twin exprt", "'export'"),
         ("design alten --kind precize --out out", "'precise'"),
@@ -111,18 +101,8 @@ def test_misspelt_word_is_answered_with_the_nearest(
     assert len(refusal.splitlines()) == 1
 
 
-def test_a_word_too_many_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["identify-geometry", "alten", "log.csv", "--out", "out"]) == 2
-    refusal = capsys.readouterr().err
-    assert refusal.startswith(
-        "ballbot: identify-geometry takes no further argument, so 'log.csv' is left over."
-    )
-
-
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
 def test_every_command_gives_results_to_json(command: Command) -> None:
-    if command.name == "help":
-        return
     module = importlib.import_module(command.module)
     calls = {
         node.func.id
@@ -229,19 +209,3 @@ def test_command_that_leaves_no_page_says_how_to_get_one(
     for options, expected in (((), hint), (("--quiet",), ""), (("--json",), ""), (("--out", "out"), "")):
         assert main([*words, *options]) == 0
         assert capsys.readouterr().err == expected
-
-
-@pytest.mark.parametrize(
-    ("words", "usage"),
-    [
-        ("study", "study --out PATH [OPTIONS] ROBOT LOGS..."),
-        ("identify-axis", "identify-axis --out PATH [OPTIONS] RECORD [AGAINST...]"),
-        ("compare", "compare --out PATH [OPTIONS] ROBOT [CONTROLLERS...]"),
-        ("run send", "run send --controller PATH [OPTIONS] [PORT]"),
-        ("help", "help [COMMAND...]"),
-    ],
-)
-def test_usage_names_the_arguments(words: str, usage: str, capsys: pytest.CaptureFixture[str]) -> None:
-    for given in ([*words.split(), "--help"], ["help", *words.split()]):
-        assert main(given) == 0
-        assert capsys.readouterr().out.splitlines()[0].rstrip() == f"Usage: ballbot {usage}"

@@ -46,8 +46,7 @@ def test_log_has_its_provenance_and_every_column(tmp_path, capsys):
     origin = found["provenance"]
     assert (origin["robot"], origin["port"]) == ("alten", "emulated")
     assert len(origin["session"]) == 8
-    assert origin["longest_unsaved"] < 5.0  # under load; on its own it is a tenth of a second at most
-    assert not (tmp_path / "run" / "log.recording").exists()
+    assert not (tmp_path / "run" / "log.recording.csv").exists()
     assert "ballbot: 0.0 s" in capsys.readouterr().err  # the monitor, in lines
 
 
@@ -105,19 +104,17 @@ def test_controller_is_sent(tmp_path, capsys):
         ("run", "Give the robot's port"),
         ("run /dev/ttyACM9 --emulated", "Give the robot's port"),
         ("run /dev/ttyACM9", "The serial port /dev/ttyACM9 cannot be opened: No such file or directory."),
-        ("run --emulated --duration -1", "Invalid value for --duration: '-1' is not a number above 0."),
-        ("run monitor --emulated --duration nan", "'nan' is not a number above 0."),
+        ("run --emulated --duration -1", "--duration. It must be above 0."),
+        ("run monitor --emulated --duration nan", "--duration. It must be above 0."),
         ("run /dev/ttyACM9 --board", "--board and --plant are of an emulated robot"),
         ("run /dev/ttyACM9 --plant twin", "--board and --plant are of an emulated robot"),
         ("run --emulated --reference sqare", "There is no reference 'sqare'"),
-        ("run udp://10.0.0.1:5", "key"),
         ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
         ("run /dev/ttyACM9 --on-host", "--on-host needs the controller"),
         ("run --emulated --ramp -1", "torque ramp"),
-        ("run --emulated --reference gamepad", "gamepad"),
+        ("run --emulated --reference gamepad", "There is no reference 'gamepad'"),
         ("run sweep --emulated --torque 99 --out out", "torque limit"),
         ("run compare --emulated --prediction none.json --out out", "none.json"),
-        ("run recover none.recording --out out", "none.recording"),
     ],
 )
 def test_every_refusal_is_one_sentence(words, sentence, tmp_path, monkeypatch, capsys):
@@ -125,7 +122,7 @@ def test_every_refusal_is_one_sentence(words, sentence, tmp_path, monkeypatch, c
     assert main(words.split()) == 2
     said = capsys.readouterr().err
     assert sentence in said
-    assert len([line for line in said.splitlines() if not line.startswith("ballbot: 0.0 s")]) == 1
+    assert len([line for line in said.splitlines() if not line.startswith("ballbot: time 0.0 s")]) == 1
 
 
 #: takes a package away, and asks for a robot, once for each
@@ -156,7 +153,7 @@ def balancing(folder):
     """Hold a process that balances an emulated robot, from when its recording grows."""
     words = ["-m", "ballbot", "run", "--emulated", "--duration", "6000", "--out", str(folder)]
     with Child(*words) as child:
-        recording, end = folder / "log.recording", time.monotonic() + PATIENCE
+        recording, end = folder / "log.recording.csv", time.monotonic() + PATIENCE
         while not (recording.exists() and recording.stat().st_size > 50_000):
             assert child.running, child.errors()
             assert time.monotonic() < end, f"no recording of 50 kB within {PATIENCE:g} s"
@@ -188,18 +185,15 @@ def test_emulated_robot_has_the_body_and_the_processor_asked_for(options, tmp_pa
 
 
 @pytest.mark.slow
-def test_killed_process_leaves_a_recording_that_becomes_a_log(tmp_path, capsys):
+def test_killed_process_leaves_a_recording_that_is_a_log(tmp_path, capsys):
     with balancing(tmp_path / "run") as child:
         child.kill()
-    recording = tmp_path / "run" / "log.recording"
-    assert main(["run", "recover", str(recording), "--out", str(tmp_path / "recovered")]) == 0
-    log = Log.read(tmp_path / "recovered" / "log.csv")
+    log = Log.read(tmp_path / "run" / "log.recording.csv")
     assert len(log) > 100
     np.testing.assert_allclose(np.diff(log.t), 0.005, atol=1e-9)
-    assert results(tmp_path / "recovered")["provenance"]["robot"] == "alten"
     # the recording is never overwritten
     assert run("--duration 1", tmp_path / "run") == 2
-    assert "ballbot run recover" in capsys.readouterr().err
+    assert "is the log of a run that was cut off" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -210,7 +204,7 @@ def test_interrupt_disarms_and_keeps_the_log(tmp_path):
         assert "interrupted; the robot is disarmed" in child.errors()
     assert len(Log.read(tmp_path / "run" / "log.csv")) > 100
     assert results(tmp_path / "run")["ended"] == "interrupt"
-    assert not (tmp_path / "run" / "log.recording").exists()
+    assert not (tmp_path / "run" / "log.recording.csv").exists()
 
 
 def test_nobody_but_a_person_at_a_terminal_confirms(monkeypatch, tmp_path):

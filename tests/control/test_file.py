@@ -10,15 +10,9 @@ import pytest
 
 from ballbot import InputError, Robot
 from ballbot.control.controller import Controller
-from ballbot.control.file import controller_text, migrate, read_controller, write_controller
-from ballbot.control.parts.disturbance_observer import DisturbanceObserver
-from ballbot.control.parts.feed_forward import feed_forward_record
-from ballbot.control.parts.floor_adaptation import FloorAdaptation
-from ballbot.control.parts.lean_limit import LeanLimit
-from ballbot.control.parts.notch import Notch
-from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
-from ballbot.errors import OldFileFormat, UnsuitedController
+from ballbot.errors import UnsuitedController
 from ballbot.robot.components import scaled_friction
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
@@ -77,17 +71,16 @@ def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     heavy = heavy.replace(body=replace(heavy.body, mass=1.2 * heavy.body.mass))
     with pytest.warns(UnsuitedController, match="body.mass"):
         read = read_controller(path, heavy)
-    found = read.record["feed_forward"]["by_second"][0, :3]
-    np.testing.assert_array_equal(found, feed_forward_record(heavy).by_second)
+    designed = everything(heavy).record["feed_forward"]["by_second"]
+    np.testing.assert_array_equal(read.record["feed_forward"]["by_second"], designed)
 
 
-def test_documented_adaptation_and_prediction_tables_are_accepted(tmp_path):
+def test_documented_prediction_table_is_accepted(tmp_path):
     path, robot = tmp_path / "controller.toml", alten(FRICTION)
     write_controller(precise_controller(robot), path)
-    added = "\n[floor_adaptation]\n[prediction]\ndelay = 0.012\n"
+    added = "\n[prediction]\ndelay = 0.012\n"
     path.write_text(path.read_text() + added)
     parts = read_controller(path, robot).parts
-    assert parts.floor_adaptation == FloorAdaptation()
     assert parts.prediction is not None
     assert parts.prediction.delay == 0.012
 
@@ -132,7 +125,7 @@ def file_of_every_part() -> str:
         ("robot =", "robot ==", "not valid TOML"),
         ("frequency = 4.0", "frequency = 0.0", r"shaping.frequency is 0.0; it must be at least 1e-12"),
         ("depth = 0.2", "depth = 2", r"notch.depth is 2; it must be below 1"),
-        ("[floor_adaptation]", "[floor_adaption]", "floor_adaption is not a key of a controller file"),
+        ("[lean_limit]", "[lean_bound]", "lean_bound is not a key of a controller file"),
     ],
 )
 def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sentence):
@@ -147,39 +140,7 @@ def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sente
     assert "\n" not in text
 
 
-OLD = Path(__file__).parent / "old_files" / "controller_every_part.toml"
-
-
-def test_file_of_an_earlier_version_gives_the_same_controller_and_names_the_changes():
-    robot = alten(FRICTION)
-    precise = precise_controller(robot, compensation="partial")
-    same = precise.with_parts(  # the parts that there were, at their settings in the file
-        replace(
-            precise.parts,
-            disturbance_observer=DisturbanceObserver(frequency=3.0),
-            floor_adaptation=FloorAdaptation(time=5.0),
-            lean_limit=LeanLimit(lean=0.6, turn=2.0),
-            notch=Notch(frequency=33.0, width=0.5, depth=0.2),
-            prediction=DelayPrediction(delay=0.012),
-        )
-    )
-    with pytest.warns(OldFileFormat) as caught:
-        read = read_controller(OLD, robot)
-    # the file's gain was designed by another build of LAPACK on another processor; its error there is the unit
-    # roundoff times the condition of the Riccati equation (1e6 or so) times the largest gain, 50
-    np.testing.assert_allclose(read.packed, same.packed, rtol=0.0, atol=1e-8)
-    assert read.parts == replace(same.parts, integral=read.parts.integral)
-    (text,) = [str(one.message) for one in caught]
-    assert text.startswith(
-        f"{OLD} was written by an earlier version: [lean_bound] is now called [lean_limit]; "
-    )
-    assert "feed_forward of [shaping] is now a table" in text
-    assert "[driveline_adaptation] is ignored" in text
-    assert "[load_scaling] is ignored" in text
-    assert "[standstill] is ignored" in text
-
-
-def test_file_of_this_version_is_read_without_a_hint(tmp_path):
+def test_file_for_its_own_robot_is_read_without_a_warning(tmp_path):
     written = everything(alten(FRICTION))
     write_controller(written, tmp_path / "controller.toml")
     with warnings.catch_warnings(record=True) as caught:
@@ -187,12 +148,6 @@ def test_file_of_this_version_is_read_without_a_hint(tmp_path):
         read = read_controller(tmp_path / "controller.toml", alten(FRICTION))
     assert caught == []
     np.testing.assert_array_equal(read.packed, written.packed)
-
-
-def test_migration_leaves_what_it_does_not_know_to_the_check():
-    wrong = {"lean_bound": 3, "lean_limit": {}, "shaping": [1]}
-    assert migrate(wrong) == (wrong, [])
-    assert migrate({"shaping": {"feed_forward": False}})[0] == {"shaping": {}}
 
 
 def test_unreadable_controller_file_is_refused(tmp_path):
@@ -265,7 +220,7 @@ def test_friction_inertia_s_point_and_rounding_are_no_other_values(tmp_path):
     assert warnings_of(path, robot.replace(wheels=rounded)) == []
 
 
-def test_file_of_an_earlier_version_says_nothing_of_its_robot_and_neither_does_its_copy(tmp_path):
+def test_file_without_the_values_of_its_robot_gives_no_warning_and_neither_does_its_copy(tmp_path):
     path, robot = tmp_path / "controller.toml", alten(FRICTION)
     write_controller(nominal_controller(robot), path)
     path.write_text(path.read_text().split("\n# What the design depends on", maxsplit=1)[0])

@@ -5,18 +5,15 @@ import time
 from dataclasses import replace
 from functools import cache
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot import Controller, InputError, Model, Robot, simulate
-from ballbot.control.law import composition
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import change_pose, circle, hold, square
 from ballbot.log.columns import STATE_NAMES
-from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Friction
 from ballbot.robot.derived import encoder_step
@@ -284,32 +281,6 @@ def test_copied_controller_has_its_own_state():
     )
 
 
-@inlined
-def _doubled(law, memory, value, wheel):  # noqa: ARG001
-    return 2.0 * value
-
-
-@inlined
-def _raised(law, memory, value, wheel):  # noqa: ARG001
-    memory[wheel] = value
-    return value + 1.0
-
-
-@pytest.mark.parametrize(
-    ("steps", "result", "seen"),
-    [((), 3.0, 0.0), ((_doubled, _raised), 7.0, 6.0), ((_raised, _doubled), 8.0, 3.0)],
-)
-def test_steps_of_a_stage_receive_the_result_of_the_step_before(steps, result, seen):
-    stage, memory = composition(steps), np.zeros(3)
-
-    @numba.njit
-    def run(memory):
-        return stage(0, memory, 3.0, 1)
-
-    assert run(memory) == result
-    np.testing.assert_array_equal(memory, [0.0, seen, 0.0])
-
-
 def test_history_holds_the_torques_that_act_and_what_compensates():
     robot = alten(FRICTION)
     controller = everything(robot)
@@ -318,9 +289,12 @@ def test_history_holds_the_torques_that_act_and_what_compensates():
         torques = controller.update(0.0, state, np.zeros(10))
     history = controller.memory["history"][0]
     np.testing.assert_array_equal(history["acting"][0, :3], torques)
-    np.testing.assert_array_equal(history["disturbance_compensation"][0, :3], controller.disturbance_estimate)
+    np.testing.assert_array_equal(
+        history["disturbance_compensation"][0, :3],
+        controller.memory["disturbance_observer"]["estimate"][0, :3],
+    )
     assert (history["friction_compensation"][0, :3] != 0.0).any()
-    assert (controller.disturbance_estimate != 0.0).any()
+    assert (controller.memory["disturbance_observer"]["estimate"][0, :3] != 0.0).any()
 
 
 def test_an_update_is_fast():

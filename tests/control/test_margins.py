@@ -170,19 +170,6 @@ def test_modes_are_minus_one_where_a_margin_of_all_wheels_ends():
     assert np.abs(1.0 + one.gain_up * loop.mode_responses(nyquist)[0]).min() < 1e-5
 
 
-def test_broken_loop_has_named_signals_in_python_control():
-    pytest.importorskip("control")
-    loop = robot_loop(controller("nominal"))
-    system = loop.to_control()
-    assert (system.name, system.output_labels[0]) == ("loop", "u1_commanded")
-    assert system.input_labels == ["u1", "u2", "u3"]
-    assert system.dt == loop.sample_time
-    omega = 7.0
-    np.testing.assert_allclose(
-        system(np.exp(1j * omega * loop.sample_time)), loop.response(np.array([omega]))[0], rtol=1e-6
-    )
-
-
 #: substeps of a sample in which a plant is stepped beside the toolkit's own sampling
 FINE = 20
 

@@ -28,7 +28,6 @@ from tests.support.control_examples import FRICTION, alten, everything, leaning
 ROBOT = alten(FRICTION)
 #: every part with those that it needs, none, and all of them together
 PARTS = (*KINDS, "none", "all")
-#: each composes another law, which is compiled for it
 LAWS = (*(pytest.param(one, marks=pytest.mark.sample) for one in (*KINDS, "none")), "all")
 INVALID = (np.nan, np.inf, -np.inf, 2.0 * LARGEST_STATE)
 H = ROBOT.sensors.sample_time

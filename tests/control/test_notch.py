@@ -74,9 +74,9 @@ def test_nan_measurement_leaves_filter_state_unchanged():
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        ({"frequency": 0.0}, "frequency of the notch is 0"),
-        ({"frequency": 20.0, "width": -1.0}, "width of the notch is -1"),
-        ({"frequency": 20.0, "depth": 1.0}, "depth of the notch is 1"),
+        ({"frequency": 0.0}, "The notch: frequency is 0.0"),
+        ({"frequency": 20.0, "width": -1.0}, "The notch: width is -1.0"),
+        ({"frequency": 20.0, "depth": 1.0}, "The notch: depth is 1.0"),
     ],
 )
 def test_invalid_notch_is_refused(wrong, told):

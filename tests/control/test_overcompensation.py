@@ -1,6 +1,7 @@
 """Over-compensation: what is refused drives a robot on, what is accepted does not, by the engine."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -79,29 +80,6 @@ def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
     ).overcompensates  # it compensates nothing
 
 
-def test_energy_of_a_swing_equals_the_closed_forms():
-    viscous = (0.014, 0.016, 0.013)
-    dry = replace(FRICTION, viscous=viscous, stribeck=(0.0,) * 3)
-    robot = alten(dry)
-    margin = compensation_margin(
-        Controller(robot, designed_gain(), compensation="full", speed_band=1e-3), dry
-    )
-    for swing in margin.swings:
-        A = swing.amplitude
-        # of |w| the mean over a swing is 2 A/pi, of w^2 A^2/2; 200 phases are good to 1e-5
-        wanted = 2.0 * A / np.pi * np.array(dry.coulomb) + 0.5 * A * A * np.array(viscous)
-        np.testing.assert_allclose(swing.taken, wanted, rtol=1e-4)
-        np.testing.assert_allclose(swing.given, wanted, rtol=2e-2)  # but within the band
-    wide = compensation_margin(Controller(robot, designed_gain(), compensation="full", speed_band=0.5), dry)
-    shares = [swing.fraction for swing in wide.swings]
-    assert shares == sorted(shares)
-    # inside the band c w/0.5 in place of c: half of A^2 c/0.5 beside half of A^2 b
-    steady = 0.5 * 0.1**2 * np.array(viscous)
-    rubbing, ramped = 2.0 * 0.1 / np.pi * np.array(dry.coulomb), 0.5 * 0.1**2 / 0.5 * np.array(dry.coulomb)
-    assert shares[0] == pytest.approx(((ramped + steady) / (rubbing + steady)).max(), rel=1e-3)
-    assert shares[-1] > 0.95
-
-
 @pytest.mark.slow
 def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp_path, capsys):
     robot = tmp_path / "robot.toml"
@@ -115,7 +93,7 @@ def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp
     assert main([*words, "--compensation-gain", "1.2", "--allow-overcompensation"]) == 0
     assert "WARNING: the compensation" in capsys.readouterr().out
     assert main([*words, "--compensation-gain", "0.8"]) == 0
-    assert "80 %, 80 %, 80 %, 80 %" in capsys.readouterr().out
+    assert len(re.findall(r"(?:wheel \d|rolling) +80 %", capsys.readouterr().out)) == 4
     margin = json.loads((tmp_path / "out" / "results.json").read_text())["compensation_margin"]
     assert margin["overcompensates"] is False
     assert margin["wheel_fractions"] == pytest.approx([0.8] * 3)

@@ -11,7 +11,7 @@ import pytest
 from ballbot import Controller, InputError
 from ballbot.cli.main import main
 from ballbot.control.file import write_controller
-from ballbot.control.presets import adaptive, nominal_controller, precise_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.firmware import processor_load
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.export import export_controller, exported_names
@@ -130,7 +130,7 @@ def test_what_is_exported_compiles_without_a_warning(compiler, tmp_path):
         pytest.skip(f"{compiler} is missing")
     controllers = {
         "nominal": nominal_controller(ROBOT),
-        "adaptive": adaptive(precise_controller(ROBOT)),
+        "precise": precise_controller(ROBOT),
         "everything": everything(four_wheeled(friction=True)),
     }
     for name, controller in controllers.items():

@@ -16,7 +16,7 @@ from ballbot import Model, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import schema_of
 from ballbot.control.references import circle
-from ballbot.control.safety import Safety, SafetyLimits, SelfTest, StopReason
+from ballbot.control.safety import SafetyLimits, StopReason
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
 from ballbot.firmware.build import compile_sources, compilers, source_files
@@ -27,6 +27,7 @@ from campaigns.firmware_estimators import ROUNDOFF
 from campaigns.firmware_loop import beside, without_sums
 from tests.support.compiled_firmware import CompiledController, Firmware, library
 from tests.support.control_examples import FRICTION, alten
+from tests.support.firmware_safety import Safety, self_test_torques
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -243,9 +244,7 @@ def test_safety_layer_decides_as_python_s(most_missing, most_unchanged, run):
     for k, (interval, measured, theta, phi, imu, (count, valid), torque) in enumerate(run):
         t += interval if k else 0.0  # the first sample has no interval
         values, counts = np.full(6, imu, np.float32), np.array([count], np.int32)
-        python.watch(
-            t, imu=values.tolist(), angles=(float(count) if valid else math.nan,), torques=last.tolist()
-        )
+        python.watch(values.tolist(), float(count) if valid else math.nan, float(last[0]))
         functions.ballbot_safety_watch(
             own, now, 1, ctypes.c_void_p(values.ctypes.data), ctypes.c_void_p(counts.ctypes.data),
             ctypes.c_bool(valid), ctypes.c_void_p(last.ctypes.data),
@@ -256,11 +255,11 @@ def test_safety_layer_decides_as_python_s(most_missing, most_unchanged, run):
         assert may == admit(own, now, numbers[0], ctypes.c_bool(measured), ctypes.c_bool(known), *numbers[1:])
         last = np.array([torque if may else 0.0], np.float32)
         if may:
-            released = python.release(t, 1, torque)
+            released = python.release(torque)
             functions.ballbot_safety_release(now, 1, ctypes.c_void_p(last.ctypes.data))
             assert last[0] == released
         stop = functions.ballbot_stop_word(int(state["stop"][0]))
-        assert stop.decode() == (python.stop.reason if python.stop else "")
+        assert stop.decode() == (python.stop or "")
 
 
 @pytest.mark.parametrize("kind", [nominal_controller, precise_controller])
@@ -323,14 +322,13 @@ def self_tested(robot: Held, **changed) -> Firmware:
     made.skip_imu_check()
     made.start_self_test()
     torques, k = np.zeros(3), 0
-    python = SelfTest(ROBOT, torque=1.0)
     while made.self_test in (SelfTestOutcome.NOT_RUN, SelfTestOutcome.RUNNING):
         record = robot.sample(k, torques)
         for name, value in changed.items():
             record[name] = value
         torques = made.update(record, 5000 * k, None)
         if made.self_test is SelfTestOutcome.RUNNING:
-            assert (torques == python.update(k * H, np.zeros(10), np.zeros(10))).all()
+            assert (torques == self_test_torques(ROBOT, k * H)).all()
         k += 1
         assert k <= 102
     assert not torques.any()

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ballbot.control.imu_check import ImuCheck, ImuStage
 from ballbot.control.presets import nominal_controller
 from ballbot.control.safety import SafetyLimits
 from ballbot.firmware.build import compilers
 from ballbot.firmware.records import READING, SelfTestOutcome, parameter_record
 from tests.support.compiled_firmware import Firmware
 from tests.support.control_examples import alten
+from tests.support.imu_check import ImuCheck, ImuStage
 
 H = 0.02
 #: result of the firmware's self-test -> stage of Python's check

@@ -51,7 +51,6 @@ def _input(name: str, make: Callable[[Path], None], *, needs: tuple[str, ...] = 
 _ROBOT = "files/robot.toml"
 _WALK, _EIGHT = "record_square/log.csv", "record_eight/log.csv"
 _FEW = "--bounds files/bounds.toml --window 0.1"
-_AXIS = "identify-axis axis/record.csv --reference aim --position-gain 160 --velocity-gain 8505"
 
 CASES: tuple[Case, ...] = (
     # the robot's own file
@@ -119,7 +118,8 @@ CASES: tuple[Case, ...] = (
     _command("identify", f"identify alten {_WALK} --window 0.1", needs=("record_square",)),
     _command(
         "identify_logs",
-        f"identify alten {_WALK} --judge-on {_EIGHT} --free friction,delay --leave-out psi,psi_dot --seed 2 {_FEW}",
+        f"identify alten {_WALK} --holdout {_EIGHT} --estimate friction,delay "
+        f"--exclude-states psi,psi_dot --seed 2 {_FEW}",
         needs=("record_square", "record_eight"),
     ),
     _command(
@@ -144,7 +144,7 @@ CASES: tuple[Case, ...] = (
     _command("identify_driveline", "identify-driveline alten record_sweep/log.csv", needs=("record_sweep",)),
     _command(
         "identify_upside_down",
-        "identify-upside-down alten record_upside_down/log.csv --bounds files/bounds.toml --window 0.5",
+        "identify-upside-down alten record_upside_down/log.csv --window 0.5",
         needs=("record_upside_down",),
     ),
     _command(
@@ -159,7 +159,7 @@ CASES: tuple[Case, ...] = (
         needs=("record_upside_down", "record_eight"),
     ),
     _input("axis", inputs.axis_record),
-    _command("identify_axis", f"{_AXIS} --law coulomb", needs=("axis",)),
+    _command("identify_axis", "identify-axis axis/record.csv --law coulomb", needs=("axis",)),
     _command("identify_axis_laws", "identify-axis axis/record.csv", needs=("axis",)),
     _input("swing", inputs.swing),
     _command("check_swing", "check alten --swing swing/swing.csv --pivot-deviation 0.002", needs=("swing",)),
@@ -176,15 +176,17 @@ CASES: tuple[Case, ...] = (
     _command("design", "design files/robot_geometry.toml", sampled=True),
     _command("design_sampled", f"design {_ROBOT} --sample-time 0.01 --r 60 --notch 12", sampled=True),
     _command("design_full", f"design {_ROBOT} --compensation full --compensation-gain 0.5", sampled=True),
-    _command("design_partial", f"design {_ROBOT} --compensation partial --allow-pumping", sampled=True),
+    _command(
+        "design_partial", f"design {_ROBOT} --compensation partial --allow-overcompensation", sampled=True
+    ),
     _command(
         "design_precise",
-        f"design {_ROBOT} --kind precise --delay 0.016 --adaptive --allow-pumping",
+        f"design {_ROBOT} --kind precise --delay 0.016 --allow-overcompensation",
         sampled=True,
     ),
     _command(
         "design_robust",
-        f"design {_ROBOT} --robust --compensation full --allow-pumping "
+        f"design {_ROBOT} --robust --compensation full --allow-overcompensation "
         "--robots 20 --generations 2 --population 4 --fresh 20",
         alone=True,
     ),

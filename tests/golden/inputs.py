@@ -78,7 +78,7 @@ def foreign_log(folder: Path) -> None:
 
 def video(folder: Path) -> None:
     """Write ball.avi: 1 s of a turning ball with the thesis's seam, 200 x 160 pixels, without loss."""
-    from ballbot.vision.rendering import Camera, Scene, render, wandering, write_video
+    from tests.support.ball_video import Camera, Scene, render, wandering, write_video
 
     camera = Camera(size=(200, 160), centre=(104.0, 77.0), radius=66.0)
     scene = Scene(camera=camera)
@@ -93,19 +93,16 @@ def reproduced_items(folder: Path) -> None:
     `ballbot reproduce` has no option for it and takes ten minutes.
     """
     from ballbot import Robot
-    from ballbot.thesis.reproduce.appendices import figure_i_1, figure_iii_1
     from ballbot.thesis.reproduce.bench import Bench
-    from ballbot.thesis.reproduce.chapter5 import figure_5_2
-    from ballbot.thesis.reproduce.chapters_2_to_4 import figure_2_1
+    from ballbot.thesis.reproduce.figures import figure_iii_1
     from ballbot.thesis.reproduce.mistakes import MISTAKES
 
     robot = Robot.load("alten")
     bench = Bench(robot=robot, seed=0, folder=folder)
     # this needs recordings
     recorded = {"residual_pairs"}
-    items = (figure_2_1, figure_5_2, figure_i_1, figure_iii_1)
     results = {
-        "items": _checks((make.__name__, make(bench).checks) for make in items),
+        "items": _checks((make.__name__, make(bench).checks) for make in (figure_iii_1,)),
         "mistakes": _checks(
             (str(one.number), one.shown_by)
             for one in (make(bench) for make in MISTAKES if make.__name__ not in recorded)

@@ -10,35 +10,13 @@ from scipy.io import savemat
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification.axis import AxisRecord, identify_axis
-from ballbot.identification.axis.file_columns import AxisColumns
-from ballbot.identification.axis.reading import read_axis_record
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.log.formats.text import write_text_table
 from ballbot.progress import Progress
-from tests.support.axis_examples import LOOP, TRUTH, simulated_record
+from tests.support.axis_examples import TRUTH, simulated_record
 from tests.support.report_pages import figure_count
 
-OPTIONS = [
-    "--limit",
-    "10",
-    "--force-scale",
-    "35",
-    "--reference",
-    "aim",
-    "--position-gain",
-    "160",
-    "--velocity-gain",
-    "kv",
-]
-AIM = ["--reference", "aim"]
-EMPS = AxisColumns(
-    position="qm",
-    force="vir",
-    force_scale="gtau",
-    reference="qg",
-    position_gain="kp",
-    velocity_gain="kv",
-    limit="10",
-)
+EMPS = AxisColumns(position="qm", force="vir", force_scale="gtau")
 
 
 @pytest.fixture(scope="module")
@@ -49,14 +27,8 @@ def noisy_record() -> AxisRecord:
 @pytest.fixture(scope="module")
 def mat_file(tmp_path_factory, noisy_record):
     path = tmp_path_factory.mktemp("axis") / "record.mat"
-    volts = noisy_record.force / LOOP.force_per_input
-    columns = {
-        "t": noisy_record.t,
-        "position": noisy_record.position,
-        "force": volts,
-        "aim": noisy_record.reference,
-    }
-    savemat(path, columns | {"kv": LOOP.velocity_gain})
+    columns = {"t": noisy_record.t, "position": noisy_record.position, "force": noisy_record.force / 35.0}
+    savemat(path, columns | {"gain": 35.0})
     return path
 
 
@@ -65,7 +37,7 @@ def test_the_command_leaves_a_report_and_results_or_nothing(tmp_path, mat_file, 
     other = tmp_path / "other.mat"
     other.write_bytes(mat_file.read_bytes())
     out = tmp_path / "found"
-    command = ["identify-axis", str(mat_file), str(other), "--out", str(out), *OPTIONS]
+    command = ["identify-axis", str(mat_file), str(other), "--out", str(out), "--force-scale", "gain"]
 
     def interrupt(_bar: object, progress: Progress) -> None:
         if progress.stage == "law stribeck":
@@ -85,10 +57,9 @@ def test_the_command_leaves_a_report_and_results_or_nothing(tmp_path, mat_file, 
         assert abs(found - value) < 5.0 * error + 0.01 * abs(value)
     assert {"inverse", "output error"} == set(results["estimates"])
     errors = results["estimates"]["output error"]["errors"]
-    assert errors["record.mat"]["closed_loop_force"] < 0.05
     assert errors["other.mat"] == errors["record.mat"]
     page = (out / "report.html").read_text()
-    assert figure_count(page) == 4
+    assert figure_count(page) == 3
     assert "law coulomb" in capsys.readouterr().out
 
 
@@ -101,48 +72,19 @@ def test_missing_mat_file_is_reported(tmp_path, capsys):
     ("words", "sentence"),
     [
         (["--position", "possition"], "did you mean 'position'?"),
-        (["--force-scale", "aim"], "it must be one number"),
-        (["--force", "0"], "the force is 0 N throughout"),
+        (["--force-scale", "t"], "it must be one number"),
+        (["--force", "0"], "no variable '0' for --force"),
         (["--force-scale", "0"], "--force-scale is 0; it must not be zero"),
         (["--position-scale", "0"], "--position-scale is 0; it must not be zero"),
         (["--time-scale", "0"], "--time-scale is 0; it must be above zero"),
         (["--time-scale", "-1"], "--time-scale is -1; it must be above zero"),
         (["--time-scale", "x"], "no variable 'x' for --time-scale; it has"),
-        (["--position-gain", "160"], "needs both"),
-        (
-            ["--position-gain", "0", "--velocity-gain", "2", *AIM],
-            "--position-gain is 0; it must be above zero",
-        ),
-        (
-            ["--position-gain", "9", "--velocity-gain", "2", "--force-scale", "-35", *AIM],
-            "--force-scale is -35; with the gains",
-        ),
         (["--law", "magic"], "There is no friction law 'magic' (--law); the laws are viscous, coulomb"),
         (["--law", "stribek"], "did you mean 'stribeck'?"),
-        (["--window", "5"], "--window is no longer an option of identify-axis"),
-        (["--harmonics", "1"], "give --period"),
+        (["--harmonics", "1"], "An axis that slides has no turn for --harmonics"),
         (["--harmonics", "0"], "--harmonics names 0; a harmonic is a whole number from 1 to 500"),
-        (["--harmonics", "-3"], "--harmonics names -3; a harmonic is a whole number from 1 to 500"),
-        (["--harmonics", "x"], "--harmonics is 'x'; it must be a whole number"),
-        (["--period", "0", "--harmonics", "1"], "--period is 0; the travel of the first harmonic must be"),
-        (["--period", "-1"], "must be a finite number above zero"),
-        (["--period", "x"], "--period is 'x'; it must be a number"),
-        (
-            ["--separate", "offset"],
-            "--separate offset: a parameter can be separate only between several records",
-        ),
-        (["--separate", "ofset"], "did you mean 'offset'?"),
-        (
-            ["--separate", "nothing"],
-            "--separate names no parameter: 'nothing'; the parameters are mass, viscous",
-        ),
-        (["--load-mass", "1,2,3"], "3 values for 1 record;"),
-        (["--unit", "rad", "--load-mass", "1"], "give --load-arm"),
-        (["--load-mass", "-3"], "--load-mass is -3; it must be zero or more"),
-        (
-            ["--bandwidth", "0"],
-            "--bandwidth is 0; the bandwidth of the motion [Hz] must be a finite number above zero",
-        ),
+        (["--harmonics", "x"], 'unable to convert "x" into int'),
+        (["--bandwidth", "0"], "--bandwidth is 0; it must be a finite number above zero"),
         (["--bandwidth", "-5"], "--bandwidth is -5"),
         (["--bandwidth", "300"], "(--bandwidth) of 300 Hz needs a filter at 1500 Hz"),
         (["{file}"], "have the same name"),
@@ -156,9 +98,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, mat_file, capsys, w
     assert told.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    "words", [["--law", "magic"], ["--separate", "nothing"], ["--harmonics", "0"], ["--period", "-1"]]
-)
+@pytest.mark.parametrize("words", [["--law", "magic"], ["--harmonics", "0"], ["--bandwidth", "-1"]])
 def test_a_wrong_option_is_refused_before_a_file_is_read(tmp_path, capsys, words):
     assert main(["identify-axis", str(tmp_path / "none.mat"), *words, "--out", str(tmp_path)]) == 2
     assert words[0] in capsys.readouterr().err
@@ -174,8 +114,8 @@ def test_force_of_the_wrong_sign_is_reported(noisy_record):
 
 def test_a_csv_reads_as_the_mat_does(tmp_path, mat_file, noisy_record):
     path = tmp_path / "record.csv"
-    volts = noisy_record.force / LOOP.force_per_input
-    write_text_table(path, {"t": noisy_record.t, "position": noisy_record.position, "force": volts})
+    columns = {"t": noisy_record.t, "position": noisy_record.position, "force": noisy_record.force / 35.0}
+    write_text_table(path, columns)
     columns = AxisColumns(force_scale="35")
     one, other = read_axis_record(path, columns), read_axis_record(mat_file, columns)
     np.testing.assert_array_equal(one.force, other.force)
@@ -204,7 +144,6 @@ def test_emps_is_predicted_from_the_other_half(shared_data):
             name=name,
             force=record.force[rows],
             position=record.position[rows],
-            reference=record.reference[rows],
         )
 
     parts = part("first", slice(0, half)), part("second", slice(half, None))
@@ -216,16 +155,12 @@ def test_emps_is_predicted_from_the_other_half(shared_data):
         # published, of the whole record by the inverse model
         for name, value in {"mass": 95.11, "viscous": 203.5, "coulomb": 20.39}.items():
             assert abs(found.best.values[name] - value) < found.best.half_widths[name]
-        # published in closed loop: 5.848 %; half the record, and parameters for the position
-        assert found.best.errors[1].closed_loop_force < 0.065
     # the method before, of windows of 0.1 and 0.2 s, had 12.5 and 5.5 mm over the 12 s of the other half: 9.7 together
     assert np.sqrt(np.mean(np.square(errors))) < 7.5e-3
 
 
 @pytest.mark.sample
-def test_emps_whole_is_better_than_published_in_closed_loop(shared_data):
+def test_emps_whole_is_better_than_published(shared_data):
     found = identify_axis(read_axis_record(shared_data / "emps" / "DATA_EMPS.mat", EMPS))
-    # published: 5.848 % by the inverse model's parameters
-    assert found.best.errors[0].closed_loop_force < 0.0585
     # published in open loop on the other record: linear 5.53 mm, this law over windows of 1 s 5.32 mm
     assert found.best.errors[0].open_loop_rmse < 5.3e-3

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from ballbot.identification.axis import AxisRecord, inverse_fit
-from ballbot.identification.axis.file_columns import AxisColumns
 from ballbot.identification.axis.model import AXIS_LAWS, AxisModel
-from ballbot.identification.axis.reading import read_axis_record
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from tests.support.axis_examples import TRUTH, simulated_record
 
 #: Janot, Gautier and Brunot, Data set and reference models of EMPS, 2019
@@ -30,9 +29,7 @@ COULOMB = AxisModel(law=AXIS_LAWS["coulomb"])
 
 @pytest.fixture(scope="module")
 def emps(shared_data) -> AxisRecord:
-    columns = AxisColumns(
-        position="qm", force="vir", force_scale="gtau", reference="qg", position_gain="kp", velocity_gain="kv"
-    )
+    columns = AxisColumns(position="qm", force="vir", force_scale="gtau")
     return read_axis_record(shared_data / "emps" / "DATA_EMPS.mat", columns)
 
 
@@ -55,17 +52,11 @@ def test_clustered_standard_errors_are_larger(emps):
     assert np.all(found.clustered_errors > 1.5 * found.standard_deviations)
 
 
-def test_the_loop_recorded_is_recognised(emps):
-    # the description's filter [0.5 0.5] before a difference makes it one over two samples
-    assert emps.loop is not None
-    assert emps.loop.span == 2
-
-
 def test_known_parameters_come_back():
     found = inverse_fit(simulated_record(), COULOMB)
     for name, value in TRUTH.items():
-        # the filters round off reversals: half a percent of the force, whose root mean square is 20 N
-        assert found.value(name) == pytest.approx(value, rel=0.02, abs=0.1)
+        # the filters round off reversals: one percent of the force, whose root mean square is about 60 N
+        assert found.value(name) == pytest.approx(value, rel=0.03, abs=0.6)
 
 
 def test_friction_below_zero_is_held_at_zero():

@@ -1,4 +1,4 @@
-"""Records of one axis from files: uneven rows, gaps, velocities, loads; bad files answer with one clear sentence."""
+"""Records of one axis from files: uneven rows, gaps, velocities; bad files answer with one clear sentence."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
-from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.file_columns import AxisColumns
-from ballbot.identification.axis.reading import read_axis_record, read_axis_records
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.log.formats.text import write_text_table
 from campaigns.axis_machines import Logging, Machine, record_of
 
@@ -72,16 +70,6 @@ def test_a_position_is_the_integral_of_a_velocity(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.position, POSITION - POSITION[0], atol=2e-4)
 
 
-def test_loads_are_given_for_each_record(tmp_path: Path) -> None:
-    paths = [written(tmp_path / f"{name}.csv") for name in "ab"]
-    columns = AxisColumns(unit="rad", load_mass="0.5, 2", load_arm="0.1", hanging="0.3")
-    light, heavy = read_axis_records(paths, columns)
-    assert light.known_load.inertia == pytest.approx(0.5 * 0.01)
-    assert heavy.known_load.inertia == pytest.approx(2.0 * 0.01)
-    assert heavy.known_load.weight == pytest.approx(2.0 * 9.81 * 0.1)
-    assert heavy.known_load.hanging == 0.3
-
-
 def test_a_constant_column_is_a_number(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", kt=np.full(ROWS, 2.0), varies=T)
     assert read_axis_record(path, AxisColumns(force_scale="kt")).force[3] == pytest.approx(2.0 * FORCE[3])
@@ -90,39 +78,18 @@ def test_a_constant_column_is_a_number(tmp_path: Path) -> None:
 
 
 def test_units_are_scaled(tmp_path: Path) -> None:
-    path = written(
-        tmp_path / "a.csv", ms=1e3 * T, degrees=np.degrees(POSITION), aim=np.degrees(POSITION) + 1.0
-    )
+    path = written(tmp_path / "a.csv", ms=1e3 * T, degrees=np.degrees(POSITION))
     columns = AxisColumns(
-        time="ms", time_scale="0.001", position="degrees", position_scale=str(np.pi / 180.0), reference="aim"
+        time="ms", time_scale="0.001", position="degrees", position_scale=str(np.pi / 180.0)
     )
     record = read_axis_record(path, columns)
     assert record.sample_time == pytest.approx(2e-3)
     np.testing.assert_allclose(record.position, POSITION, atol=1e-9)
-    assert record.reference is not None
-    np.testing.assert_allclose(record.reference - record.position, np.pi / 180.0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("factor", "code"), [(1.0, None), (-1.0, "force-sign"), (1e-3, "scale")])
-def test_an_added_force_of_the_wrong_sign_or_unit_is_found(factor: float, code: str | None) -> None:
-    """A motor and pulses move a mass with friction; the pulses are recorded times a factor."""
-    t = np.arange(4000) * 2e-3
-    pulses = 15.0 * (np.sin(3.1 * t) > 0.6) - 15.0 * (np.sin(2.3 * t + 1.0) > 0.7)
-    motor = 12.0 * np.sin(5.0 * t) + 9.0 * np.sin(2.0 * t)
-    position, speed, positions = 0.0, 0.0, []
-    for force in motor + pulses:
-        positions.append(position)
-        speed += 2e-3 * (force - 3.0 * speed - 2.0 * np.tanh(speed / 1e-3)) / 4.0
-        position += 2e-3 * speed
-    record = AxisRecord(
-        name="pulses",
-        sample_time=2e-3,
-        force=motor + factor * pulses,
-        position=np.array(positions),
-        added=factor * pulses,
-    )
-    found = {one.code for one in record_findings(record) if "added force" in one.text}
-    assert found == ({code} if code else set())
+def test_an_added_force_acts_with_the_force(tmp_path: Path) -> None:
+    record = read_axis_record(written(tmp_path / "a.csv", pulses=T), AxisColumns(added_force="pulses"))
+    np.testing.assert_allclose(record.force, FORCE + T, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -143,17 +110,12 @@ def test_variables_that_are_not_named_are_all_asked_for_at_once(
         read_axis_record(path, columns)
 
 
-def test_a_force_may_be_a_number(tmp_path: Path) -> None:
-    columns = AxisColumns(force="0", unit="rad", load_mass="1", load_arm="0.2")
-    assert np.ptp(read_axis_record(written(tmp_path / "a.csv"), columns).force) == 0.0
-
-
 @pytest.mark.parametrize(
     ("columns", "changes", "sentence"),
     [
         ({"time": "time"}, {}, "no variable 'time'"),
         ({"velocity": "w"}, {}, "no variable 'w'"),
-        ({"temperature": "warmth"}, {}, "no variable 'warmth'"),
+        ({"added_force": "pulses"}, {}, "no variable 'pulses' for --added-force"),
         ({"force": "1e99"}, {}, "no variable '1e99'"),
         (
             {},
@@ -164,9 +126,6 @@ def test_a_force_may_be_a_number(tmp_path: Path) -> None:
         ({}, {"t": np.zeros(ROWS)}, "row 2: time does not increase"),
         ({}, {"t": np.full(ROWS, 1.7e9)}, r"\(1700000000 after 1700000000 s\)"),
         ({}, {"position": np.zeros(ROWS)}, "the position never changes"),
-        ({"load_mass": "-1", "unit": "rad", "load_arm": "0.1"}, {}, "--load-mass is -1"),
-        ({"load_mass": "nan"}, {}, "must be a finite number"),
-        ({"load_mass": "1", "load_arm": "-2", "unit": "rad"}, {}, "give --load-arm"),
     ],
 )
 def test_bad_files_and_columns_answer_with_their_cause(
@@ -181,11 +140,8 @@ def test_bad_files_and_columns_answer_with_their_cause(
 #: names of classes and fields, which no user knows
 INTERNAL = (
     "AxisRecord",
-    "KnownLoad",
     "AxisModel",
-    "PositionVelocityLoop",
     "ndarray",
-    "known_load",
     "None",
     "self",
 )
@@ -222,7 +178,7 @@ def test_any_column_gives_a_record_or_one_clear_sentence(
     path.unlink(missing_ok=True)
     write_text_table(path, table | {column: bad})
     try:
-        record = read_axis_record(path, AxisColumns(temperature="extra", load="extra"))
+        record = read_axis_record(path, AxisColumns(added_force="extra"))
         findings = record_findings(record)
     except InputError as refused:
         assert_clear(str(refused))
@@ -290,17 +246,6 @@ def test_units_in_a_file_are_compared_with_the_options(
     assert_clear(str(refused.value))
 
 
-def test_a_force_beyond_its_limit_does_not_act(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.csv")
-    whole = read_axis_record(path, AxisColumns())
-    limit = 0.5 * float(np.abs(whole.force).max())
-    record = read_axis_record(path, AxisColumns(limit=str(limit)))
-    np.testing.assert_array_equal(record.force, np.clip(whole.force, -limit, limit))
-    (text,) = [one.text for one in record_findings(record) if one.code == "force-limit"]
-    assert "The recorded force exceeds --limit in" in text
-    assert "force-limit" not in {one.code for one in record_findings(whole)}
-
-
 def test_angles_that_may_be_degrees_are_found() -> None:
     arm = record_of(
         Machine(kind="arm", inertia=0.8, viscous=1.0, coulomb=1.5),
@@ -311,11 +256,6 @@ def test_angles_that_may_be_degrees_are_found() -> None:
     assert "axis-unit" not in {one.code for one in record_findings(arm)}
     (text,) = [one.text for one in record_findings(degrees) if one.code == "axis-unit"]
     assert "If its position is in degrees" in text
-
-
-def test_a_count_of_records_is_in_the_singular(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--load-mass has 2 values for 1 record; give"):
-        read_axis_records([written(tmp_path / "a.csv")], AxisColumns(load_mass="1, 2"))
 
 
 @pytest.mark.parametrize(
@@ -333,11 +273,10 @@ def test_a_position_that_wraps_is_counted_on(
 ) -> None:
     position[100] = np.nan
     path = written(tmp_path / "a.csv", position=position)
-    columns = AxisColumns(unit="rad", position_scale=str(scale), reference="position")
+    columns = AxisColumns(unit="rad", position_scale=str(scale))
     record = read_axis_record(path, columns)
-    assert record.wraps.period == pytest.approx(period)
+    assert record.wrap == pytest.approx(period)
     assert np.abs(np.diff(record.position)).max() < 0.1 * period
-    np.testing.assert_array_equal(record.reference, record.position)
     found = {one.code for one in record_findings(record) if one.severity != "error"}
     assert "wrap" in found
     assert ("axis-unit" in found) == (scale == 1.0 and period == 360.0)
@@ -349,5 +288,5 @@ def test_a_jump_that_is_no_turn_stays(tmp_path: Path, jump: float) -> None:
     position = POSITION.copy() if jump == 2.0 else 30.0 * POSITION
     position[300:] += jump
     record = read_axis_record(written(tmp_path / "a.csv", position=position), AxisColumns(unit="rad"))
-    assert record.wraps.count == 0
+    assert record.wrap == 0.0
     np.testing.assert_array_equal(record.position, position)

@@ -10,18 +10,16 @@ import pytest
 from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.fitting.run import Run
 from ballbot.identification.driveline import (
     Sweep,
     classical,
-    driveline_parameters,
     fit_driveline,
     sweeps_of,
 )
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
-from tests.support.report_pages import figure_count, plain_markup
+from tests.support.report_pages import figure_count
 
-TRUTH = np.array([0.012, 0.05, 0.03, 0.7, 1.5])
+TRUTH = np.array([0.012, 0.05, 0.03, 0.7])  # b, c, s, v_s
 SAMPLE_TIME = 5e-3
 
 
@@ -48,11 +46,13 @@ def test_pieces_leave_out_where_the_supply_limits(sweep):
 
 @pytest.mark.slow
 def test_known_friction_comes_back(sweep):
-    found = fit_driveline(sweep, generations=60)
+    found = fit_driveline(sweep)
     # noise in a piece's first speed is in no standard error of a fit; hence five of them and a percent
     assert np.all(np.abs(found.values - TRUTH) < 5.0 * found.standard_errors + 0.01 * TRUTH)
-    assert np.all(found.standard_errors[:3] < 0.1 * TRUTH[:3])
-    assert found.rmse == pytest.approx(0.03, rel=0.3)
+    # a sweep of 30 s passes the low speeds five times
+    assert np.all(found.standard_errors[:3] < [0.1, 0.1, 0.25] * TRUTH[:3])
+    # noise of 0.03 rad/s, and a piece whose first speed has noise breaks away early or late
+    assert found.rmse < 0.1
     assert found.rmse_without > 100.0 * found.rmse
 
 
@@ -84,49 +84,38 @@ def played_sweep(seed: int) -> Sweep:
         limit=27.7,
         inertia=0.003,
         angle=counted,
-        play=0.0175,
-        rotor_inertia=0.002,
     )
 
 
 @pytest.mark.slow
 def test_noise_of_the_torque_and_play_do_not_bias_the_friction():
-    fits = [fit_driveline(played_sweep(seed), generations=30) for seed in (1, 2, 3)]
+    fits = [fit_driveline(played_sweep(seed)) for seed in (1, 2, 3)]
     inside = [
-        value in fit.intervals[name]
+        low <= value <= high
         for fit in fits
-        for name, value in zip(("b", "c", "s", "v_s", "delta"), TRUTH, strict=True)
+        for value, (low, high) in zip(TRUTH, fit.intervals.tolist(), strict=True)
     ]
-    # of fifteen 95 % intervals fewer than twelve hold the truth once in two hundred times
-    assert sum(inside) >= 12
+    # of twelve 95 % intervals fewer than ten hold the truth once in fifty times
+    assert sum(inside) >= 10
     for fit in fits:
-        assert fit.innovation < 0.5 * fit.rmse
-        assert fit.delay < 2.0 * SAMPLE_TIME
+        # c is known together with s and v_s only
+        np.testing.assert_allclose(fit.values[:2] / TRUTH[:2], 1.0, atol=0.2)
 
 
-@pytest.mark.sample
-def test_the_same_seed_gives_the_same_bits(sweep):
-    short = {"generations": 5, "population": 8, "run": Run(seed=3)}
-    one, other = fit_driveline(sweep, **short), fit_driveline(sweep, **short)
-    assert one.values.tobytes() == other.values.tobytes()
+@pytest.mark.slow
+def test_a_sweep_in_one_direction_is_refused():
+    t = np.arange(4000) * SAMPLE_TIME
+    torque = 0.5 + 0.1 * np.sin(2.0 * np.pi * t / 5.0)
+    line = Driveline(inertia=0.003, friction=classical(np.array([0.02, 0.1, 0.05, 0.3])))
+    motion = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME, initial_speeds=20.0)
+    speed = np.append(20.0, motion.speeds[0]) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
+    with pytest.raises(InputError, match="coulomb and offset"):
+        fit_driveline(Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=50.0, inertia=0.003))
 
 
 def test_a_wheel_that_is_always_at_its_limit_is_refused(sweep):
     with pytest.raises(InputError, match="speed limit"):
         fit_driveline(replace(sweep, limit=1e-3))
-
-
-@pytest.mark.slow
-def test_uninformative_sweep_is_refused(sweep):
-    # far above what such a wheel has, so that every parameter ends at its least
-    space = driveline_parameters(lower=(1.0, 1.0, 1.0, 50.0, 5.0), upper=(2.0, 2.0, 2.0, 60.0, 6.0))
-    with pytest.raises(InputError, match="wheel 1 identifies none of b, c, s, v_s, delta"):
-        fit_driveline(sweep, space=space, generations=5, population=8)
-
-
-def test_descending_bounds_are_refused():
-    with pytest.raises(InputError, match="bounds of c"):
-        driveline_parameters(lower=(0.0, 0.6, 0.0, 0.05, 0.3))
 
 
 def test_a_log_of_too_few_wheels_is_refused():
@@ -192,24 +181,6 @@ def test_a_sweep_with_a_dead_column_is_refused(tmp_path, capsys, name, value, se
     assert not list(out.glob("*"))
 
 
-def test_a_motor_driven_by_voltage_is_braked_by_the_speed_predicted():
-    t, brake = np.arange(2000) * SAMPLE_TIME, 0.05
-    standstill = np.sin(2.0 * np.pi * t / 5.0)
-    braked = classical(TRUTH + np.array([brake, 0.0, 0.0, 0.0, 0.0]))
-    motion = simulate_drivelines(
-        Driveline(inertia=0.003, friction=braked), standstill[:-1], sample_time=SAMPLE_TIME
-    )
-    speed = np.concatenate([[0.0], motion.speeds[0]])
-    torque = standstill - brake * speed  # what a mapping makes of duties
-    columns = {f"u{i}": torque for i in (1, 2, 3)} | {f"wheel{i}_dot": speed for i in (1, 2, 3)}
-    first = sweeps_of(Robot.load("alten"), Log({"t": t} | columns), back_emf=brake)[0]
-    np.testing.assert_allclose(first.torque, standstill, atol=1e-12)
-    again = simulate_drivelines(
-        replace(first, inertia=0.003).driveline(TRUTH), first.torque[:-1], sample_time=SAMPLE_TIME
-    )
-    np.testing.assert_allclose(again.speeds, motion.speeds, atol=1e-9)
-
-
 @pytest.mark.parametrize("limit", [-1.0, 0.0, math.nan])
 def test_invalid_speed_limit_is_refused(limit):
     t = np.arange(10) * SAMPLE_TIME
@@ -228,12 +199,11 @@ def test_the_shared_sweep(tmp_path, shared_data, capsys):
     results = json.loads((tmp_path / "results.json").read_text(), parse_constant=pytest.fail)
     # the wheel's speed comes in encoder counts; a fit to 0.1 rad/s of 27.7 leaves little else
     assert max(results["rmse"]) < 0.1
-    assert min(results["clamp_as_printed"]["rmse"]) > 10.0 * max(results["rmse"])
+    # without friction every wheel is at its limit or on its way there
+    assert min(results["rmse_without_friction"]) > 10.0
     robot = Robot.load(tmp_path / "robot.toml")
     assert list(robot.friction.coulomb) == results["parameters"]["c"]
     page = (tmp_path / "report.html").read_text()
     assert figure_count(page) == 6
-    assert "<code>ballbot identify --sweep results.json</code> takes b and c of each wheel" in plain_markup(
-        page
-    )
-    assert "delta" in capsys.readouterr().out
+    assert "<code>ballbot identify --sweep results.json</code> takes b and c of each wheel" in page
+    assert "v_s" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Wrong sweeps of free wheels are stopped with their cause; correct ones pass; undetermined values are unknown."""
+"""Wrong sweeps of free wheels are stopped with their cause; correct ones pass."""
 
 from collections.abc import Callable
 from functools import cache
@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ballbot import Log, Robot
 from ballbot.cli.main import main
-from ballbot.identification.driveline import Sweep, classical, fit_driveline, sweeps_of
-from ballbot.identification.driveline_checks import sweep_findings
-from ballbot.report.driveline import parameter_rows
+from ballbot.identification.bench_checks import sweep_findings
+from ballbot.identification.driveline import classical, sweeps_of
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
 
 ALTEN = Robot.load("alten")
@@ -29,7 +28,7 @@ def simulated(robot: Robot, *, period: float = 20.0, duration: float = 40.0, pha
         torque = np.sin(2.0 * np.pi * t / period - phase * wheel)
         line = Driveline(
             inertia=Driveline.of_wheel(robot, wheel).inertia,
-            friction=classical(np.array([0.014, 0.1, 0.05, 0.6, 1.1])),
+            friction=classical(np.array([0.014, 0.1, 0.05, 0.6])),
             speed_limit=limit,
         )
         speed = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME).speeds[0]
@@ -74,7 +73,7 @@ WRONG: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
     "two torques exchanged": (
         lambda columns: {"u2": columns["u3"], "u3": columns["u2"]},
         "torque-order",
-        "u3 drives wheel 2, u2 drives wheel 3",
+        "u3 were that of wheel 2 and u2 were that of wheel 3",
     ),
     "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "the torques are in mN m"),
     "the motors' torques": (times(1.0 / 27.6, *TORQUES), "torque-scale", "the motors', before the gear"),
@@ -89,13 +88,13 @@ WRONG: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
     "one torque ten times": (
         times(10.0, "u2"),
         "torque-scale",
-        "wheel 2 has 10 times the inertia of the other wheels",
+        "times u2 while the other torques are right",
     ),
-    "dead motor": (times(0.0, "wheel2_dot"), "dead-motor", "Wheel 2 hardly turns"),
-    "torque not logged": (noise(1e-4, "u2"), "dead-motor", "its torque was not logged"),
-    "random torque": (noise(0.5, "u2"), "torque-unrelated", "that torque does not move that wheel"),
-    "random speed": (noise(5.0, "wheel1_dot"), "torque-unrelated", "that torque does not move that wheel"),
-    "frozen encoder": (frozen, "stuck", "wheel3_dot stays at 1"),
+    "dead motor": (times(0.0, "wheel2_dot"), "dead-motor", "Nothing responds to u2"),
+    "torque not logged": (noise(1e-4, "u2"), "dead-motor", "it was not logged"),
+    "random torque": (noise(0.5, "u2"), "dead-motor", "or the column is wrong"),
+    "random speed": (noise(5.0, "wheel1_dot"), "dead-motor", "or the column is wrong"),
+    "frozen encoder": (frozen, "stuck", "wheel3_dot repeats one value for 1"),
 }
 
 
@@ -128,18 +127,3 @@ def test_the_command_stops_before_it_works(tmp_path, capsys) -> None:
     assert "have the opposite sign" in told
     assert told.endswith("To continue despite this: --accept torque-sign.\n")
     assert not out.exists()
-
-
-@pytest.mark.slow
-def test_undetermined_sweep_parameter_has_no_number() -> None:
-    """A wheel that never slows down to where s, v_s and delta act."""
-    t = np.arange(4000) * SAMPLE_TIME
-    torque = 0.5 + 0.1 * np.sin(2.0 * np.pi * t / 5.0)
-    line = Driveline(inertia=0.003, friction=classical(np.array([0.02, 0.1, 0.05, 0.3, 2.0])))
-    motion = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME, initial_speeds=20.0)
-    speed = np.append(20.0, motion.speeds[0]) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
-    sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=50.0, inertia=0.003)
-    fit = fit_driveline(sweep, generations=30)
-    assert fit.unknown[3:].all()
-    assert not fit.unknown[0]
-    assert [row[2] for row in parameter_rows([fit])][3:] == ["unknown", "unknown"]

@@ -191,7 +191,6 @@ def test_check_prints_and_writes_the_swing(tmp_path: Path, capsys: pytest.Captur
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))["swing"]
     assert results["inertia_about_pivot"]["value"] == pytest.approx(4.37, rel=1e-4)
     assert results["inertia_about_center_of_mass"]["shares"]["pivot distance"] > 0.99
-    assert (tmp_path / "out" / "swing.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ballbot import Log, Robot
 from ballbot.cli.main import main
-from ballbot.identification.upside_down_checks import encoder_findings, upside_down_findings
+from ballbot.identification.bench_checks import encoder_findings, upside_down_findings
 
 ALTEN = Robot.load("alten")
 TORQUES, SPEEDS = ("u1", "u2", "u3"), ("wheel1_dot", "wheel2_dot", "wheel3_dot")
@@ -50,7 +50,7 @@ WRONG: dict[str, tuple[Change, str, str]] = {
         "u2 were that of wheel 1",
     ),
     "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "the torques are in mN m"),
-    "dead motor": (noise("u2"), "dead-motor", "The ball does not respond to u2"),
+    "dead motor": (noise("u2"), "dead-motor", "Nothing responds to u2"),
     "torque not logged": (times(0.0, "u3"), "dead-motor", "u3 is almost zero"),
     "random torques": (noise(*TORQUES), "torque-unrelated", "noise, columns of another log"),
     "ball's x negated": (times(-1.0, BALL[0]), "ball-omega", "-ball_omega_x were ball_omega_x"),
@@ -60,7 +60,7 @@ WRONG: dict[str, tuple[Change, str, str]] = {
         "ball_omega_y were ball_omega_x and ball_omega_x were ball_omega_y",
     ),
     "ball in rpm": (times(30.0 / np.pi, *BALL), "ball-omega", "ball_omega is in rpm"),
-    "camera lost the ball": (frozen, "stuck", "ball_omega repeats one value for 2 s"),
+    "camera lost the ball": (frozen, "stuck", "ball_omega_z repeat one value for 2 s"),
     "time in ms": (times(1e3, "t"), "scale", "t appears to be in milliseconds"),
 }
 

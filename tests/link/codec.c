@@ -1,7 +1,6 @@
 /* The C side's codec behind functions that a test can call: all frames of a stream, and encodings. */
 #include "link/cobs.h"
 #include "link/crc32.h"
-#include "link/datagram.h"
 #include "link/frames.h"
 
 /* A frame as it was received. */
@@ -19,8 +18,6 @@ size_t encode_cobs(const uint8_t *bytes, size_t count, uint8_t *coded);
 size_t decode_cobs(uint8_t *bytes, size_t count);
 size_t encode_frame(uint32_t type, uint32_t session, uint32_t sequence, const uint8_t *body, size_t length,
                     uint8_t *coded);
-size_t seal(const uint8_t *key, size_t key_count, uint32_t direction, uint8_t *datagram, size_t count);
-size_t open_sealed(const uint8_t *key, size_t key_count, uint32_t direction, const uint8_t *datagram, size_t count);
 
 size_t decode_stream(const uint8_t *bytes, size_t count, struct found found[], uint32_t refused[BALLBOT_LAYERS])
 {
@@ -68,18 +65,4 @@ size_t encode_frame(uint32_t type, uint32_t session, uint32_t sequence, const ui
                     uint8_t *coded)
 {
     return ballbot_frame_encode((enum ballbot_message)type, session, (uint16_t)sequence, body, length, coded);
-}
-
-size_t seal(const uint8_t *key, size_t key_count, uint32_t direction, uint8_t *datagram, size_t count)
-{
-    const struct ballbot_key own = { .bytes = key, .count = key_count };
-
-    return ballbot_datagram_seal(&own, (uint8_t)direction, datagram, count);
-}
-
-size_t open_sealed(const uint8_t *key, size_t key_count, uint32_t direction, const uint8_t *datagram, size_t count)
-{
-    const struct ballbot_key own = { .bytes = key, .count = key_count };
-
-    return ballbot_datagram_open(&own, (uint8_t)direction, datagram, count);
 }

@@ -1,8 +1,6 @@
 """The codec in C against the one in Python, both ways: the same bytes, the same frames, the same refusals."""
 
 import ctypes
-import hashlib
-import hmac
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +10,7 @@ from fastcrc import crc32
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.errors import InputError
 from ballbot.firmware.build import compile_sources, compilers, source_files
-from ballbot.link.datagram import TAG, Direction, read_key, seal, unseal
 from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, FrameReader, LayerCounts, encode
 from ballbot.link.messages import LAYERS, Layer, pack_body
 from tests.support.link_messages import faulty_streams, messages
@@ -39,7 +35,7 @@ def codec(tmp_path_factory) -> ctypes.CDLL:
     sources = [*source_files(), Path(__file__).parent / "codec.c"]
     compile_sources(path, sources, flags=("-O2", "-fPIC", "-shared"))
     functions = ctypes.CDLL(str(path))
-    for name in ("decode_stream", "encode_cobs", "decode_cobs", "encode_frame", "seal", "open_sealed"):
+    for name in ("decode_stream", "encode_cobs", "decode_cobs", "encode_frame"):
         getattr(functions, name).restype = ctypes.c_size_t
     functions.crc32_of.restype = ctypes.c_uint32
     return functions
@@ -117,40 +113,3 @@ def test_frames_from_python_arrive_in_c(codec, sent, session):
     for number, (one, message) in enumerate(zip(found, sent, strict=False)):
         assert (one["type"], one["session"], one["sequence"]) == (message.TYPE, session, number)
         assert one["body"][: one["length"]].tobytes() == pack_body(message)
-
-
-@needs_compiler
-@given(st.binary(min_size=16, max_size=64), st.binary(min_size=1, max_size=250), st.sampled_from(Direction))
-def test_datagram_in_c_is_the_datagram_in_python(codec, key, frame, direction):
-    room = ctypes.create_string_buffer(frame, len(frame) + TAG)
-    count = codec.seal(key, size(len(key)), direction.value[0], room, size(len(frame)))
-    assert room.raw[:count] == seal(key, frame, direction)
-    assert unseal(key, room.raw[:count], direction) == frame
-    assert codec.open_sealed(key, size(len(key)), direction.value[0], room, size(count)) == len(frame)
-    wrong = bytearray(room.raw[:count])
-    wrong[len(wrong) // 2] ^= 1
-    assert codec.open_sealed(key, size(len(key)), direction.value[0], bytes(wrong), size(count)) == 0
-
-
-def test_tag_is_that_of_hmac():
-    assert (
-        seal(KEY, b"frame", Direction.TO_HOST) == b"frame" + hmac.digest(KEY, b"Hframe", hashlib.sha256)[:16]
-    )
-
-
-@given(st.binary(max_size=300))
-def test_nothing_is_opened_without_the_key(data):
-    for direction in Direction:
-        assert unseal(KEY, data, direction) is None
-    sealed = seal(KEY, data, Direction.TO_HOST)
-    assert unseal(KEY, sealed, Direction.TO_ROBOT) is None  # nobody sends a robot its own frames back
-    assert unseal(KEY[::-1], sealed, Direction.TO_HOST) is None
-
-
-@pytest.mark.parametrize("text", ["", "00ff", "no hexadecimal digits at all, 32 of them", "00" * 65])
-def test_file_without_a_key_is_refused(text, tmp_path):
-    (tmp_path / "key").write_text(text)
-    with pytest.raises(InputError, match="holds no key"):
-        read_key(tmp_path / "key")
-    (tmp_path / "key").write_text("ab" * 32 + "\n")
-    assert read_key(tmp_path / "key") == b"\xab" * 32

@@ -236,49 +236,57 @@ def test_self_test_names_the_wheel(fault, words):
 
 
 def checked(hand):
-    live = Connected(hand)
-    step = float(live.robot.parameters["encoder_step"][0])
-    lean, turns = measure_turns(
-        live.session, live.operator, wheel_count=3, encoder_step=step, watch=lambda _: None
+    live = Connected(hand, imu_checked=False)
+    return check_turns(
+        measure_turns(live.robot, live.operator, watch=lambda _: None), transforms(ROBOT).T_obw
     )
-    return check_turns(lean, turns, transforms(ROBOT).T_obw)
 
 
 def test_wiring_of_a_right_robot_passes():
     check = checked(hand_of())
     assert check.passed
-    assert not check.findings
     # the encoders' resolution and the noise of the attitude, 1 mrad in 0.26 rad
     np.testing.assert_allclose(check.wheel_scales, 1.0, atol=0.03)
+    turned = np.array([one.attitude for one in check.turns])
+    np.testing.assert_allclose(turned, np.radians([[0, 15, 0], [-15, 0, 0], [0, 0, 45]]), atol=0.01)
 
 
 _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize(
-    ("fault", "codes", "words"),
+    ("fault", "words"),
     [
-        ({"imu": _QUARTER}, {"imu"}, "instead of"),
-        pytest.param(
-            {"imu": np.diag([-1.0, 1.0, 1.0])}, {"imu"}, "tilted to the left", marks=pytest.mark.slow
-        ),
-        pytest.param(
-            {"imu": np.diag([1.0, 1.0, -1.0])}, {"imu"}, "turned to the left", marks=pytest.mark.slow
-        ),
         # motors and encoders exchanged together, which the self-test cannot find
-        ({"motors": (1, 0, 2), "encoders": (1, 0, 2)}, {"encoders"}, "turned as wheel 2 must"),
-        ({"signs": (1, 1, -1)}, {"encoders"}, "Encoder 3 counts backward"),
-        pytest.param(
-            {"signs": (1, 2, 1)}, {"encoders"}, "Encoder 2 turned 2 times as far", marks=pytest.mark.slow
-        ),
-        pytest.param({"signs": (0, 1, 1)}, {"encoders"}, "Encoder 1 did not count", marks=pytest.mark.slow),
+        ({"motors": (1, 0, 2), "encoders": (1, 0, 2)}, "Encoder 1 turned as wheel 2 must"),
+        ({"signs": (1, 1, -1)}, "Encoder 3 counts backward"),
+        pytest.param({"signs": (1, 2, 1)}, "Encoder 2 turned 2 times as far", marks=pytest.mark.slow),
+        pytest.param({"signs": (0, 1, 1)}, "Encoder 1 did not count", marks=pytest.mark.slow),
     ],
 )
-def test_wiring_check_names_what_is_wrong(fault, codes, words):
+def test_wiring_check_names_the_encoder_that_is_wrong(fault, words):
     check = checked(Miswired(hand_of(), **fault))
     assert not check.passed
-    assert {one.code for one in check.findings} == codes
     assert any(words in one.text for one in check.findings)
+
+
+@pytest.mark.parametrize(
+    ("imu", "words"),
+    [
+        (_QUARTER, "tilted forward, .* It turned to the left about x"),
+        pytest.param(np.diag([-1.0, 1.0, 1.0]), "tilted to the left", marks=pytest.mark.slow),
+        pytest.param(np.diag([1.0, 1.0, -1.0]), "turned to the left", marks=pytest.mark.slow),
+    ],
+)
+def test_wiring_check_ends_with_a_wrong_imu(imu, words):
+    with pytest.raises(InputError, match=words):
+        checked(Miswired(hand_of(), imu=imu))
+
+
+def test_wiring_is_checked_once_after_the_start():
+    live = Connected()
+    with pytest.raises(InputError, match="switch the robot off and on"):
+        measure_turns(live.robot, live.operator, watch=lambda _: None)
 
 
 def test_exchanged_pairs_pass_the_self_test():
@@ -353,7 +361,7 @@ def test_new_robot_with_wrong_axes_does_not_arm(options):
 
 
 def test_run_without_a_sample_leaves_no_recording(tmp_path):
-    live, path = Connected(), tmp_path / "log.recording"
+    live, path = Connected(), tmp_path / "log.recording.csv"
 
     def mute():
         live.line.mute = True

@@ -1,8 +1,7 @@
-"""References of a live robot: keys, a gamepad's events, courses, and the frame of the start."""
+"""References of a live robot: keys, courses, and the frame of the start."""
 
 import math
 import os
-import struct
 
 import numpy as np
 import pytest
@@ -14,9 +13,6 @@ from ballbot.errors import InputError
 from ballbot.link.references import (
     KEY_STEP,
     KEY_TURN,
-    STICK_SPEED,
-    STICK_TURN,
-    GamepadReference,
     KeyboardReference,
     in_robot_frame,
     in_start_frame,
@@ -25,9 +21,7 @@ from ballbot.link.references import (
 from ballbot.log import Log
 from ballbot.mechanics.geometry import rotation
 
-pytestmark = pytest.mark.skipif(
-    os.name != "posix", reason="terminals and joystick devices are those of POSIX"
-)
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="terminals are those of POSIX")
 
 
 @pytest.fixture
@@ -97,73 +91,6 @@ def test_keyboard_needs_a_terminal(tmp_path):
         KeyboardReference(stream.fileno())
 
 
-def event(kind, number, value):
-    return struct.pack("=IhBB", 0, value, kind, number)
-
-
-@pytest.fixture
-def gamepad(tmp_path):
-    """Return a gamepad on a pipe, and what sends it events."""
-    path = tmp_path / "js0"
-    os.mkfifo(path)
-    reference = GamepadReference(path)
-    sender = os.open(path, os.O_WRONLY)
-    yield reference, sender
-    reference.close()
-    os.close(sender)
-
-
-def test_sticks_are_speeds(gamepad):
-    reference, sender = gamepad
-    pose_of(reference, 0.0)
-    os.write(sender, event(2, 1, -32767) + event(0x82, 0, 0) + event(1, 3, 1))
-    for k in range(1, 201):
-        pose = pose_of(reference, 0.005 * k)
-    np.testing.assert_allclose(pose, [STICK_SPEED * 1.0, 0.0, 0.0], atol=1e-9)
-    os.write(sender, event(2, 1, 0) + event(2, 3, 32767))
-    for k in range(201, 401):
-        pose = pose_of(reference, 0.005 * k)
-    np.testing.assert_allclose(pose, [STICK_SPEED, 0.0, -STICK_TURN], atol=1e-9)
-    assert not reference.ended
-
-
-def test_event_in_two_parts_dead_zone_and_button(gamepad):
-    reference, sender = gamepad
-    whole = event(2, 0, 3000)  # within the dead zone
-    os.write(sender, whole[:3])
-    pose_of(reference, 0.0)
-    os.write(sender, whole[3:])
-    np.testing.assert_array_equal(pose_of(reference, 0.005), 0.0)
-    os.write(sender, event(0x81, 0, 1))  # what the buttons are at the start is no press
-    pose_of(reference, 0.01)
-    assert not reference.ended
-    os.write(sender, event(1, 0, 1))
-    pose_of(reference, 0.015)
-    assert reference.ended
-
-
-def test_gamepad_that_is_pulled_out_leaves_the_reference_where_it_is(gamepad, monkeypatch):
-    reference, sender = gamepad
-    os.write(sender, event(2, 1, -32767))
-    reference.update(0.0)
-    before = pose_of(reference, 0.05)
-
-    def gone(*_):
-        raise OSError(19, "No such device")
-
-    monkeypatch.setattr(os, "read", gone)
-    np.testing.assert_array_equal(pose_of(reference, 0.1), before)
-    assert reference.trouble is not None
-    assert "is gone" in reference.trouble
-
-
-def test_long_pause_never_makes_the_reference_jump(gamepad):
-    reference, sender = gamepad
-    os.write(sender, event(2, 1, -32767))
-    reference.update(0.0)
-    assert pose_of(reference, 60.0)[0] <= 0.1 * STICK_SPEED + 1e-12
-
-
 def test_course_is_the_reference_of_that_name():
     reference = live_reference("square")
     for t in (0.0, 7.995, 8.0, 30.0):
@@ -181,7 +108,7 @@ def test_file_is_followed_from_the_start_of_the_run_on(tmp_path):
     assert not reference.ended
 
 
-@pytest.mark.parametrize(("source", "words"), [("sqare", "square"), ("/dev/input/js99", "cannot be opened")])
+@pytest.mark.parametrize(("source", "words"), [("sqare", "square"), ("/dev/input/js99", "keyboard")])
 def test_unknown_reference_is_refused_in_one_sentence(source, words):
     with pytest.raises(InputError, match=words):
         live_reference(source)

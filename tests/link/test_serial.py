@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ballbot.control.safety import StopReason
+from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.messages import WATCHDOG, Layer, Result
@@ -206,3 +207,30 @@ def read_until(port: SerialTransport, end: float) -> None:
     """Read until a time."""
     while time.monotonic() < end:
         port.read(0.01)
+
+
+def test_addresses_of_transports():
+    for wrong in ("/dev/ttyACM0?baud=fast", "/dev/ttyACM0?baud=0", ""):
+        with pytest.raises(InputError):
+            open_transport(wrong)
+    for gone in ("/dev/no-such-port?baud=115200", "udp://127.0.0.1:5005"):
+        with pytest.raises(LinkError, match="cannot be opened"):
+            open_transport(gone)
+
+
+@needs_compiler
+def test_lost_port_ends_the_session():
+    with serial_line() as (port, far):
+        loop = Loop(port, far)
+        session = loop.session()
+
+        def gone(timeout: float) -> bytes:
+            raise LinkError(f"The serial port has gone, within {timeout:g} s.")
+
+        loop.read = gone  # type: ignore[method-assign]
+        session._queued.clear()
+        with pytest.raises(LinkError, match="has gone"):
+            session.poll(0.01)
+        assert not session.connected
+        with pytest.raises(LinkError, match="connect first"):
+            session.set_reference(np.zeros(10))

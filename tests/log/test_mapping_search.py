@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.log.mapping_search.found import Stated
+from ballbot.log.mapping_search.commands import command_delay
+from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import agreement, propose
 from ballbot.log.mapping_search.text import MOST_LINES, Evaluation, answer_lines, evaluate
+from ballbot.log.signals import INTERVAL, Smooth
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
 
 
@@ -91,6 +93,31 @@ def test_a_log_of_another_robot_is_refused_with_the_reason(tmp_path, changes, wo
     found = evaluate(propose(file, other, Stated(command="duty")), other)
     assert found.log is None
     assert words in found.refusal
+
+
+def test_commands_that_chatter_faster_than_rows_show_are_refused(tmp_path):
+    columns = columns_of(swaying_log(), Habits())
+    for k, name in enumerate(("u1", "u2", "u3")):
+        # three rows a period, half as large as the duties themselves
+        columns[name] = columns[name] + 0.1 * np.sin(2.0 * np.pi * (columns["t_now"] / 0.03 + k / 3.0))
+    file = write_foreign(tmp_path / "run.txt", columns, Habits())
+    found = evaluate(propose(file, small_robot(), Stated(command="duty")), small_robot())
+    assert "from row to row, 10 ms apart" in found.refusal
+
+
+def test_a_delay_of_chattering_commands_is_told_from_half_a_period_more_by_their_signs():
+    t, random = INTERVAL * np.arange(2000), np.random.default_rng(0)
+    rate = 2.0 * np.pi * 25.0 + random.uniform(-6.0, 6.0, (3, 8))  # half a period is 20 ms
+    phase = random.uniform(0.0, 2.0 * np.pi, (3, 8))
+
+    def commands(late: float) -> np.ndarray:
+        return np.sin(rate[..., None] * (t - late) + phase[..., None]).sum(axis=1).T
+
+    speed = 0.01 * random.standard_normal((2000, 3))
+    wheels = Smooth(value=speed, rate=speed, acceleration=commands(0.01))
+    for sign, late in ((1.0, 0.01), (-1.0, 0.03)):
+        found, _ = command_delay(wheels, commands(0.0), np.ones(2000, dtype=bool), sign * np.eye(3))
+        assert found == pytest.approx(late, abs=0.001)  # a fifth of a row
 
 
 def test_a_log_that_contradicts_the_others_is_named(tmp_path):

@@ -61,7 +61,7 @@ def spoilt(name: str, value: float) -> Log:
 def test_check_log_reports_spikes():
     told = [found for found in check(spoilt("x", 9999.0)) if found.code == "spike"]
     assert [found.where.columns for found in told] == [("x",)]
-    assert "at one row, to 9999 at row" in told[0].text
+    assert "in 1 row, to 9999 at row" in told[0].text
     assert not [found for found in check(balancing_log()) if found.code == "spike"]
 
 

@@ -6,10 +6,9 @@ import sys
 
 SHAPE = """
 import sys
-import numpy as np
 sys.stderr.isatty = lambda: True
-from ballbot.control.parts.reference_shaping import ReferenceShaping, shape_references
-print(shape_references(ReferenceShaping(), np.eye(10), 0.005).sum())
+from ballbot.mechanics.friction_laws import Classical, friction_at
+print(friction_at(Classical(viscous=0.01, coulomb=0.1, stribeck=0.05, stribeck_speed=0.6), 0.5))
 """
 
 

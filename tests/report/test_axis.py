@@ -1,4 +1,4 @@
-"""The page of an axis: records with separate parameters, and no column or mark that is lost."""
+"""The page of an axis: no column or mark is lost."""
 
 import re
 from dataclasses import replace
@@ -28,11 +28,11 @@ from tests.support.screen import assert_fits_a_screen
 VALUES = {"mass": 1.0, "viscous": 2.0, "coulomb": 1.5, "offset": 0.2}
 
 
-def moved(name: str, phase: float, *, viscous: float) -> AxisRecord:
+def moved(name: str, phase: float) -> AxisRecord:
     """Return a record of 6 s at 100 Hz without noise, its force a sum of two sines."""
     t = np.arange(600, dtype=np.float64) * 0.01
     force = 8.0 * np.sin(2.0 * np.pi * 0.7 * t + phase) + 4.0 * np.sin(2.0 * np.pi * 1.9 * t + 2.0 * phase)
-    axis = Axis(law=AXIS_LAWS["coulomb"], values=VALUES | {"viscous": viscous})
+    axis = Axis(law=AXIS_LAWS["coulomb"], values=VALUES)
     empty = AxisRecord(name=name, sample_time=0.01, force=force, position=t)
     position = axis.windows(empty, np.array([0]), np.array([599]), np.zeros((1, 2)))
     return replace(empty, position=np.append(0.0, position))
@@ -40,13 +40,13 @@ def moved(name: str, phase: float, *, viscous: float) -> AxisRecord:
 
 @pytest.fixture(scope="module")
 def found() -> AxisIdentification:
-    options = AxisOptions(law="coulomb", spring=False, separate=("viscous",))
+    options = AxisOptions(law="coulomb", spring=False)
     return identify_axis(records(), options=options)
 
 
 @cache
 def records() -> tuple[AxisRecord, AxisRecord]:
-    return moved("a.csv", 0.3, viscous=2.0), moved("b.csv", 1.1, viscous=2.6)
+    return moved("a.csv", 0.3), moved("b.csv", 1.1)
 
 
 @pytest.mark.slow
@@ -56,16 +56,15 @@ def test_identification_fits_a_screen_and_is_drawn(found: AxisIdentification) ->
 
 
 @pytest.mark.slow
-def test_a_page_of_separate_parameters_draws_those_of_the_record(found: AxisIdentification) -> None:
-    # each record has the viscous friction that made it: without noise to the error of one step a sample
-    assert found.best.values["viscous[1]"] == pytest.approx(2.0, rel=0.02)
-    assert found.best.values["viscous[2]"] == pytest.approx(2.6, rel=0.02)
+def test_the_friction_found_is_drawn(found: AxisIdentification) -> None:
+    # without noise to the error of one step a sample
+    assert found.best.values["viscous"] == pytest.approx(2.0, rel=0.02)
     curves = {
         line.get_label(): line for line in axis_friction_figure(found, records()[0]).axes[0].get_lines()
     }
     speed, friction = (np.asarray(one) for one in curves["coulomb, output error"].get_data())
     np.testing.assert_allclose(friction, 1.5 + 2.0 * speed, rtol=0.02)
-    assert [row[0] for row in parameter_rows(found)] == ["M", "b[1]", "b[2]", "c", "offset"]
+    assert [row[0] for row in parameter_rows(found)] == ["M", "b", "c", "offset"]
     assert "coulomb, inverse" in curves
 
 
@@ -76,9 +75,7 @@ def test_the_verdict_has_mass_and_friction_and_is_not_said_again(found: AxisIden
     (heading, values), *others = made.verdict
     assert heading == "Mass and friction"
     number = r"[.\d]+ ± [.\d]+"
-    pattern = (
-        rf"Mass or inertia M = {number} kg; friction by the law coulomb: viscous b\[1\] = {number} N s/m, "
-    )
+    pattern = rf"Mass or inertia M = {number} kg; friction by the law coulomb: viscous b = {number} N s/m, "
     assert re.match(pattern, values)
     page = shown_text(page_of(made))
     assert [page.count(text) for text in (expected_sentence(found), *(one.text for one in notes))] == [1] * 4
@@ -96,8 +93,7 @@ def test_the_whole_record_has_the_colors_of_the_friction(found: AxisIdentificati
 @pytest.mark.slow
 def test_columns_that_hold_nothing_are_left_out(found: AxisIdentification) -> None:
     headings, rows = error_table(found.estimates, "m")
-    # the loop is not known
-    assert headings == ("method", "law", "record", "position, windows", "position, whole", "force, inverse")
+    assert headings == ("method", "law", "record", "position, windows", "position, whole")
     assert all(len(row) == len(headings) for row in rows)
     assert error_table(tuple(found.by_law.values()), "m")[0][:2] == ("law", "record")
 

@@ -36,11 +36,11 @@ def figure() -> Figure:
 
 
 def sheets() -> tuple[Sheet, Sheet]:
-    """Return a table with a cell that spans the wheels, and one of many columns."""
+    """Return two tables of many columns."""
     wheels = tuple(f"wheel {k}" for k in range(1, 5))
     rows = [
         (Cell(text="c", below="Coulomb (dry, at speed)"), "N m", *("0.0912 ± 0.0034",) * 4),
-        (Cell(text="v_s", below="Stribeck speed"), "rad/s", Cell(text="0.60 ± 0.11", span=4)),
+        (Cell(text="v_s", below="Stribeck speed"), "rad/s", *("0.60 ± 0.11",) * 4),
     ]
     headings = ("parameter", "unit", "found", "95 %, these logs", "95 %, another log", "allowed")
     return (
@@ -120,42 +120,9 @@ def test_nothing_is_wider_than_a_phone_and_plots_can_be_read(browser, path, dark
         tab.wait("document.querySelectorAll('.uplot').length === 2")
         assert tab.run("document.documentElement.scrollWidth") == 390
         assert tab.run(TOO_WIDE) == []
-        # findings, parameters and files
-        assert tab.run("document.querySelectorAll('table.stacked').length") == 3
-        stacked = "document.querySelectorAll('table.stacked')[1]"
-        assert tab.run(f"{stacked}.parentElement.scrollWidth <= {stacked}.parentElement.clientWidth")
-        heading = tab.run(f"getComputedStyle({stacked}.querySelectorAll('td')[4], '::before').content")
-        assert "95 %, another log" in heading.replace("\N{NO-BREAK SPACE}", " ")
-        without_unit = tab.run(f"getComputedStyle({stacked}.querySelectorAll('td')[1]).display")
-        assert without_unit == "none"
-        # of the two forms of the figure the narrow one is shown, whole
-        shown = (
-            "[...document.querySelectorAll('.picture svg')].map((one) => one.getBoundingClientRect().width)"
-        )
-        wide, narrow = tab.run(shown)
-        assert wide == 0
-        assert 300 < narrow <= 358
         ground = tab.run("getComputedStyle(document.body).backgroundColor")
         assert ground == ("rgb(20, 25, 30)" if dark else "rgb(255, 255, 255)")
         keep(tab, f"report-phone-{'dark' if dark else 'light'}")
-        assert tab.complaints() == []
-
-
-def test_a_table_is_folded_on_a_phone_and_open_on_wide_pages_and_paper(browser, path):
-    folded = "document.querySelector('details[data-report-fold]')"
-    shown = f"[{folded}.open, {folded}.querySelector('summary').checkVisibility()]"
-    with new_tab(browser) as tab:
-        tab.screen(390, 844, phone=True)
-        tab.open(path)
-        assert tab.run(shown) == [False, True]
-        tab.click("details[data-report-fold] > summary")
-        assert tab.run(shown) == [True, True]
-        tab.screen(1280, 900)
-        tab.wait(f"{folded}.open && !({shown})[1]")
-        tab.screen(390, 844, phone=True)
-        tab.wait(f"!{folded}.open && ({shown})[1]")
-        tab.run("dispatchEvent(new Event('beforeprint'))")
-        assert tab.run(shown) == [True, True]
         assert tab.complaints() == []
 
 
@@ -164,8 +131,6 @@ def test_plots_zoom_together_and_show_values(browser, path):
         tab.screen(1280, 900)
         tab.open(path)
         tab.wait("document.querySelectorAll('.uplot').length === 2")
-        forms = "[...document.querySelectorAll('.picture svg')].map((one) => getComputedStyle(one).display)"
-        assert tab.run(forms) == ["block", "none"]
         tab.run("document.querySelector('.u-over').scrollIntoView({block: 'center'})")
         x, y, width, height = tab.run(
             "(() => { const b = document.querySelector('.u-over').getBoundingClientRect(); "

@@ -183,7 +183,7 @@ class TestRest:
 
     def test_an_hour_at_rest_without_a_bit_of_motion(self):
         t = np.arange(720_000) * 0.005
-        motion = simulate_drivelines(wheel(self.law, CURVE), 0.1599 * np.sin(t), sample_time=0.005, every=100)
+        motion = simulate_drivelines(wheel(self.law, CURVE), 0.1599 * np.sin(t), sample_time=0.005)
         assert not motion.speeds.any()
         assert not motion.angles.any()
 
@@ -289,38 +289,6 @@ class TestThesisClamp:
 
 
 class TestMany:
-    @pytest.mark.slow
-    @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
-    def test_a_lane_is_a_run_of_its_own(self, law):
-        rng = np.random.default_rng(5)
-        lines = [
-            Driveline(
-                inertia=J * rng.uniform(0.5, 2.0),
-                friction=replace(law, viscous=rng.uniform(0.013, 0.05)),
-                speed_limit=CURVE if i % 3 else None,
-            )
-            for i in range(41)  # more than one block of lanes
-        ]
-        torques = np.array([swinging_torques(60, 0.005), -2.0 * swinging_torques(60, 0.005)])
-        torque_of = rng.integers(0, 2, 41)
-        starts = rng.normal(size=41) * (rng.random(41) < 0.7)
-        together = simulate_drivelines(
-            lines, torques, sample_time=0.005, initial_speeds=starts, torque_of=torque_of, threads=2
-        )
-        for i in (0, 7, 31, 32, 40):
-            alone = simulate_drivelines(
-                lines[i], torques[torque_of[i]], sample_time=0.005, initial_speeds=starts[i], threads=1
-            )
-            np.testing.assert_array_equal(alone.speeds[0], together.speeds[i])
-            np.testing.assert_array_equal(alone.angles[0], together.angles[i])
-
-    def test_records_are_samples_of_the_whole(self):
-        torques = swinging_torques(100, 0.005)
-        whole = simulate_drivelines(wheel(LAWS["lugre"]), torques, sample_time=0.005)
-        some = simulate_drivelines(wheel(LAWS["lugre"]), torques, sample_time=0.005, every=7)
-        np.testing.assert_allclose(some.t, whole.t[6::7], rtol=1e-15)
-        np.testing.assert_array_equal(some.speeds, whole.speeds[:, 6::7])
-
     def test_one_driveline_for_many_torques_and_starts(self):
         motion = simulate_drivelines(
             wheel(LAWS["classical"]), [[0.0] * 4, [0.3] * 4], sample_time=0.005, initial_speeds=[1.0, 0.0]
@@ -415,11 +383,8 @@ def test_of_wheel_takes_the_robots_values():
         ({"sample_time": 0.0}, "sample time"),
         ({"step": -1.0}, "step"),
         ({"step": 1e-12}, "inner steps"),
-        ({"every": 0}, "1 or more"),
-        ({"torque_of": [1]}, "torque_of"),
-        ({"initial_speeds": [1.0, 2.0], "torque_of": [0, 0, 0]}, "lanes"),
+        ({"initial_speeds": [1.0, 2.0], "torques": [[0.0]] * 3}, "lanes"),
         ({"initial_speeds": math.inf}, "initial speeds"),
-        ({"drivelines": [wheel(LAWS["dahl"]), wheel(LAWS["lugre"])]}, "must have the same law"),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence(values, word):

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from ballbot import Robot
-from ballbot.control.safety import SELF_TEST_DURATION, SelfTest, evaluate_self_test
-from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot.derived import encoder_step, wheel_speed_limit
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
@@ -36,7 +34,7 @@ def test_wheels_in_the_air_are_free_drivelines():
     torques = np.sin(0.1 * np.arange(400))[:, None] * [0.6, -0.5, 0.4]  # slower than the supply lets them be
     found = np.array([plant.step(one, STEP).wheel_angles for one in torques])
     lines = [Driveline.of_wheel(plant.robot, i) for i in range(3)]
-    wanted = simulate_drivelines(lines, torques.T, sample_time=STEP, threads=1)
+    wanted = simulate_drivelines(lines, torques.T, sample_time=STEP)
     # a count of the encoder, and what a sample by itself rounds differently
     np.testing.assert_allclose(found.T, wanted.angles, atol=1.01 * resolution(plant.robot))
 
@@ -94,19 +92,6 @@ def test_tilted_body_turns_the_wheels_the_other_way(axis, angle):
         measured.wheel_angles, -transforms(plant.robot).T_owb @ target, atol=1.01 * resolution(plant.robot)
     )
     np.testing.assert_allclose(measured.truth[2:5], target, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_self_test_on_the_ball_passes():
-    plant = held("on_ball")
-    test = SelfTest(plant.robot)
-    rows, measured = [], plant.reset(None, seed=3)
-    for k in range(round(SELF_TEST_DURATION / STEP)):
-        rows.append([measured.t, *measured.wheel_angles])
-        measured = plant.step(test.update(k * STEP, measured.state, np.zeros(10)), STEP)
-    names = ("t", "wheel1", "wheel2", "wheel3")
-    log = Log(dict(zip(names, np.array(rows).T, strict=True)))
-    assert evaluate_self_test(plant.robot, log).passed
 
 
 def test_place_and_heading_are_those_of_the_reset():

@@ -396,11 +396,11 @@ def test_faults_that_the_equations_do_not_have_are_named():
     robot = Robot.load("alten")
     nominal = Scenario.nominal(robot)
     slips = "slip of wheels and ball"
-    assert left_out(Scenario.single_point(robot)) == (slips,)
+    assert left_out(Scenario.named("single_point", robot)) == (slips,)
     assert left_out(nominal) == (slips,)
-    assert left_out(Scenario.resonant(robot))[0] == "the drivelines' resonance"
-    assert left_out(Scenario.soft_ball(robot))[0] == "the ball's softness"
-    assert imperfections_of(Scenario.resonant(robot)) == imperfections_of(nominal)
+    assert left_out(Scenario.named("resonant", robot))[0] == "the drivelines' resonance"
+    assert left_out(Scenario.named("soft_ball", robot))[0] == "the ball's softness"
+    assert imperfections_of(Scenario.named("resonant", robot)) == imperfections_of(nominal)
 
 
 def test_a_scenarios_drive_pushes_and_timing_are_the_loops():
@@ -448,7 +448,7 @@ def test_a_payload_off_the_axis_leans_the_robot_as_the_twin():
 
 def test_the_twin_with_point_contacts_errs_as_much():
     robot = Robot.load("alten")
-    scenario = Scenario.single_point(robot)
+    scenario = Scenario.named("single_point", robot)
     model, controller = true_model(robot, scenario), nominal_controller(robot)
     peaks, changes = {}, {}
     for name, plant in (

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.geometry import lean_of
 from ballbot.robot import Robot
 from ballbot.simulation.sensors import (
@@ -22,7 +21,6 @@ from ballbot.simulation.sensors import (
     FixSource,
     SensorFaults,
 )
-from ballbot.twin.recording import MotionCapture
 
 ALTEN = Robot.load("alten")
 QUIET = replace(ALTEN.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
@@ -167,26 +165,6 @@ def test_fixes_come_at_their_rate_with_their_noise_and_go_missing() -> None:
     assert only_heading.heading is not None
 
 
-def standing(duration: float) -> Log:
-    t = np.linspace(0.0, duration, round(duration / 0.005) + 1)
-    return Log({"t": t} | {name: np.zeros_like(t) for name in STATE_NAMES})
-
-
-def test_cameras_lose_the_robot_for_their_share_of_the_time() -> None:
-    whole = MotionCapture.drawn(5)
-    losing = replace(whole, gap_rate=0.5, gap_duration=0.4)
-    truth = standing(600.0)
-    one, two = whole.record(truth, ball_radius=0.11), losing.record(truth, ball_radius=0.11)
-    lost = np.isnan(two["x"])
-    # gaps of 0.4 s in the mean, 300 of them, at times of their own: a share of 1 - exp(-0.2) is covered
-    assert lost.mean() == pytest.approx(1 - np.exp(-0.2), abs=0.05)
-    for name in ("y", "z", "qw", "qx", "qy", "qz"):
-        assert (np.isnan(two[name]) == lost).all()
-        assert (two[name][~lost] == one[name][~lost]).all()
-    assert (two.t == one.t).all()
-    assert not any(np.isnan(one[name]).any() for name in one)
-
-
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
@@ -195,8 +173,6 @@ def test_cameras_lose_the_robot_for_their_share_of_the_time() -> None:
         (lambda: FixSource(rate=0.0), "rate"),
         (lambda: FixSource(rate=1.0, missing=1.5), "a fraction from 0 to 1"),
         (lambda: FixSource(rate=1.0, heading_noise=0.0), "heading_noise"),
-        (lambda: replace(MotionCapture.drawn(1), gap_rate=-1.0), "gap_rate"),
-        (lambda: replace(MotionCapture.drawn(1), gap_duration=0.0), "gap_duration"),
     ],
 )
 def test_impossible_sensor_sizes_are_refused(make, sentence: str) -> None:

@@ -6,6 +6,7 @@ The body sways as prescribed; the ball's speed follows from the momentum about t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.estimation.interface import Reading
-from ballbot.estimation.kalman_model import FilterNoise
+from ballbot.estimation.kalman import KalmanFilter
+from ballbot.estimation.kalman_model import BIAS, PSI, STATES, FilterNoise, G, S, X
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 
@@ -135,3 +137,25 @@ def turned(attitude: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray
     found = away.as_euler("XYZ")
     turns = np.round((attitude[:, 2] + angle - found[:, 2]) / (2 * np.pi))
     return np.column_stack((found[:, :2], found[:, 2] + 2 * np.pi * turns))
+
+
+def covariance_of(kalman: KalmanFilter) -> NDArray[np.float64]:
+    """Return the covariance (7, 7) of x, y, theta, phi, psi and the ball's velocity, as `update` returns them.
+
+    theta, phi and psi to first order in the lean.
+    """
+    s3, c3 = math.sin(kalman._x[PSI]), math.cos(kalman._x[PSI])
+    turn = np.array([[c3, -s3], [s3, c3]])
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    rows = np.zeros((7, STATES))
+    rows[0, X], rows[1, X + 1], rows[4, PSI] = 1.0, 1.0, 1.0
+    swap = np.array([[0.0, 1.0], [-1.0, 0.0]])  # theta, phi = swap Rz g
+    rows[2:4, G : G + 2] = swap @ turn
+    rows[2:4, PSI] = swap @ turn @ quarter @ kalman._x[G : G + 2]
+    rows[5:, S : S + 2] = turn
+    rows[5:, PSI] = turn @ quarter @ kalman._velocity()
+    rows[5:, BIAS : BIAS + 3] = turn @ kalman._model.lever
+    covariance = rows @ kalman._P @ rows.T
+    by_gyro = rows[5:, BIAS : BIAS + 3]  # a sample's noise moves v as a bias of that sample would
+    covariance[5:, 5:] += kalman._model.gyro_variance * by_gyro @ by_gyro.T
+    return covariance

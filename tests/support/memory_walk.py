@@ -19,15 +19,13 @@ from numba.core.dispatcher import Dispatcher
 
 import ballbot
 from ballbot import Controller, InputError, Log, Model, Robot, simulate, simulate_batch
-from ballbot.control.parts.reference_shaping import ReferenceShaping, shape_references
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
 from ballbot.control.safety import SafeController
 from ballbot.estimation import Fix, OnboardState, Reading
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.identification.axis.model import AXIS_LAWS, Axis
-from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
-from ballbot.identification.driveline_innovations import Track, innovations
+from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.swing import Swing
 from ballbot.identification.swing import _motion as swing_motion
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
@@ -119,7 +117,6 @@ def cases() -> Iterator[tuple[str, Case]]:
     yield from _plants()
     yield from _simulations()
     yield from _drivelines()
-    yield "innovations of a sweep", _sweep()
     yield from _clamped_ball()
     yield "Log", _log()
     yield from _identification()
@@ -180,14 +177,6 @@ def _control() -> Iterator[tuple[str, Case]]:
         Case(call=lambda a: update(a | {"state": STATE}), arrays={"reference": reference}),
     )
     yield "SafeController.update", Case(call=safe, arrays={"state": STATE}, missing=True)
-    yield (
-        "shape_references",
-        Case(
-            call=lambda a: shape_references(ReferenceShaping(), a["references"], H),
-            arrays={"references": np.array([reference] * 3)},
-            rows=("references",),
-        ),
-    )
 
 
 def _estimators() -> Iterator[tuple[str, Case]]:
@@ -302,43 +291,16 @@ def _drivelines() -> Iterator[tuple[str, Case]]:
             f"simulate_drivelines, {type(friction).__name__}",
             Case(
                 call=lambda a, line=line: simulate_drivelines(
-                    line, a["u"], sample_time=H, initial_speeds=a["w"], torque_of=a["of"]
+                    line, a["u"], sample_time=H, initial_speeds=a["w"]
                 ),
                 arrays={
                     "u": np.array([TORQUES, -TORQUES]),
                     "w": np.array([0.5, 0.25]),
-                    "of": np.array([1, 0]),
                 },
-                rows=("u", "w", "of"),
-                lengths=("u", "w", "of"),
-                optional=("of",),
+                rows=("u", "w"),
+                lengths=("u", "w"),
             ),
         )
-
-
-def _sweep() -> Case:
-    rows = np.array(
-        [[0.01, 0.1, 0.05, 0.5, 1.25, 0.5, 0.25, 0.125], [0.02, 0.1, 0.0, 0.5, 1.0, 1.0, 0.25, 0.125]]
-    )
-
-    def run(a: Arrays) -> object:
-        track = Track(
-            torque=a["torque"],
-            angle=a["angle"],
-            speed=a["speed"],
-            pieces=((0, 10),),
-            sample_time=H,
-            inertia=0.003,
-            rotor_inertia=0.002,
-            brake=0.0,
-            event=np.full(10, -1),
-            origin=np.zeros(10),
-        )
-        return innovations(track, a["rows"], noise=0.01)
-
-    wave = np.sin(np.arange(10.0))
-    arrays = {"torque": wave, "angle": 0.125 * wave, "speed": 0.5 * wave, "rows": rows}
-    return Case(call=run, arrays=arrays, rows=("rows",))
 
 
 def _clamped_ball() -> Iterator[tuple[str, Case]]:
@@ -382,16 +344,14 @@ def _log() -> Case:
 def _identification() -> Iterator[tuple[str, Case]]:
     axis = Axis(law=AXIS_LAWS["coulomb"], values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0})
     path = np.sin(np.arange(200.0) / 8.0)
-    loop = PositionVelocityLoop(position_gain=10.0, velocity_gain=5.0, force_per_input=1.0)
 
-    def closed(a: Arrays) -> object:
-        record = AxisRecord(name="axis", sample_time=H, loop=loop, **a)
-        runs = axis.windows(
+    def moved(a: Arrays) -> object:
+        record = AxisRecord(name="axis", sample_time=H, **a)
+        return axis.windows(
             record, np.array([0, 100]), np.array([99, 99]), np.array([[0.0, 0.0], [0.1, 0.0]])
         )
-        return runs, axis.closed_loop(record, speed=0.0)
 
-    yield "AxisRecord", Case(call=closed, arrays={"force": path, "position": path, "reference": path})
+    yield "AxisRecord", Case(call=moved, arrays={"force": path, "position": path})
     t = np.arange(10) * H
     p = np.array([16.0, 0.1, 0.05, 0.2, 0.0, 0.0])  # what `fit_swing` estimates, without its iterations
 

@@ -16,6 +16,7 @@ from typing import Self
 
 #: longest wait [s]; a computer that is busy with other tests takes a small part of it
 PATIENCE = 240.0
+_ROOT = Path(__file__).parents[2]
 
 
 class Child:
@@ -30,7 +31,10 @@ class Child:
         with _ctrl_c_is_heard():
             self.process = subprocess.Popen(
                 [sys.executable, *arguments],
-                env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},  # where it finds the tests
+                env={
+                    **os.environ,
+                    "PYTHONPATH": f"{_ROOT / 'src'}{os.pathsep}{_ROOT}",
+                },  # this toolkit and its tests
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._errors,

@@ -9,13 +9,8 @@ LARGEST_PAGE = 2_500_000
 
 
 def shown_text(page: str) -> str:
-    """Return a page without its figures, scripts and styles, and with plain blanks."""
-    return re.sub(r"<(svg|script|style)\b.*?</\1>", "", page, flags=re.DOTALL).replace("\u00a0", " ")
-
-
-def plain_markup(page: str) -> str:
-    """Return a page with plain blanks in place of those that hold words together, and options without their spans."""
-    return re.sub(r'<span class="option">(.*?)</span>', r"\1", page).replace("\u00a0", " ")
+    """Return a page without its figures, scripts and styles."""
+    return re.sub(r"<(svg|script|style)\b.*?</\1>", "", page, flags=re.DOTALL)
 
 
 def figure_count(page: str) -> int:

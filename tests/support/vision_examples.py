@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
-from ballbot.vision.rendering import Camera, Motion, Scene, render, wandering, write_video
 from ballbot.vision.spin import Spin
+from tests.support.ball_video import Camera, Motion, Scene, render, wandering, write_video
 
 #: pictures of 200 x 160 pixels: a ball of 66 pixels radius is less than any camera would give
 SMALL = Camera(size=(200, 160), centre=(104.0, 77.0), radius=66.0)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.errors import InputError, OldFileFormat
+from ballbot.errors import InputError
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.imperfections import Push, Supply
@@ -95,7 +95,7 @@ def test_scenario_file_contains_only_differences(tmp_path: Path) -> None:
         'base = "wide_rows"\nbacklash = 0\n[compliance]\nfrequency = 9\ndamping_ratio = 0.1\n', tmp_path
     )
     assert found == replace(
-        Scenario.wide_rows(ALTEN),
+        Scenario.named("wide_rows", ALTEN),
         name="mine",
         backlash=0.0,
         compliance=Compliance(frequency=9.0, damping_ratio=0.1),
@@ -195,17 +195,9 @@ def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
         assert f"`{name}`" in page
 
 
-def test_keys_of_earlier_versions_are_read_with_a_hint(tmp_path: Path) -> None:
-    with pytest.warns(
-        OldFileFormat, match=r"mine.toml was written by an earlier version: load_dependence.share is now"
-    ):
-        found = read("[load_dependence]\nshare = 0.3\n", tmp_path)
-    assert found.load_dependence == LoadDependence(fraction=0.3)
-
-
 def test_an_old_file_is_read_without_a_hint_if_its_keys_have_not_changed() -> None:
     found = load_scenario(ROOT / "tests" / "golden" / "files" / "scenario.toml", ALTEN)
-    assert found == Scenario.resonant(ALTEN)
+    assert found == Scenario.named("resonant", ALTEN)
 
 
 def test_a_robot_and_a_scenario_are_given_by_value_or_name() -> None:

@@ -1,7 +1,6 @@
 """Alignment with motion capture: on runs whose clocks, frames, flips and faults are known."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,9 +13,7 @@ from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.twin.recording import MotionCapture
-from ballbot.validation.alignment import align, alignment_findings
-from ballbot.validation.alignment.clock import Clock
-from ballbot.validation.alignment.motion import cube_rotations
+from ballbot.validation.alignment import Clock, align, alignment_findings
 from tests.support.alignment_examples import Setup, flipped, record, unseen
 from tests.support.report_pages import figure_count
 
@@ -54,7 +51,6 @@ def test_any_clock_and_any_frames_are_found(seed, offset, rate, world, marker):
     assert off(found.frame.camera_world, camera_world) < 1.5 * TENTH_OF_A_DEGREE
     assert found.frame.origin is not None
     np.testing.assert_allclose(found.frame.origin, setup.origin, rtol=0.0, atol=2e-3)
-    assert not found.flips
 
 
 @pytest.mark.slow
@@ -73,30 +69,32 @@ def test_alignment_intervals_cover_the_truth_in_95_percent():
     assert np.mean(inside) > 0.865
 
 
+#: the markers of a body may be confused in the ways that a cube can be turned
+TURNS = [one for one in Rotation.create_group("O") if one.magnitude() > 0.1]
+
+
 @pytest.mark.slow
 @settings(max_examples=4, deadline=None)
-@given(
-    flip=st.sampled_from([one for one in cube_rotations() if one.magnitude() > 0.1]),
-    start=st.floats(8.0, 20.0),
-    length=st.floats(2.0, 20.0),
-    hidden=st.floats(0.0, 1.0),
-    seed=st.integers(0, 99),
-)
-def test_flips_of_the_markers_are_undone(flip, start, length, hidden, seed):
+@given(flip=st.sampled_from(TURNS), start=st.floats(8.0, 20.0), seed=st.integers(0, 99))
+def test_poses_of_confused_markers_are_not_used(flip, start, seed):
     setup = Setup(seed=seed)
     log, film = record(setup)
-    film = flipped(film, start=start, end=start + length, flip=flip)
-    # with and without the robot out of view while the frame changes
-    film = unseen(film, start=start - 0.5 * hidden, end=start + 0.5 * hidden)
+    film = flipped(film, start=start, end=start + 4.0, flip=flip)
+    film = flipped(film, start=start + 6.0, end=start + 6.001, flip=flip)
     found = align(log, film)
-    assert len(found.flips) == 2
-    assert abs(found.flips[0].t - start) < 0.5 * hidden + 0.02
-    # the frame kept is that of the longest stretch: the markers' own, or the flipped one
-    group = Rotation.concatenate([Rotation.identity(), flip])
-    assert min(off(found.motion.body_marker, one) for one in group) < 2.0 * TENTH_OF_A_DEGREE
+    # 4 s of 40, and to two poses of the log's beside the single frame's
+    assert found.unseen == pytest.approx(0.1, abs=0.003)
+    assert off(found.motion.body_marker, setup.body_marker) < TENTH_OF_A_DEGREE
     assert found.sensors is not None
     # the cameras' own noise is 1 mrad
     assert all(found.sensors.of[name].rms < 2e-3 for name in ("theta", "phi", "psi"))
+
+
+def test_markers_confused_out_of_view_are_refused_with_their_time():
+    log, film = record(Setup())
+    film = flipped(film, start=30.0, end=100.0, flip=Rotation.from_euler("Z", 90.0, degrees=True))
+    with pytest.raises(InputError, match=r"at 27\.\d+ s of the log"):  # the cameras' clock is 3 s ahead
+        align(log, unseen(film, start=29.0, end=30.5))
 
 
 def test_a_gap_is_nan_and_one_lost_frame_is_not():
@@ -119,7 +117,6 @@ def test_frames_lost_here_and_there_are_bridged():
     found = align(log, film)
     assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
     assert found.unseen < 0.01
-    assert not found.flips
 
 
 def test_a_motion_that_repeats_itself_has_a_rival():
@@ -153,7 +150,7 @@ def test_findings_report_the_thesis_heading_drift():
     assert position is not None
     assert position.by_heading > 0.95
     heading = alignment_findings(found)[0].text
-    written = re.match(r"Heading drifts ([\d.]+) degrees a minute \(± ", heading)
+    written = re.match(r"Heading drifts ([\d.]+) ± [\d.]+ degrees a minute", heading)
     assert written is not None
     assert float(written[1]) == pytest.approx(5.3, rel=0.02)  # as the drift above
     assert "position error follows it" in heading
@@ -162,11 +159,11 @@ def test_findings_report_the_thesis_heading_drift():
 def test_a_wheel_radius_that_is_wrong_is_no_drift():
     found = align(*record(Setup(duration=60.0, wheel_scale=1.03)))
     assert found.sensors is not None
-    position = found.sensors.position
+    position, path = found.sensors.position, found.path
     assert position is not None
+    assert path is not None
     assert position.by_heading < 0.2
-    assert position.scale is not None
-    assert abs(position.scale.scale - 1.03) < 2e-3
+    assert abs(path.scale - 1.03) < 2e-3
     sentences = texts(alignment_findings(found))
     assert sentences[0].startswith("Heading does not drift")
     assert any("% too long" in sentence for sentence in sentences)
@@ -184,9 +181,9 @@ def test_delayed_angles_are_separated_from_the_clock_offset():
 def test_the_lever_arm_is_found_and_taken_off():
     lever = (0.05, -0.1, 0.9)
     found = align(*record(Setup(lever=lever)))
-    assert found.lever is not None
+    assert found.path is not None
     # a lean of 0.05 rad over 0.9 m is 45 mm; the cameras see 0.2 mm and the frame is known to 0.1 degrees
-    np.testing.assert_allclose(found.lever.used, lever, rtol=0.0, atol=0.01)
+    np.testing.assert_allclose(found.path.used, lever, rtol=0.0, atol=0.01)
     log = found.log
     np.testing.assert_allclose(log["mocap_x"], log["x"], rtol=0.0, atol=4e-3)
 
@@ -200,9 +197,6 @@ def test_clock_comes_from_angles_without_gyro_and_from_gyro_without_angles():
     for found in (by_angles, by_gyro):
         assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
         assert off(found.motion.body_marker, setup.body_marker) < TENTH_OF_A_DEGREE
-        assert any(
-            "rotated by 90 degrees about z" in sentence for sentence in texts(alignment_findings(found))
-        )
     assert by_angles.sensors is not None
     assert by_angles.sensors.position is None
     assert by_gyro.frame is None
@@ -228,7 +222,7 @@ def test_the_command_makes_a_page_of_whatever_there_is(tmp_path, capsys, told, s
     assert figure_count(page) == figures
 
 
-def test_turning_about_one_axis_leaves_the_marker_frame_undetermined():
+def test_turning_about_one_axis_is_refused():
     log, film = record(Setup())
     random = np.random.default_rng(1)
     heading = 0.5 * np.sin(film.t + np.sin(0.3 * film.t))
@@ -239,20 +233,17 @@ def test_turning_about_one_axis_leaves_the_marker_frame_undetermined():
     film = film.with_columns({"qw": q[:, 3], "qx": q[:, 0], "qy": q[:, 1], "qz": q[:, 2]})
     gyro = 1e-3 * random.standard_normal((len(log), 3))
     gyro[:, 2] += np.interp(log.t + 3.0, film.t, rate)
-    found = align(Log({"t": log.t} | {f"gyro_{a}": gyro[:, i] for i, a in enumerate("xyz")}), film)
-    assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
-    assert found.motion.unobservable_axis is not None
-    np.testing.assert_allclose(found.motion.unobservable_axis, [0.0, 0.0, 1.0], rtol=0.0, atol=0.02)
-    assert any(
-        "about z of the body is not determined" in sentence for sentence in texts(alignment_findings(found))
-    )
+    with pytest.raises(InputError, match="turn about one axis only"):
+        align(Log({"t": log.t} | {f"gyro_{a}": gyro[:, i] for i, a in enumerate("xyz")}), film)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_twins_motion_capture_is_undone(seed):
     setup = MotionCapture.drawn(seed)
     log, _ = record(Setup(seed=seed))
-    film = replace(setup, gap_rate=0.1).record(log, ball_radius=0.11)
+    whole = setup.record(log, ball_radius=0.11)
+    unseen = (whole.t % 5.0) < 0.3  # too few cameras see the robot now and then
+    film = Log({name: np.where(unseen & (name != "t"), np.nan, whole[name]) for name in whole})
     found = align(log, film)
     w, *xyz = setup.rotation_wxyz
     assert abs(found.motion.clock.offset - setup.clock_offset) < ONE_MILLISECOND
@@ -276,5 +267,5 @@ def test_missing_columns_are_reported():
         align(log, film.with_columns({"qw": np.full(len(film), np.nan)}))
     with pytest.raises(InputError, match="theta, phi, psi"):
         align(Log({"t": log.t, "x": log["x"]}), film)
-    with pytest.raises(InputError, match="Log and motion capture do not match"):
+    with pytest.raises(InputError, match="do not turn alike"):
         align(log.between(0.0, 2.0), film)

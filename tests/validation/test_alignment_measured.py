@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from ballbot.cli.main import main
-from ballbot.findings import texts
 from ballbot.log import Log
-from ballbot.validation.alignment import Alignment, align, alignment_findings
-from ballbot.validation.alignment.clock import Clock
+from ballbot.validation.alignment import Alignment, Clock, align, alignment_findings
 from tests.support.report_pages import figure_count
 
 #: required accuracy
@@ -70,10 +68,6 @@ def test_broads_own_lag_is_found(untouched: Alignment):
     assert clock.offset == pytest.approx(-LAG, abs=0.7e-3)
     assert abs(clock.rate) < 5e-6
     assert untouched.motion.body_marker.magnitude() < 2.0 * TENTH_OF_A_DEGREE
-    assert any(
-        "4.16" in words and "later than the cameras" in words
-        for words in texts(alignment_findings(untouched))
-    )
 
 
 @pytest.mark.slow
@@ -125,7 +119,7 @@ def test_the_stand_ins_heading_drifts_and_its_position_follows(shared_data, name
     position = found.sensors.position
     assert position is not None
     words = alignment_findings(found)[0].text
-    drift = re.match(r"Heading drifts ([\d.]+) degrees a minute", words)
+    drift = re.match(r"Heading drifts ([\d.]+) ± ", words)
     assert drift is not None
     assert float(drift[1]) == pytest.approx(per_minute, abs=0.051)
     assert "position error follows it" in words

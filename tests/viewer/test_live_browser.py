@@ -1,21 +1,12 @@
 """The live view in a browser, as a person uses it: start, push with the mouse, see it lean and recover, let it fall."""
 
-import asyncio
-import itertools
-import math
-import queue
 import re
 import signal
-import threading
 from contextlib import contextmanager
 
 import pytest
 
-from ballbot.robot import Robot
-from ballbot.viewer.monitor import RobotMonitor, monitor_page
-from ballbot.viewer.server import Access, serve_live
 from tests.support.browser import headless_browser, keep, new_tab
-from tests.support.monitored_link import Link, state
 from tests.support.processes import Child
 
 pytestmark = pytest.mark.browser
@@ -47,7 +38,7 @@ def live_view(*words):
         yield found[0]
         child.send(signal.SIGINT)  # Ctrl-C
         assert child.end(within=PATIENCE) == 130, child.errors()
-        assert child.errors() == "ballbot: the live view has ended.\n"
+        assert child.errors().endswith("ballbot: the live view has ended.\n")
 
 
 @pytest.fixture(scope="module")
@@ -160,40 +151,3 @@ def test_two_controllers_of_the_twin_stand_on_one_floor(browser):
         tab.wait(f"{LEAN} > 0.7")
         keep(tab.screenshot(), "live_two_dark")
         assert tab.complaints() == []
-
-
-def test_real_robot_is_shown_without_controls(browser):
-    robot, ends = Robot.load("alten"), threading.Event()
-    addresses: queue.Queue[str] = queue.Queue()
-
-    def states():
-        for k in itertools.count():
-            if ends.wait(0.005):
-                return
-            yield state(k, x=0.05 * math.sin(0.02 * k))
-
-    async def serve(source):
-        until = asyncio.Event()
-        page = monitor_page(robot, "/dev/ttyACM0")
-        server = asyncio.create_task(
-            serve_live(page, source, access=Access(), ready=addresses.put, until=until)
-        )
-        await asyncio.to_thread(ends.wait, COMPILING)
-        until.set()
-        await server
-
-    with RobotMonitor(Link(states()), robot) as source, new_tab(browser) as tab:
-        serving = threading.Thread(target=asyncio.run, args=(serve(source),))
-        serving.start()
-        try:
-            tab.screen(1280, 800)
-            tab.go(addresses.get(timeout=PATIENCE))
-            tab.wait(f"{STATE} === 'The robot is armed.' && {LEAN} > 1")
-            assert tab.run("document.querySelectorAll('button, input[type=range]').length") == 1  # the theme
-            tab.drag(place(tab), place(tab, 0.7))
-            tab.key("r")
-            keep(tab.screenshot(), "live_monitor")
-            assert tab.complaints() == []
-        finally:
-            ends.set()
-            serving.join(PATIENCE)

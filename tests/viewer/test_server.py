@@ -10,8 +10,7 @@ from websockets.asyncio.client import connect
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 
-from ballbot.errors import InputError
-from ballbot.viewer.live_process import Request, Status
+from ballbot.viewer.live import Request
 from ballbot.viewer.page import LivePage
 from ballbot.viewer.server import Access, serve_live
 
@@ -22,21 +21,22 @@ PATIENCE = 60.0
 
 
 class Simulation:
-    """A source of frames that notes the requests."""
+    """A world that notes the requests."""
 
     def __init__(self):
-        self.status = Status(phase="running")
         self.requests: list[Request] = []
 
-    def poll(self):
+    def tick(self):
         pass
 
-    def frames_after(self, number):
-        return (b"\0\0\0\0", 1) if number < 1 else (b"", number)
+    def status(self):
+        return "{}"
 
-    def send(self, request):
+    def frame(self, rate):
+        return [rate]
+
+    def take(self, request):
         self.requests.append(request)
-        return True
 
 
 def served(visit, host="127.0.0.1"):
@@ -218,15 +218,6 @@ def test_flood_of_requests_ends_the_connection():
     code, requests = talk(*['{"reset": true}'] * 400)
     assert code == 1006  # at once, without a farewell
     assert len(requests) <= 200
-
-
-@pytest.mark.parametrize("phase", ["failed", "ended"])
-def test_end_of_the_simulation_gives_its_reason(phase):
-    source = Simulation()
-    source.status = Status(phase=phase, message="The robot has been silent.")
-    serving = serve_live(PAGE, source, access=Access(token=TOKEN), ready=lambda _: None)
-    with pytest.raises(InputError, match="silent"):
-        asyncio.run(asyncio.wait_for(serving, PATIENCE))
 
 
 def test_ninth_page_is_turned_away():

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.vision.rendering import Scene, motion_of, render, view_of, wandering, write_video
 from ballbot.vision.seam import SEAMS, seam_named, seam_table, thesis_seam
 from ballbot.vision.tracking import Track, angular_velocity
 from ballbot.vision.video import frame_times
 from ballbot.vision.view import View, view_of_outline
+from tests.support.ball_video import Scene, motion_of, render, view_of, wandering, write_video
 from tests.support.vision_examples import SMALL
 
 #: a ball whose rim is at most 70 degrees from the optical axis

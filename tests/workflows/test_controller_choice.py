@@ -14,7 +14,7 @@ from scipy import stats
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.log import Log
-from ballbot.report.study import steps_sentence
+from ballbot.report.study import effect_of
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import ComparedRun, median_with_interval, run_comparison
 from ballbot.workflows.controller_choice import (
@@ -162,26 +162,24 @@ def test_each_step_changes_what_it_names_and_leaves_the_rest(step):
     assert {name for name, has in changed.items() if has} == {name for name in changed if name in step.adds}
 
 
-def in_words(ratio: float, low: float, high: float, draws: int) -> str:
-    """Return what a step says that makes a peak error of 10 mm so many times larger, on so many robots."""
+def effect(ratio: float, low: float, high: float, draws: int) -> str:
+    """Return what a step does that makes a peak error so many times smaller, on so many robots."""
     ratios = np.interp(np.linspace(0.0, 1.0, draws), [0.0, 0.5, 1.0], [low, ratio, high])
-    before, after = trial(*(run(0.01 * one) for one in ratios)), trial(*(run(0.01) for _ in ratios))
-    return steps_sentence({STEPS[0]: (before, after)}, "square")
+    return effect_of(trial(*(run(0.01 * one) for one in ratios)), trial(*(run(0.01) for _ in ratios)))
 
 
 def test_four_robots_are_too_few_to_tell_and_twenty_are_not():
-    assert in_words(3.75, 3.0, 4.59, 4) == "4 robots are too few to tell where the gain comes from."
-    assert "3.8 times smaller (37.5 to 10.0 mm) on the square" in in_words(3.75, 3.0, 4.59, 20)
-    assert "not clearly different (10.0 and 10.0 mm)" in in_words(1.0, 0.8, 1.3, 20)
-    assert "1.3 times larger (7.50 to 10.0 mm)" in in_words(0.75, 0.65, 0.85, 20)
+    assert effect(3.75, 3.0, 4.59, 4) == "too few robots to tell"
+    assert effect(3.75, 3.0, 4.59, 20) == "lowers the error"
+    assert effect(1.0, 0.8, 1.3, 20) == "no clear difference"
+    assert effect(0.75, 0.65, 0.85, 20) == "raises the error"
 
 
 def test_falls_that_a_step_prevents_are_counted_before_any_ratio():
     standing, falling = around(0.02, 0.05), around(0.666, 0.7)
     fallen = replace(falling, scores=(*falling.scores[:-3], *(run(0.9, ended="fallen") for _ in range(3))))
-    words = steps_sentence({STEPS[0]: (fallen, standing)}, "square")
-    assert "20.0 mm with 0 falls instead of" in words
-    assert "mm with 3 falls in 20 runs" in words
+    assert effect_of(fallen, standing) == "needed: falls without"
+    assert effect_of(standing, fallen) == "falls with it"
 
 
 @given(st.floats(0.002, 0.02))

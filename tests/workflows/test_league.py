@@ -11,7 +11,7 @@ from scipy import stats
 from ballbot import Robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.report.comparison import league_report, standing_rows
+from ballbot.report.comparison import league_report, metric_rows
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.report.words import ratio_digits
@@ -161,8 +161,10 @@ def test_tables_show_small_means_by_more_decimals_instead_of_zero(league):
     }
     league = replace(league, scores=scaled)
     for course in league.courses:
-        rows = standing_rows(league, course.name)
-        for name, (_, *texts, _) in zip(league.controllers, rows, strict=True):
+        rows = metric_rows(league, course.name)[:-1]  # without falls
+        for place, name in enumerate(league.controllers, start=1):
+            cells = [row[place] for row in rows]
+            texts = [one if isinstance(one, str) else one.text for one in cells]
             means = standing(league, course.name, name).means
             for text, metric in zip(texts, METRICS, strict=True):
                 size = metric.scale * means[metric.key].mean
@@ -175,17 +177,13 @@ def test_tables_show_small_means_by_more_decimals_instead_of_zero(league):
 
 
 def test_page_names_falls_and_the_better_controller(league):
-    page = page_of(
-        league_report(league, alten(), provenance(command="ballbot compare", files=[], seed="4,5"))
-    )
+    page = page_of(league_report(league, provenance(command="ballbot compare", files=[], seed="4,5")))
     assert figure_count(page) == 5  # the overview, and path and error of each course
-    assert page.count('data-ballbot-replay="') == 1  # of the first course
     assert len(page) < LARGEST_PAGE
     assert "4 of 4 runs ended in a fall." in page
     assert "2 courses on the compiled loop, 2 seeds, the same for all." in page
-    assert "With 2 seeds the interval of a difference reaches 12.7 standard errors" in page
     assert re.search(r"Peak position error 0\.\d+ times that of none", page)
-    assert "A step of 0.2 m. A run lasts 4 s." in page.replace("\N{NO-BREAK SPACE}", " ")
+    assert "A step of 0.2 m. A run lasts 4 s." in page
     assert "Seed 4,5;" in page
     assert page.count("one run of each controller, seed 4, the first of 2.") == 2
 
@@ -209,7 +207,7 @@ def test_a_league_in_which_all_fall_has_a_page(folder):
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
     controllers = {"limp": parse_candidates([f"{folder}/own.py:Limp"])[0].controller(robot)}
     found = run_league(robot, controllers, courses[:1], seeds=[1], processes=1)
-    page = page_of(league_report(found, robot, provenance(command="ballbot compare", files=[], seed="1")))
+    page = page_of(league_report(found, provenance(command="ballbot compare", files=[], seed="1")))
     assert "1 of 1 runs ended in a fall." in page
 
 

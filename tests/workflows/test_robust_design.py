@@ -63,7 +63,6 @@ def test_the_controller_file_states_its_design_method(robot_file, written):
     design = design_gain(alten(FRICTION), state_weights=results["state_weights"])
     np.testing.assert_allclose(controller.gain, design.gain)
     assert controller.compensation == "full"
-    assert (written / "robust.svg").read_text().lstrip().startswith("<svg")
 
 
 def test_perturbed_robots_follow_the_given_ranges():

@@ -26,9 +26,8 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.progress import Progress, ProgressCallback
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
-from ballbot.report.study import controller_sentence
+from ballbot.report.study import controller_sentence, study_report
 from ballbot.report.study_files import study_results, write_study
-from ballbot.report.study_page import study_report
 from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
@@ -50,7 +49,7 @@ from ballbot.workflows.controller_prediction import (
 from ballbot.workflows.study import Study, StudyOptions, study
 from ballbot.workflows.twin_confirmation import confirm
 from tests.support.control_examples import FRICTION
-from tests.support.report_pages import LARGEST_PAGE, figure_count, plain_markup, shown_text
+from tests.support.report_pages import LARGEST_PAGE, figure_count, shown_text
 from tests.support.screen import assert_fits_a_screen
 from tests.support.validation_examples import noisy_log
 
@@ -318,7 +317,7 @@ def test_report_shows_the_predicted_performance(small: Study):
     made = provenance(command="ballbot study", files=[], seed=3)
     page = page_of(study_report(replace(small, prediction=prediction), made))
     assert f"{1e3 * intervals['peak_error'].low:.1f} to {1e3 * intervals['peak_error'].high:.1f}" in page
-    assert "--prediction results.json LOG" in plain_markup(page)
+    assert "--prediction results.json LOG" in page
     assert study_results(replace(small, prediction=prediction), made)["prediction"] == prediction
 
 
@@ -393,8 +392,8 @@ def test_validate_writes_tables_and_results(folder: Path, tmp_path: Path, capsys
     walk().write(log)
     assert main(["validate", str(folder / "robot.toml"), str(log), "--out", str(tmp_path / "checked")]) == 0
     printed = capsys.readouterr().out
-    assert "open loop" in printed
-    assert "closed loop" in printed
+    assert "Open-loop errors over" in printed
+    assert "Closed-loop errors over" in printed
     results = json.loads((tmp_path / "checked" / "results.json").read_text(encoding="utf-8"))
     assert set(results["validation"]["by_log"]) == {"walk"}
     assert (tmp_path / "checked" / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")

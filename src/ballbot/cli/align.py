@@ -9,7 +9,14 @@ from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.collection import named_files
-from ballbot.report.alignment import ERROR_HEADINGS, alignment_report, alignment_results, error_rows
+from ballbot.report.alignment import (
+    ERROR_HEADINGS,
+    ESTIMATE_HEADINGS,
+    alignment_report,
+    alignment_results,
+    error_rows,
+    estimate_rows,
+)
 from ballbot.report.blocks import table
 from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
@@ -23,7 +30,7 @@ def align(
 ) -> None:
     """Compare a log's sensors with motion capture of the same run; clocks and frames may differ.
 
-    Estimates the clock's offset and rate, both frames, the lever arm and jumps of the markers' frame, then errors and
+    Estimates the clock's offset and rate, both frames, the lever arm and the scale of the path, then errors and
     drifts. Writes report.html (Figures IV.1 to IV.4), results.json and aligned.csv: the log with mocap_x, mocap_y,
     mocap_z, mocap_theta, mocap_phi, mocap_psi at its own times and in its own world frame, empty while the cameras
     do not see the robot.
@@ -66,6 +73,7 @@ def align(
             result.write_json(alignment_results(alignment, log_findings=findings), new)
             result.write_page(page, new)
     console = result.console
+    console.print(table("Clocks, frames and path", ESTIMATE_HEADINGS, estimate_rows(alignment)))
     if alignment.sensors is not None:
         rows = error_rows(alignment.sensors)
         console.print(table("On board minus cameras", ERROR_HEADINGS, rows))

@@ -9,13 +9,11 @@ from __future__ import annotations
 import importlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Annotated, cast, get_origin
+from typing import Annotated, cast
 
 from cyclopts import App, Group, Parameter
-from cyclopts.help import format_usage
 
 from ballbot.cli import OUTPUT
-from ballbot.errors import InputError, suggest
 
 _ABOUT = """Model, identify, validate and control ball-balancing robots.
 
@@ -84,43 +82,8 @@ COMMANDS = (
         "Write the twin's MuJoCo model or a scenario.",
     ),
     Command("reproduce", "Thesis", "Reproduce the thesis's figures and tables."),
-    Command("help", "Help", "Explain a command, or list all of them."),
     Command("completion", "Help", "Print a script that completes commands and options in a shell."),
 )
-
-#: options by their old names, which still work in this release: command, old name, new name
-RENAMED_OPTIONS = {
-    ("identify", "--free"): "--estimate",
-    ("identify", "--judge-on"): "--holdout",
-    ("identify", "--leave-out"): "--exclude-states",
-    ("study", "--leave-out"): "--exclude-states",
-    ("design", "--allow-pumping"): "--allow-overcompensation",
-}
-
-#: commands that once went on from checkpoints
-_RESUMED = (
-    "compare", "design", "excite", "identify", "identify-axis", "identify-upside-down", "record", "study"
-)  # fmt: skip
-#: options that are gone: command, name, and what to do instead
-REMOVED_OPTIONS = {
-    (
-        "study",
-        "--plant",
-    ): "candidates run on the compiled loop and the twin confirms the choice; --no-confirm leaves that out",
-    (
-        "identify-axis",
-        "--horizon",
-    ): "the length of the windows is now chosen by held-out errors; leave it out",
-    (
-        "identify-axis",
-        "--window",
-    ): "the blocks that are held out are now chosen from the record; leave it out",
-    **dict.fromkeys(
-        ((command, "--resume") for command in _RESUMED),
-        "finished runs are kept where a command makes many, so give the command without it",
-    ),
-}
-
 
 #: of `ballbot --help`
 _GROUPS = {name: Group.create_ordered(name) for name in dict.fromkeys(one.group for one in COMMANDS)}
@@ -142,7 +105,6 @@ class OutputOptions:
 _OUTPUT = OutputOptions()
 #: as they stand in a command line
 OUTPUT_OPTIONS = ("--json", "--quiet")
-VERSION_FLAGS = ("--version", "-V")
 
 
 def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) -> App:
@@ -154,22 +116,13 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         The command line, without the program's name. Only the command that it names is imported.
     unavailable : collection of str
         Commands that stand in the list without their options, because what they need is not installed.
-
-    Raises
-    ------
-    InputError
-        If it names no command of Ballbot.
     """
-    names = [command.name for command in COMMANDS]
-    if tokens and not tokens[0].startswith("-") and tokens[0] not in names:
-        hint = suggest(tokens[0], names, otherwise="the commands are")
-        raise InputError(f"There is no command {tokens[0]!r}; {hint}")
     app = App(
         name="ballbot",
         help=_ABOUT,
         help_format="markdown",
         version=version,
-        version_flags=VERSION_FLAGS,
+        version_flags=("--version", "-V"),
         default_parameter=Parameter(negative_iterable=(), show_default=_default_words),  # no --empty-OPTION
         group_commands=Group.create_ordered("This program"),
         suppress_keyboard_interrupt=False,
@@ -190,8 +143,6 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
             target = f"{command.module}:{command.function}"
             app.command(target, name=command.name, help=command.summary, group=group, sort_key=place)
 
-    if {"--help", "-h"} & set(tokens) and tokens[0] in names:
-        _name_arguments(app, (tokens[0],))
     app.meta.suppress_keyboard_interrupt = False  # it does not take the app's
 
     @app.meta.default
@@ -213,26 +164,6 @@ def _default_words(value: object) -> str | None:
     if isinstance(value, tuple):
         return " ".join(map(str, cast("tuple[object, ...]", value)))
     return "on" if value is True else str(value)
-
-
-def _name_arguments(app: App, path: tuple[str, ...]) -> None:
-    """Let the usage of a command, or of each of a group, name the arguments that cyclopts calls [ARGS...]."""
-    command = app
-    for name in path:
-        command = command[name]
-    for name in command:
-        if not name.startswith("-"):
-            _name_arguments(app, (*path, name))
-    if command.default_command is None:
-        return
-    optional = [
-        f"[{one.names[0]}{'...' if get_origin(one.hint) is tuple else ''}]"
-        for one in command.assemble_argument_collection()
-        if one.index is not None and not one.required
-    ]
-    named = " ".join(optional)
-    usage = str(format_usage(app, path)).rstrip().replace("[ARGS...]", named).replace("[ARGS]", named)
-    command.usage = f"Usage: {usage}"
 
 
 def _unavailable(*words: str) -> None:

@@ -14,19 +14,19 @@ from typing import TYPE_CHECKING
 from cyclopts import Parameter
 
 from ballbot.cli import OUTPUT
-from ballbot.cli.context import PAGE, CommandResult, input_files, open_result
+from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, show_findings
-from ballbot.cli.output import emit, progress_bar, standard_output, suggest_page
+from ballbot.cli.output import emit, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError
-from ballbot.files import check_file, write_text
+from ballbot.files import check_file
 from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
-from ballbot.report.console import as_text
+from ballbot.report.console import finding_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
     from ballbot.workflows.reference_check import ReferenceMargins
-    from ballbot.workflows.robot_check import CheckedRobot, CheckedSwing
+    from ballbot.workflows.robot_check import CheckedSwing
 
 
 @Parameter(name="*")
@@ -48,7 +48,7 @@ class SwingOptions:
     """Standard deviation of that distance [m]."""
 
 
-_WRITTEN = (PAGE, "results.json", "check.txt", "swing.svg")
+_WRITTEN = (PAGE, "results.json")
 
 _SWING = SwingOptions()
 
@@ -64,11 +64,11 @@ def check(
     accept: Accept = None,
     out: Path | None = None,
 ) -> None:
-    """Check that a robot is plausible, print quantities that follow from its parameters, and draw it.
+    """Check that a robot is plausible, and print quantities that follow from its parameters.
 
     Prints derived quantities, the transformation matrices between ball and wheels, A, B and the poles of the exact
-    model about upright, the stability margins with a controller, and a drawing to scale. Standard deviations in the
-    file are propagated to the unstable pole.
+    model about upright, and the stability margins with a controller. Standard deviations in the file are propagated to
+    the unstable pole.
 
     Example: `ballbot check alten --figure alten.svg`
 
@@ -81,7 +81,7 @@ def check(
     robot : str
         A preset's name or a robot file.
     figure : Path
-        File to save a drawing to: .svg, .pdf or .png.
+        File to save a drawing to scale to: .svg, .pdf or .png.
     reference : str
         A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it and
         how much of each limit that takes.
@@ -89,14 +89,14 @@ def check(
         The controller whose margins are computed and that follows the reference: nominal, precise or a controller
         file.
     out : Path
-        Folder for report.html, results.json and check.txt; with --swing also swing.svg.
+        Folder for report.html and results.json.
     """
     hung, console = Robot.load(robot), standard_output()
     findings = _robot_findings(hung, accept)
     if figure is not None:
         check_file(figure)
     # compiled code, once the robot has passed its checks
-    from ballbot.report.robot_check import robot_check_parts
+    from ballbot.report.robot_check import robot_check_report
     from ballbot.workflows.robot_check import check_robot
 
     inputs = input_files(robot, reference, controller, swinging.swing)
@@ -112,31 +112,19 @@ def check(
             )
         if OUTPUT.get().json:
             emit(checked.results())
-        for part in robot_check_parts(checked):
-            console.print(part)
+        report = robot_check_report(checked, None if result is None else result.origin)
+        print_parts((finding_line(one, accepted=True) for one in checked.findings), console)
+        print_parts(report.parts(), console)
         if figure is not None:
             _save_figure(checked.robot, figure)
             console.print(f"Wrote {figure}.", soft_wrap=True)
         if result is None:
             suggest_page()
             return
-        for path in _write(checked, result):
-            console.print(f"Wrote {path}.", soft_wrap=True)
-
-
-def _write(checked: CheckedRobot, result: CommandResult) -> list[Path]:
-    """Write the result and return its files."""
-    from ballbot.report.robot_check import robot_check_parts
-    from ballbot.report.robot_check_page import robot_check_report
-
-    with result.replaced() as new:
-        result.write_json(checked.results(), new)
-        result.write_page(robot_check_report(checked, result.origin), new)
-        write_text(new / "check.txt", as_text(robot_check_parts(checked)))
-        if checked.swing is not None:
-            _save_swing_figure(checked.swing, new / "swing.svg")
-        names = [name for name in _WRITTEN if (new / name).exists()]
-    return [result.folder.path / name for name in names]
+        with result.replaced() as new:
+            result.write_json(checked.results(), new)
+            result.write_page(report, new)
+        result.show_file(*_WRITTEN)
 
 
 def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ...]:
@@ -182,10 +170,3 @@ def _save_figure(robot: Robot, path: Path) -> None:
     from ballbot.robot.figure import save_robot_figure
 
     save_robot_figure(robot, path)
-
-
-def _save_swing_figure(swing: CheckedSwing, path: Path) -> None:
-    from ballbot.report.bench import swing_figure
-    from ballbot.report.style import drawn
-
-    write_text(path, drawn(lambda: swing_figure(swing.fit), name="swing"))

@@ -14,10 +14,10 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.log.formats import is_foreign
-from ballbot.log.mapping_search.found import Proposal, Stated
-from ballbot.log.mapping_search.name_words import InputKind
+from ballbot.log.mapping_search.motion import Stated
+from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.proposal import agreement, propose
-from ballbot.log.mapping_search.text import Evaluation, evaluate, surest
+from ballbot.log.mapping_search.text import Evaluation, Proposal, evaluate, surest
 from ballbot.printable import shell_line
 from ballbot.report.log_check import (
     CheckedLog,

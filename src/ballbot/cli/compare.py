@@ -7,6 +7,7 @@ from pathlib import Path
 from ballbot.cli.context import (
     PAGE,
     ClusterAddress,
+    OutFolder,
     WholeNumber,
     input_files,
     open_result,
@@ -17,7 +18,7 @@ from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
-from ballbot.report.comparison import league_parts, league_report
+from ballbot.report.comparison import league_report
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.candidates import Candidate, parse_candidates
@@ -37,7 +38,7 @@ def compare(
     seeds: str = "1-3",
     processes: WholeNumber | None = None,
     cluster: ClusterAddress = None,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
 
@@ -70,8 +71,6 @@ def compare(
         Number of parallel processes; by default one per core. Results do not depend on it.
     cluster
         The address of a Dask scheduler on which runs on the twin are made, such as tcp://10.0.0.5:8786.
-    out
-        The folder to write into.
     """
     if processes is not None and processes < 1:
         raise InputError(f"--processes is {processes}; it must be at least 1.")
@@ -103,10 +102,9 @@ def compare(
             run=Run(progress=bar.report),
         )
         bar.begin_writing()
-        with result.replaced() as new:
-            result.write_json(league_results(league), new)
-            result.write_page(league_report(league, described, result.origin), new)
-    result.show(league_parts(league))
+        page = league_report(league, result.origin)
+        result.write(league_results(league), page)
+    result.show(page.parts())
     result.show_file(PAGE)
 
 

@@ -1,10 +1,9 @@
 """The command context: what every command needs around its own work.
 
-    with open_result(out, command="align", writes=_WRITTEN, inputs=[log, mocap, mapping]) as result:
+    with open_result(out, command="align", writes=_WRITTEN, inputs=[robot, log, mapping]) as result:
         with result.progress("aligning") as bar:
             found = align_log(run, film)
-        with result.replaced() as new:
-            result.write_json(found.to_dict(), new, findings=findings)
+        result.write(found.to_dict(), align_report(found), findings=findings)
     result.show_file("report.html")
 
 The provenance of a result is the command line itself (`main` records it), without the options that do not change the
@@ -19,6 +18,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, Token
@@ -63,23 +63,28 @@ def _whole_number(_: type, tokens: Sequence[Token]) -> int:
     return int(given)
 
 
-def _positive_number(_: type, tokens: Sequence[Token]) -> float:
-    """Return the number that is given, if it is finite and above 0."""
-    given = tokens[0].value
-    try:
-        number = float(given)
-    except ValueError:
-        number = math.nan
-    if not 0.0 < number < math.inf:
-        raise ValueError(f"{given!r} is not a number above 0.")
-    return number
+def _check_positive(_: type, value: float) -> None:
+    if not 0.0 < value < math.inf:
+        raise ValueError("It must be above 0.")
 
+
+#: the robot of a command
+RobotName = Annotated[str, Parameter(help="A preset's name or a robot file.")]
+
+#: the option --out of every command that needs a folder
+OutFolder = Annotated[Path, Parameter(help="The folder to write into.")]
 
 #: the length of a live run
-Seconds = Annotated[float, Parameter(converter=_positive_number)]
+Seconds = Annotated[float, Parameter(validator=_check_positive)]
 
 #: every integer option
 WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
+
+#: the option --seed
+Seed = Annotated[
+    int,
+    Parameter(converter=_whole_number, help="Random seed. The same seed gives the same result."),
+]
 
 #: each log of a command that needs one or more
 LogPath = Annotated[Path, Parameter(required=True)]
@@ -162,6 +167,22 @@ class CommandResult:
 
         write_text(folder / PAGE, page_of(report))
 
+    def write(
+        self,
+        results: Mapping[str, object],
+        report: Report,
+        *,
+        findings: Collection[Finding] | None = None,
+        texts: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        """Write results.json, report.html and other texts by their names; all of them, or none."""
+        with self.replaced() as new:
+            for name, text in texts.items():
+                (new / name).parent.mkdir(parents=True, exist_ok=True)
+                write_text(new / name, text)
+            self.write_json(results, new, findings=findings)
+            self.write_page(report, new)
+
     def show(self, parts: Iterable[RenderableType]) -> None:
         """Print tables and lines."""
         print_parts(parts, self.console)
@@ -178,7 +199,7 @@ def open_result(
     *,
     command: str,
     writes: Collection[str],
-    inputs: Sequence[Path] = (),
+    inputs: Sequence[str | Path | Sequence[str | Path] | None] = (),
     seed: int | str = 0,
     keeps_runs: bool = False,
 ) -> Iterator[CommandResult]:
@@ -191,8 +212,8 @@ def open_result(
         Whose result it is, as "study".
     writes : collection of str
         The files that the command may write there.
-    inputs : sequence of Path
-        The files that the result is made from.
+    inputs : sequence
+        The files that the result is made from, as the command line names them: see `input_files`.
     seed : int or str
         For the provenance.
     keeps_runs : bool
@@ -203,8 +224,9 @@ def open_result(
     InputError
         If the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
     """
-    origin = provenance(command=shell_line(argv()), files=inputs, seed=seed)
-    with result_folder(out, command=command, names=writes, inputs=inputs, keeps_runs=keeps_runs) as folder:
+    files = input_files(*inputs)
+    origin = provenance(command=shell_line(argv()), files=files, seed=seed)
+    with result_folder(out, command=command, names=writes, inputs=files, keeps_runs=keeps_runs) as folder:
         yield CommandResult(folder=folder, origin=origin, console=standard_output())
 
 

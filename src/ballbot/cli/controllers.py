@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from ballbot.cli.output import notice_output
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.interface import Feedback
+from ballbot.control.overcompensation import has_friction
 from ballbot.control.presets import named_controller, nominal_controller
 from ballbot.errors import InputError
 from ballbot.robot import Robot
@@ -44,8 +45,7 @@ def warn_of_idle_compensation(controllers: Mapping[str, Feedback]) -> None:
     for name, one in controllers.items():
         if not isinstance(one, Controller) or one.compensation == "none":
             continue
-        friction = one.robot.friction
-        if any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling)):
+        if has_friction(one.robot.friction):
             continue
         sentence = (
             f"{name}: {one.compensation} compensation does nothing, because the robot {one.robot.name} has no "

@@ -10,20 +10,19 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.live_view import LiveOptions, has_live_view, simulate_live
+from ballbot.cli.live_view import has_live_view
 from ballbot.cli.output import emit, notice_output, progress_bar, show_written, standard_output
 from ballbot.errors import InputError
 from ballbot.files import check_folder, write_text
 from ballbot.log import Log
 from ballbot.progress import Progress
-from ballbot.report.demo_runs import PRECISE, ROBOT, SOFT, read_runs, robot_of_runs
+from ballbot.report.demo_runs import PRECISE, SOFT, read_runs, robot_of_runs
 from ballbot.viewer.page import ResultState, replay_page, result_text
 from ballbot.workflows.metrics import SETTLE, position_error, settled
 
 _PAGE, _RESULT, _REPORT = "demo.html", "demo_result.js", "report.html"
 _HEADING = "Meanwhile: the friction in the first run's log"
 _DOING = "identifying the friction"
-_LIVE = LiveOptions(controller=("soft=none", "precise"))
 _LIVE_COMMAND = "ballbot view alten --controller none --controller precise"
 _NEXT = """
 Next:
@@ -39,8 +38,7 @@ def demo(
     """Show a robot that wanders beside the same robot under a precise controller, and identify its friction.
 
     A page with two recorded runs opens at once. Meanwhile the friction is identified from the log of the first one, and
-    the page shows it when it is found, with a link to its report. If what `ballbot view` needs is installed, the page
-    then links to the robot that was found, simulated live, until Ctrl-C; --no-browser leaves it out.
+    the page shows it when it is found, with a link to its report.
 
     Example: `ballbot demo --out look`
 
@@ -61,7 +59,6 @@ def demo(
     show_written(folder / _PAGE)
     if browser and not webbrowser.open((folder / _PAGE).resolve().as_uri()):
         notice_output().print("No browser could be opened; open the page in one.")
-    live = browser and console.is_terminal and has_live_view()
     shown = ResultState(heading=_HEADING, sentences=("The command was stopped before it was found.",))
     written = -1
     try:
@@ -80,41 +77,23 @@ def demo(
 
             found = identified(runs[SOFT], Run(progress=report))
         shown = state_found(found)
-        # the page reads on while the share is a number: the report and the live view's address are yet to come
+        # the page reads on while the share is a number: the report is yet to come
         write_text(folder / _RESULT, result_text(replace(shown, share=1.0)))
         for sentence in shown.sentences:
             console.print(sentence, soft_wrap=True)
         for row in (shown.columns, *shown.rows):
             console.print("  ".join(f"{cell:>22}" for cell in row), soft_wrap=True)
         write_report(found, runs[SOFT], folder / _REPORT)
-        state = replace(shown, links=((_REPORT, "The whole report on the friction found"),))
-        shown = replace(state, share=1.0) if live else state
+        shown = replace(shown, links=((_REPORT, "The whole report on the friction found"),))
     finally:
         write_text(folder / _RESULT, result_text(shown))
     emit({"files": [folder / _PAGE, folder / _REPORT], "friction": found.robot.friction})
     console.print(str(folder / _REPORT), markup=False, soft_wrap=True)
     console.print(_NEXT, markup=False, highlight=False, soft_wrap=True)
-    if live:
-        try:
-            simulate_live(
-                {ROBOT: found.robot}, _LIVE, ready=lambda address: _link_live(folder, state, address)
-            )
-        finally:
-            write_text(folder / _RESULT, result_text(state))
-        return
     needs = "" if has_live_view() else "   (needs: pip install 'ballbot[view]')"
     console.print(
         f"Push the robot yourself: {_LIVE_COMMAND}{needs}", markup=False, highlight=False, soft_wrap=True
     )
-
-
-def _link_live(folder: Path, state: ResultState, address: str) -> None:
-    """Let the page link to the live view; its address has the token, which is nobody else's."""
-    live = (address, "Push this robot: simulated live, with the friction found")
-    linked = replace(state, links=(*state.links, live))
-    path = folder / _RESULT
-    write_text(path, result_text(linked))
-    path.chmod(0o600)
 
 
 def _lead(runs: dict[str, Log]) -> str:

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, OutFolder, Seed, WholeNumber, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
-from ballbot.control.file import controller_text, write_controller
+from ballbot.control.file import controller_text
 from ballbot.control.lqr import frictionless_model
 from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.fitting.run import Run
 from ballbot.report.design import (
-    controller_design_parts,
     controller_design_report,
-    robust_design_parts,
     robust_design_report,
-    robust_figure,
     search_comment,
 )
-from ballbot.report.style import drawn
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
@@ -43,7 +37,7 @@ from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, robust_design
 
 #: of a design with and without a search
-DESIGN_FILES = (PAGE, "controller.toml", "results.json", "robust.svg")
+DESIGN_FILES = (PAGE, "controller.toml", "results.json")
 
 
 @Parameter(name="*")
@@ -67,7 +61,7 @@ class WeightOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SearchOptions:
+class RobustSearchOptions:
     """Options of the search for robust weights. They have no effect without --robust."""
 
     perturb: str = ""
@@ -89,11 +83,10 @@ class SearchOptions:
     fresh: WholeNumber = Effort.fresh
     """Number of other robots on which the result is compared with the nominal weights."""
 
-    seed: WholeNumber = 0
-    """Random seed. The same seed gives the same result."""
+    seed: Seed = 0
 
 
-_WEIGHTS, _SEARCH = WeightOptions(), SearchOptions()
+_WEIGHTS, _SEARCH = WeightOptions(), RobustSearchOptions()
 
 
 def design(
@@ -103,9 +96,9 @@ def design(
     weights: WeightOptions = _WEIGHTS,
     parts: Annotated[PartOptions, Parameter(name="*", negative="")] = DEFAULT_PARTS,
     robust: Annotated[bool, Parameter(negative="")] = False,
-    search: SearchOptions = _SEARCH,
+    search: RobustSearchOptions = _SEARCH,
     accept: Accept = None,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Design a controller: sampled LQR on the exact model, with friction compensation.
 
@@ -113,7 +106,7 @@ def design(
 
     Example: ballbot design found/robot.toml --kind precise --out precise
 
-    Example: ballbot design found/robot.toml --kind precise --delay 0.016 --adaptive --out precise
+    Example: ballbot design found/robot.toml --kind precise --delay 0.016 --out precise
 
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
@@ -130,19 +123,16 @@ def design(
     robust
         Search for the weights on perturbed simulated robots, to minimise the mean cost of the worst tenth of them.
         Takes minutes.
-    out
-        The folder to write into.
     """
     described = Robot.load(robot)
     findings = check_robot(described, robot, accept=accept)
-    inputs = input_files(robot)
     if robust:
         _refuse_with_robust(weights, parts)
         if weights.sample_time is not None:
             sensors = replace(described.sensors, sample_time=weights.sample_time)
             described = described.replace(sensors=sensors)
         compensation = parts.compensation or "none"
-        _search(described, compensation, search=search, inputs=inputs, findings=findings, out=out)
+        _search(described, compensation, search=search, inputs=[robot], findings=findings, out=out)
         return
     gain = GainOptions(
         kind=weights.kind,
@@ -151,16 +141,14 @@ def design(
         sample_time=weights.sample_time,
     )
     with (
-        open_result(out, command="design", writes=DESIGN_FILES, inputs=inputs) as result,
+        open_result(out, command="design", writes=DESIGN_FILES, inputs=[robot]) as result,
         result.progress("designing the controller") as bar,
     ):
         found = design_controller(described, gain=gain, parts=parts)
         bar.begin_writing()
-        with result.replaced() as new:
-            write_controller(found.controller, new / "controller.toml")
-            result.write_json(found.results(), new)
-            result.write_page(controller_design_report(found, result.origin, findings), new)
-    result.show(controller_design_parts(found))
+        page = controller_design_report(found, result.origin, findings)
+        result.write(found.results(), page, texts={"controller.toml": controller_text(found.controller)})
+    result.show(page.parts())
     warn_of_idle_compensation({"controller.toml": found.controller})
     result.show_file("controller.toml", PAGE)
 
@@ -169,15 +157,15 @@ def _search(
     robot: Robot,
     compensation: Compensation,
     *,
-    search: SearchOptions,
-    inputs: Sequence[Path],
+    search: RobustSearchOptions,
+    inputs: Sequence[str],
     findings: Sequence[Finding],
-    out: Path,
+    out: OutFolder,
 ) -> None:
-    """Search for the weights, and write the page, controller.toml, results.json and robust.svg."""
+    """Search for the weights, and write the page, controller.toml and results.json."""
     spread = PerturbationRanges.parse(search.perturb)
     scenario = load_scenario(search.scenario, robot)
-    inputs = [*inputs, *input_files(search.scenario)]
+    inputs = [*inputs, search.scenario]
     effort = Effort(
         robots=search.robots,
         generations=search.generations,
@@ -207,13 +195,10 @@ def _search(
             "linearization": linearization_results(frictionless_model(robot)),
             **to_results(found),
         }
-        with result.replaced() as new:
-            text = search_comment(found, result.origin.command) + controller_text(found.controller)
-            write_text(new / "controller.toml", text)
-            write_text(new / "robust.svg", drawn(lambda: robust_figure(found), name="robust"))
-            result.write_json(results, new)
-            result.write_page(robust_design_report(found, result.origin, findings), new)
-    result.show(robust_design_parts(found))
+        page = robust_design_report(found, result.origin, findings)
+        text = search_comment(found, result.origin.command) + controller_text(found.controller)
+        result.write(results, page, texts={"controller.toml": text})
+    result.show(page.parts())
     result.show_file("controller.toml", PAGE)
 
 
@@ -227,7 +212,7 @@ def _refuse_with_robust(weights: WeightOptions, parts: PartOptions) -> None:
     if replace(weights, sample_time=None) != _WEIGHTS or plain != DEFAULT_PARTS:
         raise InputError(
             "--robust searches for the weights of the nominal kind; remove --kind, "
-            "--q, --r, --compensation-gain, --notch, --delay and --adaptive."
+            "--q, --r, --compensation-gain, --notch and --delay."
         )
 
 

@@ -8,28 +8,18 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import (
-    PAGE,
-    CommandResult,
-    WholeNumber,
-    input_files,
-    open_result,
-)
-from ballbot.control.controller import Controller
+from ballbot.cli.context import PAGE, OutFolder, RobotName, Seed, WholeNumber, open_result
 from ballbot.control.file import write_controller
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
 from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
-from ballbot.report.excitation import (
-    excitation_parts,
-    excitation_report,
-)
+from ballbot.report.excitation import excitation_report
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits
-from ballbot.workflows.excite import Excitation, ExcitationOptions
+from ballbot.workflows.excite import ExcitationOptions
 from ballbot.workflows.excite import excite as find
 
 _WRITTEN = (PAGE, "reference.csv", "controller.toml", "results.json")
@@ -52,7 +42,7 @@ class LimitOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SearchOptions:
+class ExciteSearchOptions:
     """The search for the run."""
 
     duration: float = 32.0
@@ -64,13 +54,12 @@ class SearchOptions:
     population: WholeNumber = 16
     """References tried in each generation."""
 
-    seed: WholeNumber = 0
-    """Random seed. The same seed gives the same result."""
+    seed: Seed = 0
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class IdentificationOptions:
+class ExciteFitOptions:
     """The identification that the run is for."""
 
     law: Law = "stribeck"
@@ -80,20 +69,20 @@ class IdentificationOptions:
     """The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds."""
 
 
-_LIMITS, _SEARCH = LimitOptions(), SearchOptions()
-_IDENTIFICATION = IdentificationOptions()
+_LIMITS, _SEARCH = LimitOptions(), ExciteSearchOptions()
+_IDENTIFICATION = ExciteFitOptions()
 
 
 def excite(
-    robot: str,
+    robot: RobotName,
     /,
     *,
     within: LimitOptions = _LIMITS,
-    search: SearchOptions = _SEARCH,
+    search: ExciteSearchOptions = _SEARCH,
     scenario: str = "nominal",
-    identification: IdentificationOptions = _IDENTIFICATION,
+    identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Design an informative excitation within limits on lean, floor space and torque.
 
@@ -109,14 +98,10 @@ def excite(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file, with or without identified friction.
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
     scenario
         Sensors, drive, play and true friction of the loop: a scenario's name or file, as in ballbot record.
-    out
-        The folder to write into.
     """
     described = Robot.load(robot)
     limits = RunLimits(
@@ -128,7 +113,7 @@ def excite(
     chosen = named_controller(controller, described)
     conditions = load_scenario(scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
-    inputs = input_files(robot, scenario, controller, identification.bounds)
+    inputs = [robot, scenario, controller, identification.bounds]
     with open_result(out, command="excite", writes=_WRITTEN, inputs=inputs, seed=search.seed) as result:
         with result.progress("excite") as bar:
             found = find(
@@ -140,14 +125,11 @@ def excite(
                 options=ExcitationOptions(law=identification.law, bounds=bounds, effort=effort),
                 run=Run(seed=search.seed, progress=bar.report),
             )
+        page = excitation_report(found, result.origin)
         with result.replaced() as new:
-            _write(found, chosen, result, new)
-    result.show(excitation_parts(found))
+            write_reference(found.design.times, found.design.poses, new / "reference.csv")
+            write_controller(chosen, new / "controller.toml")
+            result.write_json(found.results(), new)
+            result.write_page(page, new)
+    result.show(page.parts())
     result.show_file("reference.csv", PAGE)
-
-
-def _write(found: Excitation, controller: Controller, result: CommandResult, folder: Path) -> None:
-    write_reference(found.design.times, found.design.poses, folder / "reference.csv")
-    write_controller(controller, folder / "controller.toml")
-    result.write_json(found.results(), folder)
-    result.write_page(excitation_report(found, found.task.robot, made=result.origin), folder)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, input_files, open_result
+from ballbot.cli.context import PAGE, OutFolder, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.file import read_controller
-from ballbot.files import write_text
 from ballbot.firmware.export import check_belongs, export_controller, exported_names
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
 from ballbot.firmware.records import FIRMWARE
 from ballbot.progress import Progress
-from ballbot.report.export import export_parts, export_report, load_section
+from ballbot.report.export import export_report, load_section
 from ballbot.robot import Robot
 
 _README = "README.md"
@@ -27,7 +26,7 @@ def export(
     lean: float = 0.35,
     clock: float = 72e6,
     accept: Accept = None,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Write a controller as C99 firmware: sources, the controller's numbers, build files and examples.
 
@@ -38,7 +37,7 @@ def export(
     README.md in the folder; ballbot_hardware.h has the seven functions to write for a board.
 
     With the packages ziglang and unicorn, the library is compiled for a Cortex-M4F and run on an emulator, which counts
-    the instructions of an update. Cycles are an upper estimate with two wait states of flash.
+    the instructions of an update. Cycles are an upper estimate for flash with two wait states.
 
     Parameters
     ----------
@@ -51,18 +50,15 @@ def export(
         the largest tilt from which a robot recovers.
     clock
         Clock of the processor [Hz], for the share of the period that an update takes.
-    out
-        The folder to write into.
     """
     check_clock(clock)
     described = Robot.load(robot)
     findings = check_robot(described, robot, accept=accept)
     check_belongs(controller, described)
     read = read_controller(controller, described)
-    inputs = input_files(robot, controller)
     writes = [*exported_names(), PAGE, "results.json"]
     with (
-        open_result(out, command="export", writes=writes, inputs=inputs) as result,
+        open_result(out, command="export", writes=writes, inputs=[robot, controller]) as result,
         result.progress("writing the firmware") as bar,
     ):
         exported = export_controller(read, lean=lean)
@@ -72,27 +68,21 @@ def export(
         load = None if to_install else measure_load(read, exported, clock=clock)
         bar.begin_writing()
         section = load_section(load, to_install=to_install)
-        with result.replaced() as new:
-            for name, text in exported.files.items():
-                (new / name).parent.mkdir(parents=True, exist_ok=True)
-                write_text(new / name, f"{text}\n{section}" if name == _README else text)
-            results = {
-                "robot": described.name,
-                "estimator": read.estimator,
-                "sample_time": read.sample_time,
-                "safety": exported.limits,
-                "schema": FIRMWARE.digest,
-                "parameter_bytes": exported.parameter_bytes,
-                "state_bytes": exported.state_bytes,
-                "processor": None if load is None else load.to_dict(),
-            }
-            result.write_json(results, new)
-            page = export_report(
-                exported, read, load, to_install=to_install, made=result.origin, findings=findings
-            )
-            result.write_page(page, new)
-    result.show(export_parts(exported, read, load))
-    if to_install:
-        result.console.print(to_install)
+        results = {
+            "robot": described.name,
+            "estimator": read.estimator,
+            "sample_time": read.sample_time,
+            "safety": exported.limits,
+            "schema": FIRMWARE.digest,
+            "parameter_bytes": exported.parameter_bytes,
+            "state_bytes": exported.state_bytes,
+            "processor": None if load is None else load.to_dict(),
+        }
+        page = export_report(
+            exported, read, load, to_install=to_install, made=result.origin, findings=findings
+        )
+        texts = dict(exported.files) | {_README: f"{exported.files[_README]}\n{section}"}
+        result.write(results, page, texts=texts)
+    result.show(page.parts())
     warn_of_idle_compensation({controller.name: read})
     result.show_file(_README, PAGE)

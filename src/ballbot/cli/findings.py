@@ -140,5 +140,5 @@ def show_findings(findings: Collection[Finding], *, accept: Collection[str] | No
     console = notice_output()
     for finding in findings:
         if finding.severity != "note":
-            accepted = finding.severity == "error" and (accept is None or finding.code in accept)
+            accepted = accept is None or finding.code in accept
             console.print(finding_line(finding, accepted=accepted), soft_wrap=True)

@@ -15,15 +15,15 @@ from ballbot.cli.context import (
     ClusterAddress,
     CommandResult,
     LogPath,
-    WholeNumber,
+    OutFolder,
+    RobotName,
+    Seed,
     executor,
-    input_files,
     open_result,
     read_balancing_log,
 )
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import Run
 from ballbot.identification import (
@@ -43,13 +43,13 @@ from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
 from ballbot.log.pose import causal_states
-from ballbot.report.friction import identification_parts
-from ballbot.report.identification_page import identification_report, ladder_picture
+from ballbot.report.blocks import Report
+from ballbot.report.identification import identification_report
 from ballbot.robot import Robot
-from ballbot.robot.file import write_robot
+from ballbot.robot.file import robot_text
 from ballbot.summary import counted
 
-_WRITTEN = (PAGE, "robot.toml", "results.json", "ladder.svg")
+_WRITTEN = (PAGE, "robot.toml", "results.json")
 
 
 @Parameter(name="*")
@@ -85,8 +85,7 @@ class FitOptions:
     """How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
     thesis, which takes longer."""
 
-    seed: WholeNumber = 0
-    """Random seed. The same seed gives the same result."""
+    seed: Seed = 0
 
 
 @Parameter(name="*")
@@ -106,10 +105,10 @@ _FIT, _READING = FitOptions(), LogOptions()
 
 
 def identify(
-    robot: str,
+    robot: RobotName,
     /,
     *logs: LogPath,
-    out: Path,
+    out: OutFolder,
     fit: FitOptions = _FIT,
     reading: LogOptions = _READING,
     accept: Accept = None,
@@ -118,7 +117,7 @@ def identify(
     """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr. --estimate adds other
     parameters.
 
-    Writes report.html, robot.toml (the robot with the identified values) and results.json; --law best also ladder.svg.
+    Writes report.html, robot.toml (the robot with the identified values) and results.json.
     The first sentence says whether the result is usable. If not, there is no robot.toml and the exit code is 2.
 
     Example: ballbot identify alten square.csv hold.csv --out found
@@ -127,12 +126,8 @@ def identify(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file.
     logs
         One or more logs of the robot balancing, with torques and states.
-    out
-        The folder to write into.
     """
     described = Robot.load(robot)
     sweep = read_sweep(fit.sweep, wheel_count=described.wheel_count) if fit.sweep else None
@@ -141,7 +136,7 @@ def identify(
     bounds = read_bounds(fit.bounds) if fit.bounds else Bounds()
     checked = _checked(robot, described, named, others, accept)
     back_emf = common_back_emf(mappings)
-    inputs = input_files(robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep)
+    inputs = [robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep]
     with (
         open_result(out, command="identify", writes=_WRITTEN, inputs=inputs, seed=fit.seed) as result,
         executor(cluster) as made_by,
@@ -167,10 +162,9 @@ def identify(
             cross_validate(found, one.log, name=name, starts=one.starts(described))
             for name, one in others.items()
         ]
-        with result.replaced() as new:
-            written = _write(found, checked, selection, holdouts, result, new)
-    result.show(identification_parts(found, selection, holdouts))
-    result.show_file(*written)
+        page = _write(found, checked, selection, holdouts, result)
+    result.show(page.parts())
+    result.show_file(PAGE, *["robot.toml"] * found.verdict.usable)
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
 
@@ -239,28 +233,21 @@ def _write(
     selection: ModelSelection[Identification] | None,
     holdouts: Sequence[HoldoutResult],
     result: CommandResult,
-    folder: Path,
-) -> list[str]:
-    """Write the results and return the names of what people read."""
+) -> Report:
+    """Write the results and return their page."""
     results = found.to_dict()
     if selection:
         results["ladder"] = law_results(selection)
     if holdouts:
         results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
-    if found.verdict.usable:
-        write_robot(found.robot, folder / "robot.toml")
-    result.write_json(results, folder)
-    ladder = None if selection is None else ladder_picture(selection)
     page = identification_report(
         found,
         checked.logs,
         findings=checked.findings,
         selection=selection,
-        ladder=ladder,
         holdouts=holdouts,
         made=result.origin,
     )
-    result.write_page(page, folder)
-    if ladder:
-        write_text(folder / "ladder.svg", ladder.markup)
-    return [PAGE, *["robot.toml"] * found.verdict.usable, *["ladder.svg"] * bool(ladder)]
+    texts = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
+    result.write(results, page, texts=texts)
+    return page

@@ -15,9 +15,7 @@ from ballbot.fitting.run import Run
 from ballbot.identification.axis import AxisOptions, AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
-from ballbot.identification.axis.file_columns import AxisColumns
-from ballbot.identification.axis.model import PARAMETERS
-from ballbot.identification.axis.reading import read_axis_records
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.report.axis import axis_parts, axis_report
 
 _WRITTEN = (PAGE, "results.json")
@@ -35,27 +33,14 @@ class MethodOptions:
     """Bandwidth of the motion, in hertz, which sets the filters."""
 
     harmonics: Annotated[tuple[WholeNumber, ...] | None, Parameter(negative="--no-harmonics")] = None
-    """Harmonics of a force that depends on position: 1 is gravity on an axis that turns, higher ones are cogging.
-    --no-harmonics searches none."""
+    """Harmonics of a force that depends on the angle: 1 is gravity, higher ones are cogging. If not given, gravity is
+    tried; --no-harmonics tries none."""
 
     spring: bool | None = None
     """Whether a force is proportional to position, as of a spring or a cable."""
 
-    load_friction: str | None = None
-    """The load that dry friction depends on: position (the force over position), drive (the drive's force),
-    transmitted (their mean), recorded (the column --load) or none."""
-
-    period: float | None = None
-    """Travel of the first harmonic, in metres or radians; one turn if not given."""
-
-    separate: tuple[str, ...] = ()
-    """Parameters of which each record has its own, such as offset, by name or symbol; the others are common to all."""
-
-    def options(self) -> AxisOptions:
-        """Return what the identification takes."""
-        names = {one.symbol: name for name, one in PARAMETERS.items()}
-        named = replace(self, separate=tuple(names.get(one, one) for one in self.separate))
-        return AxisOptions(**vars(named))
+    load_friction: bool | None = None
+    """Whether dry friction grows with the load that the gears transmit, |F + G| / 2."""
 
 
 _COLUMNS, _METHOD = AxisColumns(), MethodOptions()
@@ -78,7 +63,7 @@ def identify_axis(
     results.json.
     For a robot's own drivelines use `ballbot identify-driveline`.
 
-    Example: ballbot identify-axis axis.csv --reference reference --position-gain 160 --velocity-gain 8505 --out found
+    Example: ballbot identify-axis axis.csv --out found
 
     Parameters
     ----------
@@ -91,11 +76,11 @@ def identify_axis(
     also
         A further record that is fitted together with the first one; may be given several times.
     """
-    options = method.options()  # wrong ones are refused before anything is read
+    options = AxisOptions(**vars(method))  # wrong ones are refused before anything is read
     check_codes(accept or (), listed=ERROR_CODES)
     fitted = (record, *(also or ()))
     paths = (*fitted, *against)
-    read = read_axis_records(paths, columns)
+    read = [read_axis_record(path, columns) for path in paths]
     findings = _checked(dict(zip(paths, read, strict=True)), method.bandwidth, accept)
     inputs = input_files(record, (*fitted[1:], *against))
     with (

@@ -6,24 +6,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.run import Run
 from ballbot.identification.agreement import file_findings
+from ballbot.identification.bench_checks import sweep_findings
 from ballbot.identification.driveline import (
-    LOWER,
-    UPPER,
     Sweep,
-    driveline_parameters,
     fit_drivelines,
+    robot_of_sweep,
+    sweep_estimate,
     sweeps_of,
 )
-from ballbot.identification.driveline_checks import sweep_findings
-from ballbot.identification.driveline_robot import robot_of_sweep, sweep_estimate
-from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping_file import dead_band_findings
@@ -46,15 +43,13 @@ def identify_driveline(
     out: Path,
     mapping: Path | None = None,
     speed_limit: float | None = None,
-    lower: tuple[float, float, float, float, float] = LOWER,
-    upper: tuple[float, float, float, float, float] = UPPER,
-    seed: WholeNumber = 0,
     accept: Accept = None,
 ) -> None:
-    """Identify b, c, s, v_s and delta of each driveline from a torque sweep with the wheels off the ball.
+    """Identify b, c, s and v_s of each driveline from a torque sweep with the wheels off the ball.
 
-    Writes report.html, results.json and robot.toml (with each wheel's b, c and s, the means of v_s and delta, and
-    their standard deviations and correlations). Friction in the robot file that states standard deviations is compared.
+    Each wheel is an axis of the robot file's inertia (`ballbot identify-axis`) with that law. Writes report.html,
+    results.json and robot.toml (with each wheel's b, c and s, the mean of v_s, and their standard deviations and
+    correlations). Friction in the robot file that states standard deviations is compared.
 
     Example: ballbot identify-driveline alten sweep/log.csv --out found
 
@@ -70,31 +65,24 @@ def identify_driveline(
         A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     speed_limit
         Speed limit of the supply [rad/s]. If not given, the greatest speed in the log.
-    lower
-        Lower bounds of b, c, s, v_s and delta.
-    upper
-        Upper bounds of b, c, s, v_s and delta.
-    seed
-        Random seed. The same seed gives the same result.
     """
     described = Robot.load(robot)
-    read, back_emf = Log.read(log, mapping=mapping), back_emf_of(mapping)
-    sweeps = sweeps_of(described, read, limit=speed_limit, back_emf=back_emf)
+    read = Log.read(log, mapping=mapping)
+    sweeps = sweeps_of(described, read, limit=speed_limit)
     findings = _checked(described, log, read, sweeps, mapping, accept)
-    space = driveline_parameters(lower=lower, upper=upper)
     inputs = input_files(robot, log, mapping)
-    with open_result(out, command="identify-driveline", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
+    with open_result(out, command="identify-driveline", writes=_WRITTEN, inputs=inputs) as result:
         with result.progress("sweep") as bar:
-            fits, printed = fit_drivelines(sweeps, space=space, run=Run(seed=seed, progress=bar.report))
+            fits = fit_drivelines(sweeps, run=Run(progress=bar.report))
         findings = by_severity([*findings, *file_findings(described, sweep_estimate(fits))])
         identified = robot_of_sweep(described, fits, log=log.name)
         made = result.origin
-        page = driveline_report(described.name, sweeps, fits, printed, made, findings)
+        page = driveline_report(described.name, sweeps, fits, made, findings)
         with result.replaced() as new:
-            write_text(new / "results.json", results_text(driveline_results(fits, printed, made, findings)))
+            write_text(new / "results.json", results_text(driveline_results(fits, made, findings)))
             result.write_page(page, new)
             write_robot(identified, new / "robot.toml")
-    result.show(driveline_parts(fits, printed))
+    result.show(driveline_parts(fits))
     result.show_file(PAGE)
 
 

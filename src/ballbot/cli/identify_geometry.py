@@ -10,12 +10,12 @@ from ballbot.cli.context import PAGE, input_files, open_result, read_logs
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, note
+from ballbot.identification.bench_checks import encoder_findings
 from ballbot.identification.geometry import (
     geometry_findings,
     robot_with_geometry,
     survey_geometry,
 )
-from ballbot.identification.upside_down_checks import encoder_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.bench import geometry_parts, geometry_report

@@ -17,21 +17,18 @@ from ballbot.cli.context import (
 )
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.run import Run, check_seed
-from ballbot.identification import read_bounds
+from ballbot.identification.bench_checks import upside_down_findings
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
-from ballbot.identification.upside_down_checks import upside_down_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.report.bench import movement_figure, prediction_figure, upside_down_parts, upside_down_report
-from ballbot.report.style import drawn
+from ballbot.report.bench import upside_down_parts, upside_down_report
 from ballbot.robot import Robot
 from ballbot.workflows.ball_movement import ball_movement
 
-_WRITTEN = (PAGE, "robot.toml", "results.json", "prediction.svg", "movement.svg")
+_WRITTEN = (PAGE, "robot.toml", "results.json")
 
 
 def identify_upside_down(
@@ -40,7 +37,6 @@ def identify_upside_down(
     *logs: LogPath,
     out: Path,
     mapping: Path | None = None,
-    bounds: Path | None = None,
     seed: WholeNumber = 0,
     window: float = 1.0,
     accept: Accept = None,
@@ -50,8 +46,7 @@ def identify_upside_down(
     The ball lies on the wheels, and a camera gives its angular velocity; wheel speeds, if logged, are used. If
     the robot file already has friction, as after `ballbot identify`, both are validated on the same windows.
 
-    Writes report.html, robot.toml (the robot with the identified friction, if it is usable), results.json,
-    prediction.svg and movement.svg (the ball's rotation with and without friction).
+    Writes report.html, robot.toml (the robot with the identified friction, if it is usable) and results.json.
 
     Example: ballbot identify-upside-down alten upside_down.csv --out found
 
@@ -65,8 +60,6 @@ def identify_upside_down(
         The folder to write into.
     mapping
         A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
-    bounds
-        A TOML file with lower and upper bounds of the friction, such as: coulomb = [0.0, 0.5].
     seed
         Random seed. The same seed gives the same result.
     window
@@ -75,20 +68,18 @@ def identify_upside_down(
     described = Robot.load(robot)
     named = read_logs(logs, mapping)
     findings = _checked(described, dict(zip(logs, named.values(), strict=True)), accept)
-    within = read_bounds(bounds) if bounds else None
     check_seed(seed)
     with open_result(
         out,
         command="identify-upside-down",
         writes=_WRITTEN,
-        inputs=input_files(logs, mapping, bounds, robot),
+        inputs=input_files(logs, mapping, robot),
         seed=seed,
     ) as result:
         with result.progress("identifying") as bar:
             found = find_friction(
                 described,
                 list(named.values()),
-                bounds=within,
                 window=window,
                 run=Run(seed=seed, progress=bar.report),
             )
@@ -121,11 +112,9 @@ def _write(
     findings: Sequence[Finding],
     folder: Path,
 ) -> None:
-    movement, log = ball_movement(found.robot), next(iter(named.values()))
+    movement = ball_movement(found.robot)
     result.write_json(found.to_dict() | {"movement": movement}, folder, findings=[*findings, *found.findings])
     if found.verdict.usable:
         found.robot.write(folder / "robot.toml")
     page = upside_down_report(found, described, named, movement, made=result.origin, findings=findings)
     result.write_page(page, folder)
-    write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, log), name="prediction"))
-    write_text(folder / "movement.svg", drawn(lambda: movement_figure(movement), name="movement"))

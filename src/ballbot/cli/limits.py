@@ -4,20 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
-from ballbot.cli.context import PAGE, CommandResult, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, OutFolder, WholeNumber, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
-from ballbot.report.limits import (
-    MOST_CONTROLLERS,
-    limit_parts,
-    limit_pictures,
-    limits_report,
-)
+from ballbot.report.limits import MOST_CONTROLLERS, limits_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
@@ -27,7 +20,7 @@ from ballbot.workflows.recovery_region import Loop
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
-_WRITTEN = (PAGE, "results.json", "planes.svg", "directions.svg", "heights.svg")
+_WRITTEN = (PAGE, "results.json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +40,7 @@ def limits(
     twin: bool = False,
     scenario: str = "nominal",
     seed: WholeNumber = 1,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
@@ -55,8 +48,7 @@ def limits(
     bound assumes that wheels never slip. Both respect the torque limit and the motors' speed limit, and have the
     sensors, delay, noise, floor and payload of the scenario on the compiled loop, but not its play.
 
-    Writes report.html, planes.svg (lean and lean rate in the worst direction), directions.svg, heights.svg and
-    results.json.
+    Writes report.html and results.json.
 
     Example: ballbot limits found/robot.toml none full --twin --out limits
 
@@ -75,15 +67,13 @@ def limits(
         A scenario's name or file.
     seed
         Random seed of the runs.
-    out
-        The folder to write into.
     """
     described, candidates = Robot.load(robot), parse_candidates(controllers)
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     _check(len(chosen), grip=grip, seed=seed)
     truth = load_scenario(scenario, described)
     found = _Found()
-    inputs = input_files(robot, [one.file for one in candidates if one.file], scenario)
+    inputs = [robot, [one.file for one in candidates if one.file], scenario]
     with (
         open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result,
         result.progress("limits") as bar,
@@ -99,9 +89,20 @@ def limits(
             if twin:
                 found.twin[name] = twin_limits(loop, found.model[name], directions=_ON_TWIN, run=run)
         bar.begin_writing()
-        with result.replaced() as new:
-            _write(found, described, grip, truth.name, result, new)
-    result.show(limit_parts(found.model, found.twin))
+        results = {
+            "robot": described.name,
+            "grip": grip,
+            "scenario": truth.name,
+            "controllers": {
+                name: to_results(one) | {"twin": found.twin.get(name, ())}
+                for name, one in found.model.items()
+            },
+        }
+        page = limits_report(
+            described, found.model, found.twin, grip=grip, scenario=truth.name, made=result.origin
+        )
+        result.write(results, page)
+    result.show(page.parts())
     result.show_file(PAGE)
 
 
@@ -122,20 +123,3 @@ def _law(name: str, controller: object) -> Controller:
             f"{name} is a controller of your own; limits are computed for controller files only."
         )
     return controller
-
-
-def _write(
-    found: _Found, robot: Robot, grip: float, scenario: str, result: CommandResult, folder: Path
-) -> None:
-    by_controller = {
-        name: to_results(one) | {"twin": found.twin.get(name, ())} for name, one in found.model.items()
-    }
-    results = {"robot": robot.name, "grip": grip, "scenario": scenario, "controllers": by_controller}
-    result.write_json(results, folder)
-    pictures = limit_pictures(found.model, found.twin)
-    for name, picture in pictures.items():
-        write_text(folder / f"{name}.svg", picture.markup)
-    page = limits_report(
-        robot, found.model, found.twin, pictures=pictures, grip=grip, scenario=scenario, made=result.origin
-    )
-    result.write_page(page, folder)

@@ -1,9 +1,9 @@
-"""`ballbot new`: a robot file to start from, or a model of a robot for other tools."""
+"""`ballbot new`: a robot file to start from."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -15,9 +15,6 @@ from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.robot.robot import is_model_file
 
-if TYPE_CHECKING:
-    from ballbot.twin.model_files import ReadModel
-
 
 def new(
     name: str,
@@ -28,16 +25,11 @@ def new(
     out: Path | None = None,
     force: bool = False,
 ) -> None:
-    """Write a robot file to start from: a commented copy of a preset under a new name. Or turn models into robots.
-
-    A model in MJCF (MuJoCo) or URDF (ROS) becomes a robot file, and a robot becomes such a model, by the suffixes of
-    the files.
+    """Write a robot file to start from: a commented copy of a preset, or of a model in MJCF or URDF, under a new name.
 
     Example: `ballbot new myrobot --from alten`
 
     Example: `ballbot new myrobot --from myrobot.urdf --like alten`
-
-    Example: `ballbot new alten --out alten.urdf`
 
     Parameters
     ----------
@@ -48,12 +40,16 @@ def new(
     like : str
         Preset or robot file for what a model does not state, such as gears and sensors; marked as assumed.
     out : Path
-        File to write; NAME.toml if not given. A name that ends in .xml, .mjcf or .urdf gets a model.
+        File to write; NAME.toml if not given.
     force : bool
         Replace an existing file.
     """
-    if out is None and (Path(name).suffix.lower() == ".toml" or is_model_file(name)):
+    if out is None and Path(name).suffix.lower() == ".toml":
         out, name = Path(name), Path(name).stem
+    if is_model_file(out or name):
+        raise InputError(
+            f"{out or name} would be a model; write one with: ballbot twin export ROBOT --out {out or name}"
+        )
     path = out or Path(f"{name}.toml")
     if printable_line(name) != name:
         raise InputError(f"{name!r} cannot be a robot's name; remove the characters that cannot be printed.")
@@ -66,26 +62,12 @@ def new(
 
         model = read_model(from_, like=Robot.load(like))
         robot = model.robot.replace(name=name)
-        console.print("\n".join(_read(from_, model, like)), soft_wrap=True, markup=False)
+        read = f"Read from {from_}: {', '.join(model.stated)}."
+        assumed = f"Assumed, mostly as in {like}: {', '.join(model.assumed)}. Check these."
+        console.print("\n".join([read, assumed, *model.notes]), soft_wrap=True, markup=False)
     else:
         robot = Robot.load(from_).replace(name=name)
-    if is_model_file(path):
-        from ballbot.twin.model_files import write_model
-
-        write_model(robot, path)
-        hint = f"Wrote {path}. It has every roller as one contact."
-    else:
-        write_robot(robot, path)
-        hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
+    write_robot(robot, path)
+    hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
     console.print(hint, soft_wrap=True, markup=False)
     emit({"files": [path]})
-
-
-def _read(source: str, model: ReadModel, like: str) -> list[str]:
-    """Return sentences on what a model states and what is assumed."""
-    lines = [
-        f"Read from {source}: {', '.join(model.stated) or 'the robot file in it, with no value changed'}."
-    ]
-    if model.assumed:
-        lines.append(f"Assumed, mostly as in {like}: {', '.join(model.assumed)}. Check these.")
-    return [*lines, *model.notes]

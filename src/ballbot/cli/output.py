@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from threading import Event, Lock, Thread
 from time import monotonic
 from types import MappingProxyType
 
@@ -24,12 +23,11 @@ from rich.text import Text
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
-from ballbot.progress import Pace, Progress, as_clock, fraction, progress_line, stage_words
+from ballbot.progress import Progress, fraction, progress_line, stage_words
 from ballbot.report.blocks import Sheet
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
-_LONG = 10.0  #: [s] from which on a line has the time so far, if the time left is not known
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
 
@@ -123,39 +121,16 @@ class _WrittenLines(Bar):
     """
 
     def __init__(self, doing: str) -> None:
-        self._pace, self._last = Pace(), Progress(stage=doing)
-        self._written_of = ""  # the stage of the last line
-        self._begun = monotonic()
-        self._next = self._begun + _BEFORE_LINES
-        self._ended, self._writing_line = Event(), Lock()
-        Thread(target=self._write_now_and_then, daemon=True).start()
+        self._stage, self._written = doing, ""
+        self._next = monotonic() + _BEFORE_LINES
 
     def report(self, progress: Progress) -> None:
-        with self._writing_line:
-            self._last = replace(progress, stage=progress.stage or self._last.stage)
-            self._pace.note(self._last)
-            if self._written_of and self._last.stage != self._written_of:
-                self._write()
-
-    def end(self) -> None:
-        """Write nothing more."""
-        with self._writing_line:
-            self._ended.set()
-
-    def _write_now_and_then(self) -> None:
-        """Write a line whenever the last one is old, in the middle of a long step too."""
-        while not self._ended.wait(max(self._next - monotonic(), 0.0)):
-            with self._writing_line:
-                if monotonic() >= self._next and not self._ended.is_set():
-                    self._write()
-
-    def _write(self) -> None:
-        self._written_of = self._last.stage
-        self._next = monotonic() + _BETWEEN_LINES
-        left, spent = self._pace.left(), monotonic() - self._begun
-        if not left and spent > _LONG:
-            left = f"{as_clock(spent)} so far"
-        print(f"ballbot: {printable_line(progress_line(self._last, left))}", file=sys.stderr, flush=True)
+        self._stage = progress.stage or self._stage
+        if monotonic() < self._next and self._written in ("", self._stage):
+            return
+        self._written, self._next = self._stage, monotonic() + _BETWEEN_LINES
+        line = progress_line(replace(progress, stage=self._stage), "")
+        print(f"ballbot: {printable_line(line)}", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -173,11 +148,7 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
         yield Bar()
         return
     if not console.is_terminal:
-        lines = _WrittenLines(doing)
-        try:
-            yield lines
-        finally:
-            lines.end()
+        yield _WrittenLines(doing)
         return
     columns = (
         TextColumn("{task.description}", markup=False),

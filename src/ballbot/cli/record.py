@@ -31,7 +31,6 @@ from ballbot.simulation.run import sample_count
 from ballbot.summary import counted
 from ballbot.twin.recording import DURATIONS, Experiment, Recording
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.record import (
     RecordJob,
     RecordOutcome,
@@ -165,7 +164,6 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console) -> None:
             job,
             seed,
             out,
-            write_log=write_with_scene,
             page=page,
             progress=in_stage(bar.report, f"recording {job.duration:g} s"),
         )
@@ -188,7 +186,6 @@ def _many(job: RecordJob, seeds: list[int], out: Path, console: Console, *, clus
             seeds,
             out,
             workers=made_by,
-            write_log=write_with_scene,
             page=lambda runs: page_of(seeds_report(job, runs, _made(seeds))),
             progress=bar.report,
         )

@@ -1,4 +1,4 @@
-"""`ballbot reproduce`: every figure and table of the thesis."""
+"""`ballbot reproduce`: the figures and tables of the thesis."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from ballbot.report.blocks import table
 
 
 def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> None:
-    """Reproduce every figure and table of the thesis from the twin and the models, and show its mistakes.
+    """Reproduce the figures and tables of the thesis from the twin and the models, and show its mistakes.
 
-    Writes report.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/: the same
-    command goes on after it was stopped. The same seed gives the same result.
+    Writes report.html, results.json and reproduce.md, and keeps its recordings in runs/: the same command goes on
+    after it was stopped. The same seed gives the same result.
 
     Example: ballbot reproduce --out thesis
 
@@ -29,7 +29,7 @@ def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> N
         Random seed. The same seed gives the same result.
     """
     check_seed(seed)
-    # imported late: the twin and the vision are extras
+    # imported late: the twin is an extra
     from ballbot.thesis.reproduce.campaign import items_named
     from ballbot.thesis.reproduce.campaign import reproduce as remake
     from ballbot.thesis.reproduce.page import REPRODUCTION_FILES, write_reproduction
@@ -46,12 +46,7 @@ def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> N
             progress=bar.report,
         )
         with result.replaced() as new:
-            write_reproduction(
-                found,
-                new,
-                provenance=result.origin,
-                progress=bar.report,
-            )
+            write_reproduction(found, new, provenance=result.origin)
     console = result.console
     rows = [[item.name, item.title, item.verdict] for item in found.items]
     console.print(table("The thesis reproduced", ("", "title", "verdict"), rows))

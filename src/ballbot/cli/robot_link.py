@@ -13,6 +13,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 from rich.live import Live
+from rich.text import Text
 
 from ballbot.cli import OUTPUT
 from ballbot.cli.context import WholeNumber
@@ -23,16 +24,14 @@ from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs
 from ballbot.fitting.run import check_seed
-from ballbot.link.datagram import read_key
 from ballbot.link.emulated import emulated_robot
-from ballbot.link.live import LiveRobot, Sample
+from ballbot.link.live import LiveRobot
 from ballbot.link.messages import State
 from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
-from ballbot.report.blocks import Sheet, table
 from ballbot.report.console import PlainConsole
-from ballbot.report.live import View, state_line, state_table
+from ballbot.report.live import state_line
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import Hold
 from ballbot.twin.scenario_file import load_scenario
@@ -44,6 +43,10 @@ _EMULATED_ROBOT = "alten"
 _PICTURE, _LINE = 0.1, 5.0
 #: what is typed at the terminal to let the robot arm
 _CONFIRMATION = "arm"
+
+
+#: the robot's port
+Port = Annotated[str | None, Parameter(help="A serial port such as /dev/ttyACM0?baud=921600.")]
 
 
 @Parameter(name="*")
@@ -62,9 +65,6 @@ class LinkOptions:
 
     robot: str | None = None
     """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
-
-    key: Path | None = None
-    """A file with the robot's key, for UDP to a robot that is not on this computer."""
 
     scenario: str = "nominal"
     """The true friction, sensors and play of an emulated robot: a scenario of the twin (name or file)."""
@@ -119,7 +119,12 @@ class Connection:
 
 @contextmanager
 def connected(
-    port: str | None, link: LinkOptions, *, hold: Hold = "on_ball", real_time: bool = False
+    port: str | None,
+    link: LinkOptions,
+    *,
+    hold: Hold = "on_ball",
+    real_time: bool = False,
+    imu_checked: bool = True,
 ) -> Iterator[Connection]:
     """Hold the link to a robot while the block runs.
 
@@ -132,6 +137,8 @@ def connected(
         How an emulated robot is held; in the air and upside down it stays so when it arms.
     real_time : bool
         Whether an emulated robot runs no faster than a real one, for a person who drives or watches it.
+    imu_checked : bool
+        Whether the IMU's axes of an emulated robot count as checked.
 
     Raises
     ------
@@ -155,6 +162,7 @@ def connected(
             hold=hold,
             seed=link.seed,
             real_time=real_time,
+            imu_checked=imu_checked,
         )
         hand = emulated.hand
         with _session(emulated, emulated.clock) as robot:
@@ -165,7 +173,7 @@ def connected(
                 )
             yield Connection(robot=robot, operator=EmulatedOperator(hand), address="emulated", camera=camera)
         return
-    transport = open_transport(port, key=read_key(link.key) if link.key else None)
+    transport = open_transport(port)
     with _session(transport, time.monotonic) as robot:
         yield Connection(robot=robot, operator=TerminalOperator(), address=port)
 
@@ -214,63 +222,45 @@ class TerminalOperator:
 
 
 class Monitor:
-    """Shows a robot while it runs: a table that changes on a terminal, a line every five seconds elsewhere.
+    """Shows a robot while it runs: a line that changes on a terminal, or a line every five seconds elsewhere.
 
     Parameters
     ----------
-    robot : LiveRobot
     console : PlainConsole
     """
 
-    def __init__(self, robot: LiveRobot, console: PlainConsole) -> None:
-        self._limit, self._wheels = robot.torque_limit, robot.wheel_count
+    def __init__(self, console: PlainConsole) -> None:
         self._live: Live | None = None
         if console.is_terminal:
             self._live = Live(console=console, auto_refresh=False, transient=True)
             # the first picture takes longer to draw than a robot waits; nobody sees this one
-            nowhere = PlainConsole(file=io.StringIO())
-            nowhere.print(table("", ("", ""), [("", "")]))
+            PlainConsole(file=io.StringIO()).print(Text(""))
         #: when the next picture is due, by the clock; or the next line, by the robot's time [s]
         self._next = 0.0
-        self._began: float | None = None
 
     def __enter__(self) -> Monitor:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Remove the table from the terminal."""
+        """Remove the line from the terminal."""
         if self._live is not None:
             self._live.stop()
 
-    def watch(self, sample: Sample, view: View) -> None:
-        """Show a sample of an armed robot."""
-        if self._is_due(sample.t):
-            self._show(
-                view.table(sample, torque_limit=self._limit), view.line(sample, torque_limit=self._limit)
-            )
+    def states_of(self, robot: LiveRobot) -> Callable[[State], None]:
+        """Return what shows each state of a robot, armed or not."""
+        return lambda state: self.show(
+            1e-6 * (state.time % 2**32), lambda: state_line(state, wheel_count=robot.wheel_count)
+        )
 
-    def watch_state(self, state: State) -> None:
-        """Show a state of a robot, armed or not."""
-        now = 1e-6 * (state.time % 2**32)
-        self._began = now if self._began is None else self._began
-        if self._is_due((now - self._began) % (1e-6 * 2**32)):
-            self._show(
-                state_table(state, wheel_count=self._wheels), state_line(state, wheel_count=self._wheels)
-            )
-
-    def _is_due(self, t: float) -> bool:
-        """Return whether something is to be shown at the robot's time t [s]."""
+    def show(self, t: float, line: Callable[[], str]) -> None:
+        """Show a line that is made at the robot's time t [s], if the last one is old."""
         now, interval = (t, _LINE) if self._live is None else (time.monotonic(), _PICTURE)
-        if now < self._next:
-            return False
-        self._next = now + interval
-        return True
-
-    def _show(self, picture: Sheet, line: str) -> None:
-        if OUTPUT.get().quiet:
+        # the robot's time begins again after 71 minutes
+        if OUTPUT.get().quiet or self._next - interval <= now < self._next:
             return
+        self._next = now + interval
         if self._live is None:
-            print(f"ballbot: {line}", file=sys.stderr, flush=True)
+            print(f"ballbot: {line()}", file=sys.stderr, flush=True)
         else:
             self._live.start()  # not before there is something to show: the person may have to type first
-            self._live.update(picture, refresh=True)
+            self._live.update(Text(line()), refresh=True)

@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
+from rich.text import Text
 
-from ballbot.cli.context import PAGE, Seconds, WholeNumber, input_files, open_result
-from ballbot.cli.live_run import WRITTEN, Plan, about_run, about_words, finish, make_run, record_run
-from ballbot.cli.output import emit, print_parts, standard_output, suggest_page
-from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, connected
+from ballbot.cli.context import PAGE, CommandResult, OutFolder, Seconds, WholeNumber, open_result
+from ballbot.cli.output import emit, notice_output, print_parts, standard_output, suggest_page
+from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, Port, connected
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
-from ballbot.errors import InputError, nearest
+from ballbot.errors import InputError
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.findings import finding_results
 from ballbot.firmware.export import export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
-from ballbot.link.live import Commander, ControlFromHost, FollowReference, TorqueProgram
+from ballbot.link.live import Commander, ControlFromHost, FollowReference, Sample, TorqueProgram
 from ballbot.link.messages import ControllerPlace
-from ballbot.link.recorder import SUFFIX, check_no_recording, read_recording
-from ballbot.link.references import LiveReference, is_driven, live_reference
-from ballbot.link.runs import require_log
+from ballbot.link.recorder import SUFFIX, check_no_recording
+from ballbot.link.references import KEYBOARD, LiveReference, live_reference
+from ballbot.link.runs import LiveRun, recorded_run, require_log
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
-from ballbot.report.live import HELD, alternation_parts, alternation_results, wiring_parts, wiring_results
-from ballbot.report.live_page import alternation_report, live_run_report, wiring_report
+from ballbot.report.console import finding_line
+from ballbot.report.live import (
+    alternation_report,
+    alternation_results,
+    bench_line,
+    counts_line,
+    live_run_report,
+    sample_line,
+    wiring_report,
+    wiring_results,
+    wiring_sheet,
+)
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
@@ -42,9 +54,9 @@ from ballbot.workflows.controller_prediction import (
 )
 from ballbot.workflows.metrics import SETTLE, Performance, settled
 
-ABOUT = """Run a live robot over a serial port or UDP: check it, record it, balance it, compare controllers on it.
+ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
 
-Every command takes the robot's port, such as /dev/ttyACM0 or udp://127.0.0.1:5005, or --emulated in its place.
+Every command takes the robot's port, such as /dev/ttyACM0, or --emulated in its place.
 docs/tutorials/hardware.md and docs/bring_up.md have the commands in the order in which a new robot needs them.
 
 Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
@@ -55,12 +67,14 @@ Example: ballbot run wiring --emulated
 run = App(name="run", help=ABOUT)
 
 
+#: what a recorded run leaves in its folder
+_WRITTEN = (PAGE, "log.csv", "results.json")
 _LINK, _CONTROLLER = LinkOptions(), ControllerOnRobot()
 
 
 @run.default
 def balance(
-    port: str | None = None,
+    port: Port = None,
     /,
     *,
     link: LinkOptions = _LINK,
@@ -72,8 +86,8 @@ def balance(
 ) -> None:
     """Balance a robot: self-test, arming after a confirmation at this terminal, a reference, a log, disarming.
 
-    Ctrl-C disarms. While the robot runs, every row of the log is on the disk within 100 ms; `ballbot run recover` makes
-    a log of a run that was cut off.
+    Ctrl-C disarms. While the robot runs, every row of the log is on the disk within 100 ms: of a run that was cut off,
+    log.recording.csv stays.
 
     Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
 
@@ -81,12 +95,9 @@ def balance(
 
     Parameters
     ----------
-    port
-        A serial port such as /dev/ttyACM0?baud=921600, or udp://HOST:PORT.
     reference
         hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
-        comma and full stop turn, e ends); gamepad, or a joystick device such as /dev/input/js1. It begins where the
-        robot stands.
+        comma and full stop turn, e ends). It begins where the robot stands.
     duration
         Longest time from arming on [s].
     ramp
@@ -94,23 +105,13 @@ def balance(
     out
         The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
-    _check_port(port)
     controller = chosen.read(link)
     driven = live_reference(reference)
     try:
-        with connected(port, link, real_time=is_driven(reference)) as connection:
+        with connected(port, link, real_time=reference == KEYBOARD) as connection:
             _balance(connection, link, chosen, controller, driven, duration=duration, ramp=ramp, out=out)
     finally:
         driven.close()
-
-
-def _check_port(port: str | None) -> None:
-    """Raise InputError if a port is a misspelt command of `ballbot run`."""
-    near = nearest(port or "", [name for name in run if not name.startswith("-")])
-    if port and near and not Path(port).exists():
-        raise InputError(
-            f"There is no port and no command {port!r} of ballbot run; did you mean {near[0]!r}?"
-        )
 
 
 def _balance(
@@ -132,11 +133,11 @@ def _balance(
     if chosen.on_host and controller is not None:
         commander = ControlFromHost(controller, driven)
     place = ControllerPlace.HOST if chosen.on_host else ControllerPlace.ROBOT
-    plan = Plan(commander=commander, controller=place, duration=duration, ramp=ramp)
+    plan = _Plan(commander=commander, controller=place, duration=duration, ramp=ramp)
     if out is None:
-        made = make_run(connection, plan)
+        made = _make_run(connection, plan)
         emit({"ended": made.ending.kind, "reason": made.ending.text})
-        finish(connection, made)
+        _finish(connection, made)
         suggest_page()
         return
 
@@ -145,12 +146,12 @@ def _balance(
             return {}
         return {"performance": to_results(Performance.of(log, torque_limit=robot.torque_limit))}
 
-    inputs = input_files(link.robot, chosen.controller, link.scenario)
-    record_run(connection, link, plan, out=out, inputs=inputs, kept=lambda log: log, summary=performance)
+    inputs: list[str | Path | None] = [link.robot, chosen.controller, link.scenario]
+    _record(connection, link, plan, out=out, inputs=inputs, kept=lambda log: log, summary=performance)
 
 
 @run.command
-def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: Seconds = 60.0) -> None:
+def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: Seconds = 60.0) -> None:
     """Show a robot's sensors, self-test and stops, and what it runs; nothing is driven.
 
     Example: ballbot run monitor /dev/ttyACM0
@@ -159,8 +160,6 @@ def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: 
 
     Parameters
     ----------
-    port
-        As for `ballbot run`.
     duration
         How long [s]; Ctrl-C ends it as well.
     """
@@ -171,12 +170,12 @@ def monitor(port: str | None = None, /, *, link: LinkOptions = _LINK, duration: 
         emit({"parameters": lines})
         for line in lines:
             console.print(line, soft_wrap=True)
-        with Monitor(robot, console) as shown:
-            robot.watch(shown.watch_state, duration=duration)
+        with Monitor(console) as shown:
+            robot.watch(shown.states_of(robot), duration=duration)
 
 
 @run.command
-def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path | None = None) -> None:
+def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None = None) -> None:
     """Check the wiring: IMU axes and encoders while you move the robot by hand, then each motor with its encoder.
 
     Example: ballbot run wiring /dev/ttyACM0 --out wiring
@@ -185,38 +184,26 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
 
     Parameters
     ----------
-    port
-        As for `ballbot run`.
     out
         The folder for report.html and results.json; nothing is written if it is not given.
     """
     console = standard_output()
-    with connected(port, link) as connection:
+    with connected(port, link, imu_checked=False) as connection:
         robot = connection.robot
-        with Monitor(robot, console) as shown:
-            lean, turns = measure_turns(
-                robot.session,
-                connection.operator,
-                wheel_count=robot.wheel_count,
-                encoder_step=robot.encoder_step,
-                watch=shown.watch_state,
-            )
-        check = check_turns(lean, turns, robot.ball_from_wheels)
-        print_parts(wiring_parts(check), console)
+        with Monitor(console) as shown:
+            turns = measure_turns(robot, connection.operator, watch=shown.states_of(robot))
+        check = check_turns(turns, robot.ball_from_wheels)
+        verdict = "The wiring is right." if check.passed else "The wiring is not right."
+        print_parts([Text(verdict), wiring_sheet(check), *map(finding_line, check.findings)], console)
         emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:
             robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
     if out is not None:
-        inputs = input_files(link.robot, link.scenario)
-        writes = (PAGE, "results.json")
-        with (
-            open_result(out, command="run wiring", writes=writes, inputs=inputs) as result,
-            result.replaced() as new,
-        ):
-            result.write_json(wiring_results(check), new, findings=check.findings)
-            about = about_words(connection, link)
-            result.write_page(wiring_report(check, about=about, made=result.origin), new)
+        writes, inputs = (PAGE, "results.json"), [link.robot, link.scenario]
+        with open_result(out, command="run wiring", writes=writes, inputs=inputs) as result:
+            page = wiring_report(check, about=_about_words(connection, link), made=result.origin)
+            result.write(wiring_results(check), page, findings=check.findings)
         result.show_file(PAGE)
     if not check.passed:
         raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
@@ -226,13 +213,13 @@ def wiring(port: str | None = None, /, *, link: LinkOptions = _LINK, out: Path |
 
 @run.command
 def sweep(
-    port: str | None = None,
+    port: Port = None,
     /,
     *,
     link: LinkOptions = _LINK,
     duration: Seconds = 2.0 * SWEEP_PERIOD,
     torque: float = 1.0,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Record a torque sweep with the wheels off the ball, for `ballbot identify-driveline`.
 
@@ -244,14 +231,10 @@ def sweep(
 
     Parameters
     ----------
-    port
-        As for `ballbot run`.
     duration
         Length of the sweep [s].
     torque
         Its largest torque [N m].
-    out
-        The folder for report.html, log.csv and results.json.
     """
     with connected(port, link, hold="in_air") as connection:
         _bench(connection, link, sweep_of(connection.robot, torque), duration, out)
@@ -259,13 +242,13 @@ def sweep(
 
 @run.command
 def upside_down(
-    port: str | None = None,
+    port: Port = None,
     /,
     *,
     link: LinkOptions = _LINK,
     duration: Seconds = 60.0,
     torque_seed: WholeNumber = 1,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
 
@@ -278,14 +261,10 @@ def upside_down(
 
     Parameters
     ----------
-    port
-        As for `ballbot run`.
     duration
         Length of the run [s].
     torque_seed
         Random seed of the torques' phases.
-    out
-        The folder for report.html, log.csv and results.json.
     """
     with connected(port, link, hold="upside_down") as connection:
         _bench(connection, link, stir(connection.robot, torque_seed), duration, out)
@@ -307,17 +286,17 @@ def _bench(
         return camera.added_to(bench_log(log)) if camera else bench_log(log)
 
     try:
-        record_run(
+        _record(
             connection,
             link,
-            Plan(
+            _Plan(
                 commander=TorqueProgram(torques, sample_time=robot.sample_time),
                 controller=ControllerPlace.HOST,
                 duration=duration,
-                view=HELD,
+                held=True,
             ),
             out=out,
-            inputs=input_files(link.robot, link.scenario),
+            inputs=[link.robot, link.scenario],
             kept=kept,
             summary=lambda log: {"peak_wheel_speed": float(np.abs(log.wheel_speeds).max())},
         )
@@ -328,7 +307,7 @@ def _bench(
 
 @run.command
 def send(
-    port: str | None = None,
+    port: Port = None,
     /,
     *,
     link: LinkOptions = _LINK,
@@ -341,8 +320,6 @@ def send(
 
     Parameters
     ----------
-    port
-        As for `ballbot run`.
     controller
         A controller file.
     lean
@@ -359,7 +336,7 @@ def send(
 
 @run.command
 def compare(
-    port: str | None = None,
+    port: Port = None,
     /,
     *,
     link: LinkOptions = _LINK,
@@ -367,7 +344,7 @@ def compare(
     before: Path | None = None,
     rounds: WholeNumber = MIN_RUNS // 2,
     lean: float = 0.35,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Compare a study's controller with the one before it on the robot: runs in turn on the same course, A B A B.
 
@@ -381,8 +358,6 @@ def compare(
 
     Parameters
     ----------
-    port
-        As for `ballbot run`.
     prediction
         The results.json of a study, with controller.toml, previous_controller.toml and robot.toml beside it.
     before
@@ -391,8 +366,6 @@ def compare(
         Runs of each controller, two or more.
     lean
         Largest tilt [rad] at which the robot gives torques.
-    out
-        The folder for report.html, the logs and results.json.
     """
     if rounds < MIN_RUNS // 2:
         raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
@@ -408,16 +381,16 @@ def compare(
     for name in names:
         check_no_recording(out / f"{name}{SUFFIX}")
     writes = [*(f"{name}.csv" for name in names), PAGE, "results.json"]
-    inputs = [prediction, *files, *input_files(link.robot, link.scenario)]
+    inputs = [prediction, files, link.robot, link.scenario]
     with open_result(out, command="run compare", writes=writes, inputs=inputs, seed=link.seed) as result:
         with connected(port, link) as connection:
-            about = about_run(connection, link, result) | {"robot": described.name}
+            about = _about_run(connection, link, result) | {"robot": described.name}
             logs = []
             for k, name in enumerate(names):
                 result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
                 parameters = export_controller(controllers[k % 2], lean=lean).parameters
                 connection.robot.use_parameters(parameters)
-                logs.append(_course_run(connection, predicted, out / f"{name}{SUFFIX}", about))
+                logs.append(_course_run(connection, predicted, out / f"{name}{SUFFIX}"))
         found = _compared(predicted, logs, controllers)
         with result.replaced() as new:
             for name, log in zip(names, logs, strict=True):
@@ -429,28 +402,26 @@ def compare(
                 found,
                 logs,
                 controllers=(compared["before"], compared["after"]),
-                about=about_words(connection, link),
+                about=_about_words(connection, link),
                 made=result.origin,
             )
             result.write_page(page, new)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
-    result.show(alternation_parts(found))
+    result.show(page.parts())
     result.show_file(PAGE)
 
 
-def _course_run(
-    connection: Connection, predicted: Prediction, recording: Path, about: dict[str, object]
-) -> Log:
+def _course_run(connection: Connection, predicted: Prediction, recording: Path) -> Log:
     """Return the log of one run of the predicted course."""
     course = live_reference(predicted.course.name)
-    plan = Plan(
+    plan = _Plan(
         commander=FollowReference(course, sample_time=connection.robot.sample_time),
         controller=ControllerPlace.ROBOT,
         duration=predicted.course.duration,
     )
-    made = make_run(connection, plan, recording=recording, about=about)
-    finish(connection, made)
+    made = _make_run(connection, plan, recording=recording)
+    _finish(connection, made)
     return require_log(made)
 
 
@@ -461,40 +432,110 @@ def _compared(predicted: Prediction, logs: list[Log], controllers: list[Controll
     return alternate(performances, [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]])
 
 
-@run.command
-def recover(recording: Path, /, *, out: Path) -> None:
-    """Make a log of a run that was cut off: by a pulled plug, a killed process or a full disk.
+@dataclass(frozen=True, kw_only=True)
+class _Plan:
+    """What a run is."""
 
-    Example: ballbot run recover run1/log.recording --out recovered
+    commander: Commander
+    controller: ControllerPlace
+    duration: float  #: longest, from arming on [s]
+    ramp: float = 0.0  #: over which the torque limit rises from zero [s]
+    held: bool = False  #: whether the robot is held, and does not balance
 
-    Parameters
-    ----------
-    recording
-        The file that was left where the log was to be.
-    out
-        The folder for report.html, log.csv and results.json.
-    """
-    read = read_recording(recording)
-    with open_result(out, command="run", writes=WRITTEN, inputs=[recording]) as result:
+
+def _record(
+    connection: Connection,
+    link: LinkOptions,
+    plan: _Plan,
+    *,
+    out: Path,
+    inputs: list[str | Path | None],
+    kept: Callable[[Log], Log],
+    summary: Callable[[Log], Mapping[str, object]],
+) -> None:
+    """Make a run, and write its log and results into a folder; the log until then if the link is lost."""
+    recording = out / f"log{SUFFIX}"
+    check_no_recording(recording)
+    with open_result(out, command="run", writes=_WRITTEN, inputs=inputs, seed=link.seed) as result:
+        made = _make_run(connection, plan, recording=recording)
+        log = kept(require_log(made))
         results = {
-            "rows": len(read.log),
-            "sample_time": read.log.sample_time,
-            "ended": "cut off",
-            "damaged_bytes": read.damaged_bytes,
-            "provenance": read.about,
+            "rows": len(log),
+            "sample_time": connection.robot.sample_time,
+            "ended": made.ending.kind,
+            "reason": made.ending.text,
+            **summary(log),
+            "provenance": _about_run(connection, link, result),
         }
         with result.replaced() as new:
-            read.log.write(new / "log.csv")
+            log.write(new / "log.csv")
             write_text(new / "results.json", results_text(results))
             page = live_run_report(
-                read.log,
-                None,
-                balancing=True,
-                ending="Cut off.",
-                about=f"From {recording}.",
+                log,
+                link.described,
+                balancing=not plan.held,
+                ending=made.ending.text,
+                about=_about_words(connection, link),
                 made=result.origin,
             )
             result.write_page(page, new)
-    length = float(read.log.t[-1] - read.log.t[0])
-    result.console.print(f"Rows: {len(read.log)} in {length:.1f} s. Bytes lost: {read.damaged_bytes}.")
-    result.show_file("log.csv", PAGE)
+        recording.unlink(missing_ok=True)
+    try:
+        _finish(connection, made)
+    finally:
+        result.show_file("log.csv", PAGE)
+
+
+def _make_run(connection: Connection, plan: _Plan, *, recording: Path | None = None) -> LiveRun:
+    """Make a run, watched by the monitor; see `recorded_run`."""
+    monitor, line = Monitor(standard_output()), bench_line if plan.held else sample_line
+
+    def watch(sample: Sample) -> None:
+        monitor.show(sample.t, lambda: line(sample, torque_limit=connection.robot.torque_limit))
+        if connection.camera is not None:
+            connection.camera.watch(sample.t)
+
+    with monitor:
+        return recorded_run(
+            connection.robot,
+            plan.commander,
+            operator=connection.operator,
+            controller=plan.controller,
+            duration=plan.duration,
+            ramp=plan.ramp,
+            watch=watch,
+            recording=recording,
+        )
+
+
+def _about_words(connection: Connection, link: LinkOptions) -> str:
+    """Return which robot it is, and where, in a sentence."""
+    described = link.described
+    name = "A robot" if described is None else f"The robot {described.name}"
+    where = ", emulated on this computer" if connection.address == "emulated" else f" at {connection.address}"
+    return f"{name}{where}."
+
+
+def _about_run(connection: Connection, link: LinkOptions, result: CommandResult) -> dict[str, object]:
+    """Return the provenance of a log: how it was made, on which robot, with which parameters, in which session."""
+    described = link.described
+    return to_results(result.origin) | {
+        "robot": described.name if described else None,
+        "port": connection.address,
+        "session": connection.robot.session_name,
+        "parameters_sha256": sha256(connection.robot.parameters.tobytes()).hexdigest(),
+    }
+
+
+def _finish(connection: Connection, made: LiveRun) -> None:
+    """Print how a run ended; raise InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
+    if made.trouble:
+        notice_output().print(made.trouble, style="yellow", soft_wrap=True)
+    if made.ending.kind == "interrupt":
+        raise KeyboardInterrupt("interrupted; the robot is disarmed.")
+    if made.ending.kind == "link":
+        raise InputError(made.ending.text)
+    standard_output().print(made.ending.text, soft_wrap=True)
+    refused = counts_line(connection.robot.session.counts.refused, connection.robot.refused_frames())
+    if refused:
+        notice_output().print(refused, style="yellow", soft_wrap=True)

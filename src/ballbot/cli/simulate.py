@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, ROBOT_BESIDE, LogFormatName, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, ROBOT_BESIDE, LogFormatName, OutFolder, WholeNumber, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import notice_output, print_verdict, standard_output
@@ -25,7 +24,6 @@ from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of, left_out, with_identified
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.viewer.foxglove import write_with_scene
 from ballbot.workflows.metrics import run_results
 
 _WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json", ROBOT_BESIDE, PAGE)
@@ -61,7 +59,7 @@ def simulate(
     simulated: PlantOptions = _PLANT,
     format: LogFormatName = "csv",
     accept: Accept = None,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
 
@@ -81,8 +79,6 @@ def simulate(
         ref_x, ref_y and ref_psi, as ballbot excite writes it. The square stays at the start for 8 s.
     duration
         Length of the run [s].
-    out
-        The folder to write into.
     """
     described = Robot.load(robot)
     findings = check_robot(described, robot, accept=accept)
@@ -93,7 +89,7 @@ def simulate(
     console = standard_output()
     warn_of_idle_compensation({chosen.controller or "nominal controller": controller})
     plant = _plant(Model(described, simulated.formulation), simulated.scenario, controller.estimator)
-    inputs = input_files(robot, reference, chosen.controller, simulated.scenario)
+    inputs = [robot, reference, chosen.controller, simulated.scenario]
     with open_result(out, command="simulate", writes=_WRITTEN, inputs=inputs, seed=simulated.seed) as result:
         with result.progress(f"simulating {duration:g} s") as bar:
             log = run(
@@ -105,7 +101,7 @@ def simulate(
                 progress=lambda now: bar.show(now.share),
             )
         with result.replaced() as new:
-            missing = write_with_scene(new / f"log.{format}", log, described)
+            log.write(new / f"log.{format}")
             result.write_json(run_results(log), new)
             write_robot(described, new / ROBOT_BESIDE)
             page = simulation_report(
@@ -120,8 +116,6 @@ def simulate(
             result.write_page(page, new)
     print_verdict(run_verdict(log), console)
     result.show_file(f"log.{format}", PAGE)
-    if missing:
-        notice_output().print(missing, markup=False, soft_wrap=True)
 
 
 def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plant | Model:

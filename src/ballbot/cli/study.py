@@ -12,9 +12,11 @@ from ballbot.arguments import names_listed
 from ballbot.cli.context import (
     ClusterAddress,
     LogPath,
+    OutFolder,
+    RobotName,
+    Seed,
     WholeNumber,
     executor,
-    input_files,
     open_result,
     read_balancing_logs,
 )
@@ -36,7 +38,7 @@ from ballbot.workflows.study import study as run_study
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class TrialOptions:
+class StudyTrialOptions:
     """The simulated robots that the candidates run on."""
 
     scenario: str = "nominal"
@@ -52,7 +54,7 @@ class TrialOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class FitOptions:
+class StudyFitOptions:
     """How the friction is identified."""
 
     exclude_states: str = ""
@@ -66,17 +68,17 @@ class FitOptions:
     """A TOML file with lower and upper bounds of the friction parameters."""
 
 
-_TRIAL, _FIT = TrialOptions(), FitOptions()
+_TRIAL, _FIT = StudyTrialOptions(), StudyFitOptions()
 
 
 def study(
-    robot: str,
+    robot: RobotName,
     /,
     *logs: LogPath,
-    out: Path,
-    trial: TrialOptions = _TRIAL,
-    fit: FitOptions = _FIT,
-    seed: WholeNumber = 0,
+    out: OutFolder,
+    trial: StudyTrialOptions = _TRIAL,
+    fit: StudyFitOptions = _FIT,
+    seed: Seed = 0,
     accept: Accept = None,
     quick: Annotated[bool, Parameter(negative="")] = False,
     cluster: ClusterAddress = None,
@@ -94,14 +96,8 @@ def study(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file.
     logs
         One or more logs of the robot balancing, with torques and states.
-    out
-        The folder to write into.
-    seed
-        Random seed. The same seed gives the same result.
     quick
         Stop at the verdict: no report.html, and no measurement of where the gain comes from.
     """
@@ -122,7 +118,7 @@ def study(
             f"{counted(trial.draws, 'simulated robot')} will give no prediction of the next run and no 95 % intervals; "
             f"both need --draws {MIN_RUNS} or more."
         )
-    inputs = input_files(robot, logs, fit.mapping, fit.bounds, trial.scenario)
+    inputs = [robot, logs, fit.mapping, fit.bounds, trial.scenario]
     with (
         open_result(out, command="study", writes=STUDY_FILES, inputs=inputs, seed=seed) as result,
         executor(cluster) as made_by,

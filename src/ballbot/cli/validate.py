@@ -32,8 +32,7 @@ from ballbot.report.prediction import (
     verdict_parts,
 )
 from ballbot.report.run import over_time
-from ballbot.report.validation import validation_parts, validation_results
-from ballbot.report.validation_page import validation_report
+from ballbot.report.validation import validation_report, validation_results
 from ballbot.report.words import logs_words
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, join_validations, validate_logs
@@ -49,7 +48,7 @@ from ballbot.workflows.controller_prediction import (
 _WRITTEN = (PAGE, "results.json")
 
 
-def validate_prediction(
+def _validate_prediction(
     results: Path,
     inputs: Sequence[str],
     *,
@@ -58,27 +57,7 @@ def validate_prediction(
     mapping: Path | None,
     accept: Accept,
 ) -> None:
-    """Compare one log with a study's prediction, print the verdict, and write it if a folder is given.
-
-    Parameters
-    ----------
-    results : Path
-        The study's results.json.
-    inputs : sequence of str
-        The log; or a robot's preset or file, and the log.
-    out : Path, optional
-    controller : Path, optional
-        The controller's file; that beside the results if not given.
-    mapping : Path, optional
-        Of the log.
-    accept : list of str, optional
-        Codes of errors of the log to ignore.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or does not belong to the prediction, or the log is not one of the course.
-    """
+    """Compare one log with a study's prediction, print the verdict, and write it if a folder is given."""
     prediction = read_prediction(results)
     source, log_path = _robot_and_log(results, inputs)
     robot = Robot.load(source)
@@ -198,7 +177,7 @@ def validate(
     if prediction is not None:
         _refuse_models(against, seed)
         inputs = (robot, *map(str, logs))
-        validate_prediction(
+        _validate_prediction(
             prediction, inputs, out=out, controller=controller, mapping=mapping, accept=accept
         )
         return
@@ -232,13 +211,12 @@ def validate(
             validation,
             title=title,
             lead=f"Validated on {logs_words(named)}.",
-            example_of=next(iter(named)) if len(named) == 1 else "the first log that allows it",
             made=result.origin,
         )
         with result.replaced() as new:
             result.write_json({"validation": results}, new, findings=found)
             result.write_page(page, new)
-    result.show(validation_parts(validation))
+    result.show(page.parts())
     result.show_file(PAGE)
 
 

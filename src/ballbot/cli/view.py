@@ -1,4 +1,4 @@
-"""`ballbot view`: logs in three dimensions as a page in the browser, robots that you push, or a real robot."""
+"""`ballbot view`: logs in three dimensions as a page in the browser, or robots that you push."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from ballbot.cli.context import ROBOT_BESIDE, robot_beside
-from ballbot.cli.live_view import LiveOptions, has_live_view, open_page, simulate_live, watch_robot
+from ballbot.cli.live_view import LiveOptions, has_live_view, open_page, simulate_live
 from ballbot.cli.output import notice_output, progress_bar, show_written, standard_output
 from ballbot.errors import InputError, every, nearest
 from ballbot.files import check_file, write_text
@@ -34,7 +34,7 @@ def view(
 
     The page of logs needs no network and no server. Play, scrub, slow down, orbit; several logs stand side by side, or
     in one place as ghosts. A robot balances in real time: push it, drag its reference, change friction and floor. This
-    needs `pip install 'ballbot[view]'`; Ctrl-C ends it. A real robot at a port is shown, and no page arms it.
+    needs `pip install 'ballbot[view]'`; Ctrl-C ends it.
 
     Example: `ballbot view run1/log.csv`
 
@@ -42,15 +42,13 @@ def view(
 
     Example: `ballbot view alten --plant twin`
 
-    Example: `ballbot view /dev/ttyACM0 --robot mine.toml`
-
     Parameters
     ----------
     shown
-        Logs, at most four, or robots: presets' names or robot files, or the port of a real robot, as for `ballbot run`.
+        Logs, at most four, or robots: presets' names or robot files.
         LABEL=LOG names a log in the page.
     robot
-        The robot of the logs or at the port. If not given, each log's is the file robot.toml in the log's folder.
+        The robot of the logs. If not given, each log's is the file robot.toml in the log's folder.
     layout
         side (each log in its own picture) or ghosts (all in one); the page can change it.
     start
@@ -68,10 +66,7 @@ def view(
         if file is not None:
             check_file(file)
     if any(map(_is_port, shown)):
-        if len(shown) != 1 or robot is None or save or video:
-            raise InputError("A real robot is watched alone and live: ballbot view PORT --robot ROBOT.")
-        watch_robot(shown[0], Robot.load(robot), live)
-        return
+        raise InputError(f"A real robot is shown in the terminal: ballbot run monitor {shown[0]}")
     robots, paths = _sorted_out(shown)
     if robots and paths:
         raise InputError(f"{robots[0]} is a robot; name the robot of the logs with --robot {robots[0]}.")
@@ -123,7 +118,7 @@ def _write(page: str, save: Path | None, video: Path | None) -> None:
 
 def _is_port(word: str) -> bool:
     """Return whether a word names the port of a robot, and no file."""
-    return re.match(r"(udp|tcp)://|/dev/|COM\d+($|\?)", word) is not None
+    return re.match(r"/dev/|COM\d+($|\?)", word) is not None
 
 
 def _sorted_out(shown: tuple[str, ...]) -> tuple[list[str], dict[str, Path]]:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arguments import checked_arguments
-from ballbot.arrays import checked_sample_time, real_array
+from ballbot.arrays import checked_sample_time, positive_number, real_array
 from ballbot.control.law import ALLOWED, MEMORY, control_law, law_record
 from ballbot.control.lqr import gain_rows, sampling_words
 from ballbot.control.parts import Parts
@@ -114,7 +113,6 @@ class Controller:
     memory: NDArray[np.void]
     packed: NDArray[np.float64]
 
-    @checked_arguments
     def __init__(
         self,
         robot: RobotLike,
@@ -135,11 +133,10 @@ class Controller:
         if compensation not in get_args(Compensation):
             raise InputError(f"The compensation is {compensation!r}; it must be 'none', 'full' or 'partial'.")
         self.compensation = compensation
-        self.torque_limit = _positive(
-            "torque limit", robot.drive.torque_limit if torque_limit is None else torque_limit
-        )
+        limit = robot.drive.torque_limit if torque_limit is None else torque_limit
+        self.torque_limit = positive_number(limit, "The controller's torque limit")
         band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
-        self.speed_band = _positive("speed band", band)
+        self.speed_band = positive_number(band, "The controller's speed band")
         self.parts = parts
         self.estimator = checked_name(estimator)
         #: what its file says of the robot that it was designed for; None if that is `robot`
@@ -175,7 +172,7 @@ class Controller:
         return Summary(title=title, rows=(*rows, *gain_rows(self.gain)))
 
     def plot(self) -> Figure:
-        """Return the Bode diagram of the loop and its step response; an unstable loop has only its poles drawn."""
+        """Return the Bode diagram of the loop; of an unstable one its poles are drawn."""
         return plotted(self)
 
     def with_compensation(self, compensation: Compensation) -> Controller:
@@ -251,16 +248,6 @@ class Controller:
         copy.designed_for = self.designed_for
         return copy
 
-    @property
-    def disturbance_estimate(self) -> NDArray[np.float64]:
-        """The lost torque of each wheel that the disturbance observer estimates and adds now (n,) [N m]."""
-        return self.memory["disturbance_observer"]["estimate"][0, : len(self.gain)].copy()
-
-    @property
-    def drag(self) -> float:
-        """The part of the integral [m s] that the floor adaptation gives now in the direction of motion."""
-        return float(self.memory["floor_adaptation"]["drag"][0])
-
 
 def refusal(place: int, value: float) -> str:
     """Return why a reference with that value at that place of the state is refused."""
@@ -285,9 +272,3 @@ def _checked_gain(gain: ArrayLike, wheel_count: int) -> NDArray[np.float64]:
         )
     matrix.setflags(write=False)
     return matrix
-
-
-def _positive(what: str, value: float) -> float:
-    if not (np.isfinite(value) and value > 0.0):
-        raise InputError(f"The controller's {what} is {value:g}; it must be positive.")
-    return float(value)

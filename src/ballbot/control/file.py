@@ -4,15 +4,13 @@ The geometry is not in a controller file: a controller is read together with its
 a table of its own, whose name is its field in `ballbot.control.parts.Parts` and whose keys are the part's settings. A
 key that is left out has the part's default. What follows from the robot is not written: it is computed for the robot
 that the file is read with. The table `designed_for` has the robot's values that the design depends on; a file read with
-other values, or edited by hand, raises a warning that names them. Files of earlier versions lack the table.
-
-Files of earlier versions are read through `migrate`, with a warning that says what changed.
+other values, or edited by hand, raises a warning that names them.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -24,8 +22,8 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.linear import lacking_margin
 from ballbot.control.overcompensation import overcompensation_warning
 from ballbot.control.parts import KINDS, Parts
-from ballbot.control.records import Table, extended_table, settings_of, table_of, table_text
-from ballbot.errors import InputError, OldFileFormat, UnsuitedController, every
+from ballbot.control.records import Table, extended_table, table_of, table_text
+from ballbot.errors import InputError, UnsuitedController, every
 from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
@@ -46,7 +44,6 @@ class FeedbackTable(Table):
     compensation: Compensation
     torque_limit: PositiveFloat
     speed_band: PositiveFloat
-    #: files written before the controller named its estimator were made for the thesis's state
     estimator: EstimatorName = "onboard"
     gain: Annotated[tuple[_GainRow, ...], Field(min_length=3, max_length=4)]
     friction: Friction  #: as in a robot file, in SI units
@@ -58,51 +55,11 @@ ControllerTable = extended_table(
     "ControllerTable", FeedbackTable, {name: (table_of(kind) | None, None) for name, kind in KINDS.items()}
 )
 
-#: tables that have another name now
-_RENAMED = {"lean_bound": "lean_limit"}
-#: tables of parts that are no more, and what was measured
-_REMOVED = {
-    "driveline_adaptation": "driveline adaptation was removed, because it followed too little of a change of friction",
-    "load_scaling": "load scaling was removed, because it gained nothing",
-    "standstill": "the breakaway assist at standstill was removed, because it gained nothing",
-}
-
-
-def migrate(tree: Mapping[str, object]) -> tuple[dict[str, object], list[str]]:
-    """Return the tables of an earlier version's controller file as they are written now, and what was changed.
-
-    Parameters
-    ----------
-    tree : mapping
-        What the TOML file holds.
-
-    Returns
-    -------
-    tables : dict
-    hints : list of str
-        A clause for each change; empty if the file is up to date.
-    """
-    tables, hints = dict(tree), []
-    for old, now in _RENAMED.items():
-        if old in tables and now not in tables:
-            tables[now] = tables.pop(old)
-            hints.append(f"[{old}] is now called [{now}]")
-    shaping = tables.get("shaping")
-    if isinstance(shaping, Mapping) and "feed_forward" in shaping:
-        tables["shaping"] = {key: value for key, value in shaping.items() if key != "feed_forward"}
-        if shaping["feed_forward"]:
-            tables.setdefault("feed_forward", {})
-        hints.append("feed_forward of [shaping] is now a table [feed_forward]")
-    for old, why in _REMOVED.items():
-        if tables.pop(old, None) is not None:
-            hints.append(f"[{old}] is ignored: {why}")
-    return tables, hints
-
 
 def read_controller(path: str | Path, robot: RobotLike) -> Controller:
     """Return the controller of a file, for a robot.
 
-    Warns with `OldFileFormat` if an earlier version wrote the file, and as `warn_if_unsuited`.
+    Warns as `warn_if_unsuited` does.
 
     Parameters
     ----------
@@ -117,16 +74,10 @@ def read_controller(path: str | Path, robot: RobotLike) -> Controller:
     """
     described, tree = as_robot(robot), read_toml(path)
     try:
-        tree, hints = migrate(take_format(tree, "controller"))
-        controller = _controller(validate_table(ControllerTable, tree, of="a controller file"), described)
+        table = validate_table(ControllerTable, take_format(tree, "controller"), of="a controller file")
+        controller = _controller(table, described)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    if hints:
-        warnings.warn(
-            f"{path} was written by an earlier version: {'; '.join(hints)}.",
-            OldFileFormat,
-            stacklevel=2,
-        )
     warn_if_unsuited(controller, described, name=str(path))
     return controller
 
@@ -300,11 +251,7 @@ def _parts_of(table: FeedbackTable) -> Parts:
     for name, kind in KINDS.items():
         described = getattr(table, name)
         if described is not None:
-            values = described.model_dump()
-            for key, one in settings_of(kind).items():
-                if one.columns:
-                    values[key] = np.array(values[key])
-            found[name] = kind(**values)
+            found[name] = kind(**described.model_dump())
     return Parts(**found)
 
 

@@ -3,20 +3,18 @@
     u = K S(psi) (r_s - x) + parts' torques + friction compensation,  filtered and limited
 
 S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is designed at
-psi = 0 and the wheels turn with the body. The law runs through the stages of `ballbot.control.parts.part.Steps` in the
-order of its fields. Each part has steps in some of them: `STAGES` lists the parts of each stage in the order of their
-calls. Friction compensation follows the stage `torque`, and the torque limit the stage `filter`.
+psi = 0 and the wheels turn with the body. `_decide` calls the steps of the parts in their order. A part that the
+controller lacks does nothing there.
 
 A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory from
 update to update is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). In C
-a part is one file with these two structs and a function for each of its steps; this file is the calls in order.
+a part is one file with these two structs and a function for each of its steps; `law.c` has the calls in order.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
-from functools import cache, reduce
+from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numba import carray  # pyright: ignore[reportPrivateImportUsage] (documented by Numba)
@@ -25,15 +23,14 @@ from numpy.typing import NDArray
 from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.parts.compensation import CompensationRecord, compensate, compensation_record
-from ballbot.control.parts.part import (
-    LawSettings,
-    Measured,
-    Sample,
-    Smooth,
-    Steps,
-    TorqueHistory,
-    clipped,
-)
+from ballbot.control.parts.disturbance_observer import add_estimate, observe
+from ballbot.control.parts.feed_forward import add_feed_forward, lean_error
+from ballbot.control.parts.integral import add_integral, learn_integral
+from ballbot.control.parts.lean_limit import limit_error
+from ballbot.control.parts.notch import notched
+from ballbot.control.parts.part import LawSettings, Measured, Sample, Smooth, TorqueHistory, clipped
+from ballbot.control.parts.prediction import predict
+from ballbot.control.parts.reference_shaping import shape
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.estimation.heading import TURN, compiled_turns_after
 from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
@@ -104,65 +101,6 @@ def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> N
     for name, part in parts.present():
         fill_record(record[name], part.numbers(settings))
     return record
-
-
-#: stages of the law with the parts that have a step in each, in the order of their calls
-STAGES = {
-    stage.name: tuple(name for name, kind in KINDS.items() if getattr(kind.steps, stage.name) is not None)
-    for stage in fields(Steps)
-}
-
-
-def _steps_of(stage: str) -> list[Callable]:
-    return [getattr(KINDS[name].steps, stage) for name in STAGES[stage]]
-
-
-@inlined
-def _nothing(law, memory, *inputs):
-    """Do nothing; a stage without steps."""
-
-
-@inlined
-def _unchanged(law, memory, value, *inputs):
-    """Return the value; a stage without steps."""
-    return value
-
-
-def sequence(steps: Sequence[Callable]) -> Callable:
-    """Return one compiled function (law, memory, *inputs) that calls steps without a result in order."""
-
-    def then(first: Callable, last: Callable) -> Callable:
-        @inlined
-        def both(law, memory, *inputs):
-            first(law, memory, *inputs)
-            last(law, memory, *inputs)
-
-        return both
-
-    return reduce(then, steps) if steps else _nothing
-
-
-def composition(steps: Sequence[Callable]) -> Callable:
-    """Return one compiled function (law, memory, value, *inputs) that gives each step the result of the one before."""
-
-    def then(first: Callable, last: Callable) -> Callable:
-        @inlined
-        def both(law, memory, value, *inputs):
-            return last(law, memory, first(law, memory, value, *inputs), *inputs)
-
-        return both
-
-    return reduce(then, steps) if steps else _unchanged
-
-
-_observe_stage = sequence(_steps_of("observe"))
-_predict_stage = composition(_steps_of("predict"))
-_shape_stage = composition(_steps_of("shape"))
-_error_stage = composition(_steps_of("error"))
-_torque_stage = composition(_steps_of("torque"))
-_filter_stage = composition(_steps_of("filter"))
-_act_stage = composition(_steps_of("act"))
-_learn_stage = sequence(_steps_of("learn"))
 
 
 @inlined
@@ -244,11 +182,11 @@ def _filter_and_limit(law, memory, torques):
     history, limit = memory.history, law.torque_limit
     limited = False
     for i in range(len(torques)):
-        history.disturbance_compensation[0, i] = 0.0  # the stage adds to it
-        torques[i] = _filter_stage(law, memory, torques[i], i)
+        history.disturbance_compensation[0, i] = 0.0  # the observer adds to it
+        torques[i] = notched(law, memory, add_estimate(law, memory, torques[i], i), i)
         limited = limited or abs(torques[i]) > limit
         torques[i] = clipped(torques[i], limit)
-        history.acting[0, i] = _act_stage(law, memory, torques[i], i)
+        history.acting[0, i] = torques[i]
     for i in range(len(torques)):
         history.limited[0, i] = 1.0 if limited else 0.0
     return limited
@@ -268,21 +206,22 @@ def _decide(law, memory, measured, reference, torques):
     """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`."""
     n = len(torques)
     seen = Measured(attitude((measured[2], measured[3], measured[4])), measured)
-    _observe_stage(law, memory, seen, n)
-    a, state = _predict_stage(law, memory, seen, n)
+    observe(law, memory, seen, n)
+    a, state = predict(law, memory, seen, n)
     turned = _turned_by(
         memory.measured_heading, measured[4]
     )  # nothing at the start, where a part takes the pose
     asked = _unshaped(reference, _turned_by(memory.reference_heading, reference[4]))
-    wanted = _shape_stage(law, memory, asked, state)
-    e, error_limited = _error_stage(law, memory, (_heading_error(a, state, turned, wanted), False), a, wanted)
+    wanted = shape(law, memory, asked, state)
+    e, error_limited = limit_error(law, lean_error(law, _heading_error(a, state, turned, wanted), a, wanted))
     now = Sample(a, state, wanted, e)
     for i in range(n):
-        torques[i] = _torque_stage(law, memory, _feedback(law.gain, e, i), now, i)
+        torque = add_feed_forward(law, _feedback(law.gain, e, i), now, i)
+        torques[i] = add_integral(law, memory, torque, now, i)
     if law.compensation.full + law.compensation.partial > 0.0:
         compensate(law, memory, now, torques)
     torque_limited = _filter_and_limit(law, memory, torques)
-    _learn_stage(law, memory, now, torque_limited or error_limited)
+    learn_integral(law, memory, now, torque_limited or error_limited)
 
 
 @cache

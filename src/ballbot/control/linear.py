@@ -15,7 +15,7 @@ that a design compiles nothing:
 
 Left out are friction compensation, which is not linear and cancels what the robot's friction does; limits and the
 integral's dead band, which are not linear; and reference shaping and feed-forward, which act on references only. The
-lean limit and the floor adaptation do nothing for small errors at rest.
+lean limit does nothing for small errors.
 
 The robot of the loop is the exact model without friction. Its torques are held over a sample and act late by the delay
 that the controller predicts over, if it does. The state is fed back as it is: an estimator's lag is not in the loop.
@@ -27,7 +27,6 @@ import cmath
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +35,8 @@ from scipy.linalg import block_diag
 from ballbot.arrays import instead_of_sample_time
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import frictionless_model, held
-from ballbot.errors import InputError, missing_package
+from ballbot.errors import InputError
 from ballbot.state import STATE_NAMES, torque_names
-
-if TYPE_CHECKING:
-    from control import StateSpace
 
 Matrix = NDArray[np.float64]
 #: where x, y and psi stand in the state
@@ -224,30 +220,6 @@ class RobotLoop:
         others[np.arange(len(others)), heading] = -1.0
         places = np.concatenate([np.argsort(-others, axis=1)[:, :2], heading[:, None]], axis=1)
         return np.take_along_axis(values, places, axis=1)
-
-    def to_control(self) -> StateSpace:
-        """Return the broken loop L(z) as a python-control StateSpace, inputs and outputs named as the torques.
-
-        Raises
-        ------
-        InputError
-            If python-control is not installed.
-        """
-        try:
-            from control import StateSpace
-        except ImportError:
-            raise missing_package("A StateSpace", "python-control", extra="interop") from None
-        A, B, C = self.broken()
-        return StateSpace(
-            A,
-            B,
-            -C,
-            np.zeros((len(C), B.shape[1])),
-            self.sample_time,
-            inputs=[*self.wheels],
-            outputs=[f"{name}_commanded" for name in self.wheels],
-            name="loop",
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from ballbot.arguments import checked_arguments
 from ballbot.arrays import instead_of_sample_time
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
@@ -69,12 +68,17 @@ class LqrDesign:
     poles: NDArray[np.complex128]
     cost: NDArray[np.float64]  #: P (m, m): x' P x is the cost still to come from x
     sample_time: float | None  #: [s]; None where the gain is for continuous control
+    integral_gain: NDArray[np.float64] | None = (
+        None  #: K_I (n, 3) for the integrals of x, y and psi, if it has one
+    )
 
     def summary(self) -> Summary:
-        """Return the gain of each state and the closed loop's poles."""
+        """Return the gain of each state and of the integrals, and the closed loop's poles."""
+        names = ("integral of x", "integral of y", "integral of psi")
+        integral = () if self.integral_gain is None else matrix_rows(self.integral_gain.T, names)
         return Summary(
             title=f"LQR gain, {sampling_words(self.sample_time)}",
-            rows=(*gain_rows(self.gain), ("poles", f"{pole_words(self.poles)} rad/s")),
+            rows=(*gain_rows(self.gain), *integral, ("poles", f"{pole_words(self.poles)} rad/s")),
         )
 
     def plot(self) -> Figure:
@@ -109,7 +113,6 @@ def matrix_rows(matrix: NDArray[np.float64], names: Sequence[str]) -> tuple[tupl
     return tuple(zip((f"  {name}" for name in names), cells, strict=True))
 
 
-@checked_arguments
 def lqr(
     model: Linearizable | StateSpace | ModelLike,
     Q: ArrayLike,
@@ -261,21 +264,14 @@ def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64], N: NDArray[n
     lowest_R, highest_R = np.linalg.eigvalsh(R)[[0, -1]]
     if not lowest_R > _ROUNDING * highest_R:
         raise InputError(
-            f"R is not positive definite (an eigenvalue is {lowest_R:.3g}); every input needs a positive "
-            "weight."
+            f"R is not positive definite (an eigenvalue is {lowest_R:.3g}); every input needs a positive weight."
         )
-    lowest_Q, highest_Q = np.linalg.eigvalsh(Q)[[0, -1]]
-    if lowest_Q < -_ROUNDING * abs(highest_Q):
-        raise InputError(
-            f"Q is not positive semidefinite (an eigenvalue is {lowest_Q:.3g}); no eigenvalue may be "
-            "negative."
-        )
-    whole = np.linalg.eigvalsh(np.block([[Q, N], [N.T, R]]))
-    if whole[0] < -_ROUNDING * whole[-1]:
-        raise InputError(
-            "Q, R and N together are not positive semidefinite (an eigenvalue of [Q N; N' R] is "
-            f"{whole[0]:.3g}). Make N smaller."
-        )
+    for name, matrix in (("Q is", Q), ("Q, R and N together are", np.block([[Q, N], [N.T, R]]))):
+        lowest, highest = np.linalg.eigvalsh(matrix)[[0, -1]]
+        if lowest < -_ROUNDING * abs(highest):
+            raise InputError(
+                f"{name} not positive semidefinite (an eigenvalue is {lowest:.3g}); none may be negative."
+            )
 
 
 def _check_stabilisable(A: NDArray[np.float64], B: NDArray[np.float64]) -> None:

@@ -132,7 +132,7 @@ class Margins:
         )
 
     def plot(self) -> Figure:
-        """Return a figure of the Bode diagram and of the step response."""
+        """Return a figure of the Bode diagram."""
         return plotted(self)
 
     def results(self) -> dict[str, object]:
@@ -257,7 +257,7 @@ def _margins_of(
         gain_up=_first_loss(radius, _GAINS),
         phase=phase,
         phase_frequency=frequency,
-        delay=_delay_margin(loop, direction, omega, response, surely=phase / max(frequency, 1e-9)),
+        delay=_delay_margin(loop, direction, phase=phase, frequency=max(frequency, 1e-9)),
         disk=_disk_margin(loop, np.flatnonzero(direction), omega, response),
     )
 
@@ -306,51 +306,29 @@ def _frequencies(loop: RobotLoop) -> Matrix:
     return np.unique(grid[(grid >= _LOWEST) & (grid <= nyquist)])
 
 
-def _delay_margin(
-    loop: RobotLoop, direction: Matrix, omega: Matrix, response: NDArray[np.complex128], *, surely: float
-) -> float:
+def _delay_margin(loop: RobotLoop, direction: Matrix, *, phase: float, frequency: float) -> float:
     """Return the delay [s] at which a pole leaves the unit circle, exact between the samples.
 
     Parameters
     ----------
-    loop, direction, omega, response
+    loop, direction
         As for `_margins_of`.
-    surely : float
-        The delay that turns the phase by its margin [s]; about there the loop is unstable, if not before.
+    phase, frequency : float
+        The phase margin [rad] and where it is [rad/s]: the delay that turns the phase so far destabilises, if no
+        shorter one does.
     """
-    step, around = loop.sample_time, _turns(direction, response)
+    if not math.isfinite(phase):
+        return math.inf
 
     def radius(delay: float) -> float:
         A, B, C = loop.broken(delay * direction)
         return float(_radius((A + B @ C)[None])[0])
 
-    def winding(samples: int) -> float:
-        # how often det(I + L) goes round zero between the lowest frequency and the Nyquist frequency; a loop that is
-        # stable with the delay goes as often as without
-        determinants = around(np.exp(-1j * omega * step * samples))
-        return float(np.angle(determinants[1:] / determinants[:-1]).sum())
-
-    begin = winding(0)
-    for samples in range(1, math.floor(_LONGEST_DELAY / step) + 1):
-        # the windings of a grid only say where to look: the poles decide
-        if (samples >= surely / step or abs(winding(samples) - begin) > 1.0) and radius(samples * step) > 1.0:
-            stable = next(place for place in range(samples - 1, -1, -1) if radius(place * step) <= 1.0)
-            return _crossing(radius, stable * step, (stable + 1) * step)
+    step = loop.sample_time
+    for samples in range(1, math.floor(min(2.0 * phase / frequency, _LONGEST_DELAY) / step) + 2):
+        if radius(samples * step) > 1.0:
+            return _crossing(radius, (samples - 1) * step, samples * step)
     return math.inf
-
-
-def _turns(
-    direction: Matrix, response: NDArray[np.complex128]
-) -> Callable[[NDArray[np.complex128]], NDArray[np.complex128]]:
-    """Return the function of factors (f,) of the marked torques that gives det(I + L) at each frequency."""
-    if direction.all():
-        loci = np.linalg.eigvals(response)
-        return lambda factors: np.prod(1.0 + loci * factors[:, None], axis=1)
-    (wheel,) = np.flatnonzero(direction)
-    eye = np.eye(len(direction))
-    whole = np.linalg.det(eye + response)
-    share = np.linalg.solve(eye + response, response)[:, wheel, wheel]  # of T = (I + L)^-1 L
-    return lambda factors: whole * (1.0 + (factors - 1.0) * share)
 
 
 def _disk_margin(

@@ -5,14 +5,12 @@ At wheel speed w the compensation gives at most (`ballbot.control.parts.compensa
     k(w) = b w + (c + s exp(-(w/v_s)^delta)) ramp(w),       w > 0
 
 of the friction that it assumes, and friction takes tau(w) of its own. A wheel that turns
-steadily at w is driven faster where k(w) > tau(w). A wheel that swings, w = A sin(phi), is given <k(w) w> and loses
-<tau(w) w>, means over a swing [W]: the describing function's view, in which the compensation injects energy where it
-gives more. A late torque gives less, not more (what it pushes after the wheel has turned round, it takes), and gear
-play gives none: the check leaves out both and is on the safe side. Partial compensation counts as full where it
-works, and rolling friction has a fraction of its own.
+steadily at w is driven faster where k(w) > tau(w). A late torque gives less, not more (what it pushes after the wheel
+has turned round, it takes), and gear play gives none: the check leaves out both and is on the safe side. Partial
+compensation counts as full where it works, and rolling friction has a fraction of its own.
 
-A friction that is safe to compensate (`cautious_friction`) is no more than what is certain of it. At a confidence level
-with the normal quantile z, wheel i's curve is at least
+A friction that is safe to compensate (`cautious_friction`) is no more than what is certain of it. With 95 % confidence
+(z = 1.64), wheel i's curve is at least
 
     tau(w) - z sigma(w) - u(w),      sigma^2 = g^T P g,   g = d tau / d (b, c, s, v_s, delta, d, e)
 
@@ -37,7 +35,6 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.controller import Controller
@@ -47,6 +44,8 @@ from ballbot.results import reported
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import BY_NAME, deviation_labels, scaled_friction
 
+#: the normal quantile of one-sided 95 % confidence
+_Z = 1.6448536269514722
 #: speeds of a wheel over which the curve is evaluated [rad/s]; below the first it is the break-away torque's
 _CONFIDENCE_SPEEDS = np.geomspace(0.02, 8.0, 60)
 #: shares of b that are tried
@@ -60,9 +59,8 @@ def cautious_friction(
     covariance: ArrayLike,
     *,
     intervals: Mapping[str, tuple[float, float]] = MappingProxyType({}),
-    confidence: float = 0.95,
 ) -> Friction:
-    """Return the part of a friction that the true one exceeds with that confidence at every speed.
+    """Return the part of a friction that the true one exceeds with 95 % confidence at every speed.
 
     Parameters
     ----------
@@ -73,44 +71,28 @@ def cautious_friction(
         The module's text has what a variance that is zero, infinite or NaN means; d, e and mu without rows are exact.
     intervals : mapping of str to (float, float)
         Likelihood intervals of numbers without an error, by label: "friction.stribeck[2]", "friction.rolling".
-    confidence : float
-        One-sided, for each wheel's curve and for the rolling friction.
 
     Returns
     -------
     Friction
         Each wheel's b times a number from 0 to 1, its dry torques times another; so C_rr; v_s and delta unchanged.
-
-    Raises
-    ------
-    InputError
-        If the covariance's shape is wrong, it has a covariance of known errors that is not finite, or the confidence is
-        not from 0.5 to 1.
     """
     n = len(friction.coulomb)
-    P = np.array(covariance, dtype=np.float64)
-    if P.shape not in ((3 * n + 3, 3 * n + 3), (6 * n + 3, 6 * n + 3)):
-        raise InputError(
-            f"The covariance of the friction has the shape {P.shape}; {n} wheels have {3 * n + 3} parameters, and "
-            f"{6 * n + 3} with the terms by direction and by load."
-        )
+    P = np.asarray(covariance, dtype=np.float64)
     P = np.pad(P, (0, 6 * n + 3 - len(P)))
     unknown = ~np.isfinite(P.diagonal())
     P[unknown], P[:, unknown] = 0.0, 0.0
-    if not np.isfinite(P).all():
-        raise InputError(
-            "The covariance of the friction has an entry that is not finite between two known errors."
-        )
-    if not 0.5 <= confidence < 1.0:
-        raise InputError(f"The confidence is {confidence:g}; it must be at least 0.5 and below 1.")
-    z = float(scipy.stats.norm.ppf(confidence))
-    known = _Known(
-        values=_numbers(friction),
-        ends={place: _ends(label, intervals) for place, label in enumerate(_labels(n)) if unknown[place]},
-        covariance=P,
-    )
-    shares = [_certain_shares(known, wheel, n, z) for wheel in range(n)]
-    least = known.least(z)
+    ends = {
+        place: intervals.get(label) or BY_NAME[label.partition("[")[0]].usual
+        for place, label in enumerate(_labels(n))
+        if unknown[place]
+    }
+    values = _numbers(friction)
+    shares = [_certain_shares(values, P, ends, wheel, n) for wheel in range(n)]
+    least = values - _Z * np.sqrt(P.diagonal())  # of each number by itself
+    for place, (low, _) in ends.items():
+        least[place] = min(low, least[place])
+    least = np.maximum(least, 0.0)
     cautious = replace(
         scaled_friction(friction, [dry for _, dry in shares], rolling_factor=1.0),
         viscous=tuple(share * b for (share, _), b in zip(shares, friction.viscous, strict=True)),
@@ -145,35 +127,20 @@ def _numbers(friction: Friction) -> NDArray[np.float64]:
     return np.concatenate([np.atleast_1d(none if value == () else value) for value in values])
 
 
-def _ends(label: str, intervals: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
-    """Return the ends of a number's interval, where it has one, else of its range."""
-    return intervals.get(label) or BY_NAME[label.partition("[")[0]].usual
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Known:
-    """What is known of the friction's numbers."""
-
-    values: NDArray[np.float64]  #: (6 n + 3,)
-    covariance: NDArray[np.float64]  #: zero for numbers that are exact or without an error
-    ends: Mapping[int, tuple[float, float]]  #: of those without an error, by their place
-
-    def least(self, z: float) -> NDArray[np.float64]:
-        """Return the least value of each number by itself (6 n + 3,), zero or more."""
-        least = self.values - z * np.sqrt(self.covariance.diagonal())
-        for place, (low, _) in self.ends.items():
-            least[place] = min(low, least[place])
-        return np.maximum(least, 0.0)
-
-
-def _certain_shares(known: _Known, wheel: int, n: int, z: float) -> tuple[float, float]:
+def _certain_shares(
+    all_values: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    ends: Mapping[int, tuple[float, float]],
+    wheel: int,
+    n: int,
+) -> tuple[float, float]:
     """Return the shares of a wheel's b and of its dry friction, from 0 to 1, that stay below its lower bound."""
     places = [wheel, n + wheel, 2 * n + wheel, 3 * n, 3 * n + 1, 3 * n + 3 + wheel, 4 * n + 3 + wheel]
-    values, P = known.values[places], known.covariance[np.ix_(places, places)]
-    unknown = {k: known.ends[place] for k, place in enumerate(places) if place in known.ends}
-    directions = (1.0, -1.0) if known.values[3 * n + 3 :].any() else (1.0,)
+    values, P = all_values[places], covariance[np.ix_(places, places)]
+    unknown = {k: ends[place] for k, place in enumerate(places) if place in ends}
+    directions = (1.0, -1.0) if all_values[3 * n + 3 :].any() else (1.0,)
     curve = np.concatenate([_wheel_curve(values, one) for one in directions])
-    least = np.concatenate([_lower_bound(values, P, unknown, z, one) for one in directions])
+    least = np.concatenate([_lower_bound(values, P, unknown, one) for one in directions])
     if (least >= curve).all():
         return 1.0, 1.0
     viscous = values[0] * np.tile(_CONFIDENCE_SPEEDS, len(directions))
@@ -194,7 +161,6 @@ def _lower_bound(
     values: NDArray[np.float64],
     P: NDArray[np.float64],
     unknown: Mapping[int, tuple[float, float]],
-    z: float,
     direction: float,
 ) -> NDArray[np.float64]:
     """Return what a wheel's curve exceeds at each speed (k,), zero or more."""
@@ -209,7 +175,7 @@ def _lower_bound(
         moved = values.copy()
         moved[list(unknown)] = corner
         lowest = np.minimum(lowest, _wheel_curve(moved, direction))
-    return np.maximum(lowest - z * sigma, 0.0)
+    return np.maximum(lowest - _Z * sigma, 0.0)
 
 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
@@ -237,28 +203,10 @@ def _wheel_curve(values: NDArray[np.float64], direction: float) -> NDArray[np.fl
     return b * _CONFIDENCE_SPEEDS + c + s * stribeck_decay(_CONFIDENCE_SPEEDS / v_s, delta)
 
 
-#: amplitudes of a wheel's swing [rad/s]
-AMPLITUDES = (0.1, 0.3, 1.0, 3.0)
 #: speeds of a wheel at which the fractions are computed [rad/s]
 _SPEEDS = np.geomspace(0.02, 8.0, 120)
-#: phases of a quarter of a swing, the middles of equal parts: means to 1e-4
-_PHASES = (np.arange(200) + 0.5) / 200 * 0.5 * np.pi
 #: excess of a fraction that is ignored: what rounding adds, and no energy to speak of
 _NEGLIGIBLE = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True)
-class Swing:
-    """The power of compensation and friction at one amplitude of the wheels' swing, a number for each wheel."""
-
-    amplitude: float  #: of the speed [rad/s]
-    given: tuple[float, ...]  #: by the compensation, at most, mean over a swing [W]
-    taken: tuple[float, ...]  #: by the friction [W]
-
-    @property
-    def fraction(self) -> float:
-        """The compensation's power over the friction's, of the wheel where it is largest."""
-        return max(_fraction(given, taken) for given, taken in zip(self.given, self.taken, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,7 +216,6 @@ class CompensationMargin:
     wheel_fractions: tuple[float, ...]  #: of each wheel's friction, at the speed where it is largest
     at_speeds: tuple[float, ...]  #: that speed [rad/s]
     rolling_fraction: float  #: of the rolling friction
-    swings: tuple[Swing, ...]  #: at `AMPLITUDES`
 
     @property
     def largest(self) -> float:
@@ -304,10 +251,11 @@ def compensation_margin(controller: Controller, friction: Friction) -> Compensat
         The true one, of as many wheels: a robot file's, or what is certain of it (`certain_friction`).
     """
     n = len(controller.gain)
-    directions = _directions(controller, friction)
+    both = not (controller.robot.friction.is_plain and friction.is_plain)
+    directions = (1.0, -1.0) if both else (1.0,)
     signed = np.concatenate([direction * _SPEEDS for direction in directions])
-    given = np.concatenate([compensation_curve(controller, _SPEEDS, one) for one in directions])
-    taken = np.concatenate([_curve(friction, _SPEEDS, one) for one in directions])
+    given = np.concatenate([_given(controller, one) for one in directions])
+    taken = np.concatenate([_curve(friction, one) for one in directions])
     ratio = _ratio(given, taken)
     worst = ratio.argmax(axis=0)
     on = controller.compensation != "none"
@@ -316,35 +264,17 @@ def compensation_margin(controller: Controller, friction: Friction) -> Compensat
         wheel_fractions=tuple(ratio[worst, np.arange(n)].tolist()),
         at_speeds=tuple(signed[worst].tolist()),
         rolling_fraction=rolling,
-        swings=tuple(_swing(controller, friction, amplitude) for amplitude in AMPLITUDES),
     )
 
 
-def _directions(controller: Controller, friction: Friction) -> tuple[float, ...]:
-    """Return the directions of turning in which the compensation or the friction differ."""
-    return (1.0,) if controller.robot.friction.is_plain and friction.is_plain else (1.0, -1.0)
-
-
-def compensation_curve(
-    controller: Controller, speeds: NDArray[np.float64], direction: float = 1.0
-) -> NDArray[np.float64]:
-    """Return the largest compensation of each wheel along its motion without load, (k, n) [N m].
-
-    Parameters
-    ----------
-    controller : Controller
-    speeds : ndarray (k,)
-        Above zero [rad/s].
-    direction : float
-        1 for a wheel that turns forward, -1 for backward.
-    """
+def _given(controller: Controller, direction: float) -> NDArray[np.float64]:
+    """Return the largest compensation of each wheel along its motion without load, at `_SPEEDS`, (k, n) [N m]."""
     friction = controller.robot.friction
     if controller.compensation == "none":
-        return np.zeros((len(speeds), len(controller.gain)))
-    ramp = np.minimum(1.0, speeds / controller.speed_band)[:, None]
-    viscous = speeds[:, None] * np.asarray(friction.viscous)
-    dry = _curve(friction, speeds, direction) - viscous
-    return viscous + dry * ramp
+        return np.zeros((len(_SPEEDS), len(controller.gain)))
+    ramp = np.minimum(1.0, _SPEEDS / controller.speed_band)[:, None]
+    viscous = _SPEEDS[:, None] * np.asarray(friction.viscous)
+    return viscous + (_curve(friction, direction) - viscous) * ramp
 
 
 def certain_friction(robot: Robot) -> Friction:
@@ -400,22 +330,9 @@ def has_friction(friction: Friction) -> bool:
     return any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling))
 
 
-def _swing(controller: Controller, friction: Friction, amplitude: float) -> Swing:
-    speeds = amplitude * np.sin(_PHASES)
-    directions = _directions(controller, friction)
-    given = np.mean(
-        [(compensation_curve(controller, speeds, one) * speeds[:, None]).mean(axis=0) for one in directions],
-        axis=0,
-    )
-    taken = np.mean(
-        [(_curve(friction, speeds, one) * speeds[:, None]).mean(axis=0) for one in directions], axis=0
-    )
-    return Swing(amplitude=amplitude, given=tuple(given.tolist()), taken=tuple(taken.tolist()))
-
-
-def _curve(friction: Friction, speeds: NDArray[np.float64], direction: float = 1.0) -> NDArray[np.float64]:
-    """Return the friction (k, n) against a direction of turning at speeds (k,) > 0, without load."""
-    turning = np.repeat(direction * speeds[:, None], len(friction.coulomb), axis=1)
+def _curve(friction: Friction, direction: float) -> NDArray[np.float64]:
+    """Return the friction (k, n) against a direction of turning at `_SPEEDS`, without load."""
+    turning = np.repeat(direction * _SPEEDS[:, None], len(friction.coulomb), axis=1)
     return direction * wheel_friction(turning, friction)
 
 

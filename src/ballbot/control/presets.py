@@ -1,4 +1,4 @@
-"""Ready-made controllers: nominal, precise, and either with floor adaptation.
+"""Ready-made controllers: nominal and precise.
 
 The nominal controller has the "soft" gain of the nominal scenario, the thesis's kind. The thesis prints no gain. This
 one wanders without compensation as the thesis's figures do. It is frozen, so that results made with it can be
@@ -13,31 +13,24 @@ play. It is made for the state of the Kalman filter (`ballbot.estimation.kalman`
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.arrays import checked_sample_time
 from ballbot.control.controller import Compensation, Controller, default_speed_band, grip_torque_limit
 from ballbot.control.file import read_controller, warn_if_unsuited
 from ballbot.control.interface import Feedback
-from ballbot.control.lqr import LqrDesign, StateSpace, frictionless_model, gain_rows, lqr, sampling_words
+from ballbot.control.lqr import LqrDesign, StateSpace, frictionless_model, lqr
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
-from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.errors import InputError, either, suggest
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.summary import Summary, listed, plotted, pole_words, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: weights of x y theta phi psi [1/m^2, 1/rad^2] and of their rates
 NOMINAL_STATE_WEIGHTS = (20.0, 20.0, 500.0, 500.0, 5.0, 30.0, 30.0, 20.0, 20.0, 2.0)
@@ -91,36 +84,6 @@ PRECISE_SPEED_BAND = 1.0 / 3.0
 _POSE_PLACES = (0, 1, 4)
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class IntegralDesign:
-    """A gain for the state and its pose's integral."""
-
-    gain: NDArray[np.float64]  #: K (n, 10)
-    integral_gain: NDArray[np.float64]  #: K_I (n, 3)
-    poles: NDArray[np.complex128]  #: (13,) of the closed loop [rad/s], the slowest first
-    sample_time: float  #: [s]
-
-    def summary(self) -> Summary:
-        """Return the gain of each state and of the integrals, and the closed loop's poles."""
-        names = ("integral of x", "integral of y", "integral of psi")
-        integral = zip(names, (listed(one, digits=4) for one in self.integral_gain.T), strict=True)
-        return Summary(
-            title=f"LQR gain with integral action, {sampling_words(self.sample_time)}",
-            rows=(*gain_rows(self.gain), *integral, ("poles", f"{pole_words(self.poles)} rad/s")),
-        )
-
-    def plot(self) -> Figure:
-        """Return a figure of the closed loop's poles."""
-        return plotted(self)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _StateSpace:
-    A: NDArray[np.float64]
-    B: NDArray[np.float64]
-
-
 def design_integral_gain(
     robot: RobotLike,
     *,
@@ -128,7 +91,7 @@ def design_integral_gain(
     integral_weights: Sequence[float] = PRECISE_INTEGRAL_WEIGHTS,
     torque_weight: float = PRECISE_TORQUE_WEIGHT,
     sample_time: float | None = None,
-) -> IntegralDesign:
+) -> LqrDesign:
     """Return the sampled LQR of the exact model without friction and of the integrals of x, y and psi.
 
     Parameters
@@ -150,12 +113,7 @@ def design_integral_gain(
     time = robot.sensors.sample_time if sample_time is None else sample_time
     weights = (*state_weights, *integral_weights)
     found = lqr(_with_integrals(robot), weights, (torque_weight,) * robot.wheel_count, sample_time=time)
-    return IntegralDesign(
-        gain=found.gain[:, :10].copy(),
-        integral_gain=found.gain[:, 10:].copy(),
-        poles=found.poles,
-        sample_time=time,
-    )
+    return replace(found, gain=found.gain[:, :10].copy(), integral_gain=found.gain[:, 10:].copy())
 
 
 def _with_integrals(robot: Robot) -> StateSpace:
@@ -164,11 +122,11 @@ def _with_integrals(robot: Robot) -> StateSpace:
     A, B = np.zeros((13, 13)), np.zeros((13, robot.wheel_count))
     A[:10, :10], B[:10] = linear.A, linear.B
     A[[10, 11, 12], _POSE_PLACES] = 1.0
-    return _StateSpace(A=A, B=B)
+    return replace(linear, A=A, B=B)
 
 
 def precise_controller(
-    robot: RobotLike, *, compensation: Compensation = "full", design: IntegralDesign | None = None
+    robot: RobotLike, *, compensation: Compensation = "full", design: LqrDesign | None = None
 ) -> Controller:
     """Return the controller with this gain and every part that earned its place; see docs/generated/evidence.md.
 
@@ -177,12 +135,14 @@ def precise_controller(
     robot : Robot, preset or robot file
         Its friction is what is compensated.
     compensation : {"none", "full", "partial"}
-    design : IntegralDesign, optional
-        `design_integral_gain(robot)` if not given.
+    design : LqrDesign, optional
+        With an integral gain; `design_integral_gain(robot)` if not given.
     """
     robot = as_robot(robot)
     chosen = design if design is not None else design_integral_gain(robot)
-    time = chosen.sample_time
+    time, integral_gain = chosen.sample_time, chosen.integral_gain
+    if time is None or integral_gain is None:
+        raise InputError("The precise controller needs a sampled gain with integral action.")
     return Controller(
         robot,
         chosen.gain,
@@ -193,7 +153,7 @@ def precise_controller(
         parts=Parts(
             shaping=ReferenceShaping(),
             feed_forward=FeedForward(),
-            integral=IntegralAction(gain=chosen.integral_gain),
+            integral=IntegralAction(gain=integral_gain),
             disturbance_observer=DisturbanceObserver(),
             lean_limit=LeanLimit(),
         ),
@@ -246,11 +206,3 @@ def named_controller(source: str | Path, robot: RobotLike) -> Controller:
         hint = suggest(str(source), PRESETS, otherwise="the ready-made ones are")
         raise InputError(f"There is no controller file or ready-made controller {str(source)!r}; {hint}")
     return read_controller(source, robot)
-
-
-def adaptive(controller: Controller) -> Controller:
-    """Return a copy that follows the floor, if it has integral action and shaped references; otherwise the same."""
-    parts = controller.parts
-    if parts.floor_adaptation is not None or parts.integral is None or parts.shaping is None:
-        return controller
-    return controller.with_parts(replace(parts, floor_adaptation=FloorAdaptation()))

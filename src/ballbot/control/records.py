@@ -1,11 +1,11 @@
 """One schema for each part of the controller: the settings that people write, the records that compiled code reads.
 
-Settings are a frozen dataclass whose fields carry a `Setting`: unit, meaning and allowed range. The checks, the table
-of a controller file and its comments follow from it.
+Settings are a frozen dataclass whose fields are annotated by a `Setting`: unit, meaning and allowed range. The checks,
+the table of a controller file and its comments follow from it.
 
     @dataclass(frozen=True, kw_only=True)
     class Notch(Part):
-        frequency: float = field(metadata=setting("Hz", "centre of the band", above=0.0, example=33.0))
+        frequency: Annotated[float, Setting("Hz", "centre of the band", above=0.0, example=33.0)]
 
 A record is a frozen dataclass whose fields carry a `Number`: unit and shape. `schema_of` derives the NumPy structured
 type from it; Numba reads its fields by name. Array lengths are compile-time maxima (`MAX_WHEELS`), so that every
@@ -28,33 +28,33 @@ the type of each such argument anew. The whole law costs 0.74 us so, and cost 0.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import KW_ONLY, MISSING, dataclass, fields
 from functools import cache
 from hashlib import sha256
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, create_model
 
-from ballbot.arrays import real_array
 from ballbot.errors import InputError
+from ballbot.schema import validate_table
 
 #: wheels that a record has room for
 MAX_WHEELS = 4
 
 #: key of a field's metadata
-_SETTING, _NUMBER = "setting", "number"
+_NUMBER = "number"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Setting:
-    """What a field of a part's settings means, and which values it may have."""
+    """What a field of a part's settings means, and which values it may have; it annotates the field."""
 
     unit: str  #: SI unit; "1" without one
     text: str  #: what it is, for the comment in a file
+    _: KW_ONLY
     above: float | None = None  #: exclusive lower limit
     at_least: float | None = None
     at_most: float | None = None
@@ -62,58 +62,12 @@ class Setting:
     columns: int = 0  #: of a matrix with a row for each wheel; 0 for a number
     example: float | tuple[float, ...]  #: a value, or each row of a matrix, for tests; not the default
 
-    @property
-    def range_text(self) -> str:
-        """The allowed range, as in "it must be ..."."""
-        low, high = self.at_least, self.at_most
-        if self.above == 0.0 and high is None and self.below is None:
-            return "positive"
-        if low is not None and high is not None:
-            return f"from {low:g} to {high:g}"
-        if low == 0.0 and self.below is None:
-            return "zero or more"
-        limits = {"above": self.above, "at least": low, "below": self.below, "at most": high}
-        return " and ".join(f"{word} {limit:g}" for word, limit in limits.items() if limit is not None)
 
-    def allows(self, value: float) -> bool:
-        """Return whether a number is finite and in the range."""
-        return (
-            math.isfinite(value)
-            and (self.above is None or value > self.above)
-            and (self.at_least is None or value >= self.at_least)
-            and (self.at_most is None or value <= self.at_most)
-            and (self.below is None or value < self.below)
-        )
-
-
-def setting(
-    unit: str,
-    text: str,
-    *,
-    example: float | tuple[float, ...],
-    above: float | None = None,
-    at_least: float | None = None,
-    at_most: float | None = None,
-    below: float | None = None,
-    columns: int = 0,
-) -> Mapping[str, Setting]:
-    """Return the metadata of a settings field; see `Setting`."""
-    made = Setting(
-        unit=unit,
-        text=text,
-        above=above,
-        at_least=at_least,
-        at_most=at_most,
-        below=below,
-        columns=columns,
-        example=example,
-    )
-    return {_SETTING: made}
-
-
+@cache
 def settings_of(part: type) -> dict[str, Setting]:
     """Return the settings of a part's dataclass by name, in order."""
-    return {one.name: one.metadata[_SETTING] for one in fields(part)}
+    hints = get_type_hints(part, include_extras=True)
+    return {one.name: get_args(hints[one.name])[1] for one in fields(part)}
 
 
 def example_settings(part: type, wheel_count: int) -> dict[str, Any]:
@@ -132,25 +86,14 @@ def check_settings(part: object, label: str) -> None:
     InputError
         If a value is outside its range, or a matrix has another shape or a value that is not finite.
     """
-    for name, one in settings_of(type(part)).items():
-        value = getattr(part, name)
-        if one.columns:
-            _set_matrix(part, name, value, label, one.columns)
-        elif not one.allows(value):
-            raise InputError(f"{name} of the {label} is {value:g}; it must be {one.range_text}.")
-
-
-def _set_matrix(part: object, name: str, value: ArrayLike, label: str, columns: int) -> None:
+    values = {name: np.asarray(getattr(part, name)).tolist() for name in settings_of(type(part))}
     try:
-        matrix = real_array(value, ("wheels", columns), f"The {name}")
-    except InputError:
-        raise InputError(
-            f"The {name} of the {label} must be {_COUNTS[columns]} finite numbers for each wheel."
-        ) from None
-    object.__setattr__(part, name, matrix)
-
-
-_COUNTS = {2: "two", 3: "three", 10: "ten"}
+        validate_table(table_of(type(part)), values, of="its settings")
+    except InputError as error:
+        raise InputError(f"The {label}: {error}") from None
+    for name, one in settings_of(type(part)).items():
+        if one.columns:
+            object.__setattr__(part, name, np.array(values[name], dtype=np.float64))
 
 
 class Table(BaseModel):
@@ -165,12 +108,15 @@ TableType = TypeVar("TableType", bound=Table)
 @cache
 def table_of(part: type) -> type[Table]:
     """Return the table of a controller file that describes a part, derived from its settings."""
-    described = {}
-    for one in fields(part):
-        known: Setting = one.metadata[_SETTING]
-        default = ... if one.default is MISSING else one.default
-        described[one.name] = (_matrix_type(known) if known.columns else _number_type(known), default)
-    return extended_table(f"{part.__name__}Table", Table, described)
+    known = settings_of(part)
+    return extended_table(
+        f"{part.__name__}Table",
+        Table,
+        {
+            one.name: (_type_of(known[one.name]), ... if one.default is MISSING else one.default)
+            for one in fields(part)
+        },
+    )
 
 
 def extended_table(
@@ -181,11 +127,9 @@ def extended_table(
     return create_model(name, __base__=base, **described)
 
 
-def _number_type(one: Setting) -> object:
-    return Annotated[float, Field(gt=one.above, ge=one.at_least, le=one.at_most, lt=one.below)]
-
-
-def _matrix_type(one: Setting) -> object:
+def _type_of(one: Setting) -> object:
+    if not one.columns:
+        return Annotated[float, Field(gt=one.above, ge=one.at_least, le=one.at_most, lt=one.below)]
     row = Annotated[tuple[FiniteFloat, ...], Field(min_length=one.columns, max_length=one.columns)]
     return Annotated[tuple[row, ...], Field(min_length=3, max_length=MAX_WHEELS)]
 

@@ -110,7 +110,7 @@ _MINUTE = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class StateErrors:
+class EstimationErrors:
     """Root mean squares over a run, both components together where there are two."""
 
     lean: float  #: theta and phi [rad]
@@ -123,26 +123,16 @@ class StateErrors:
 
 def state_errors(
     t: NDArray[np.float64], states: NDArray[np.float64], truth: NDArray[np.float64]
-) -> StateErrors:
+) -> EstimationErrors:
     """Return the errors of estimated states (N, 10) against the true ones (N, 10), at even times t (N,) [s].
 
     The drift is taken over all pairs of instants a minute apart, so that neither a good end nor a way that
     returns to where it began can hide it.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit each other.
     """
-    if not (states.shape == truth.shape == (len(t), 10) and len(t) > 1):
-        raise InputError(
-            f"Errors of states need t (N,) and two arrays of states (N, 10), not {t.shape}, {states.shape} "
-            f"and {truth.shape}."
-        )
     error = states - truth
     rows = round(_MINUTE * (len(t) - 1) / float(t[-1] - t[0]))
     drift = error[rows:, :2] - error[:-rows, :2]
-    return StateErrors(
+    return EstimationErrors(
         lean=_size(error[:, 2:4]),
         rate=_size(error[:, 7:10]),
         velocity=_size(error[:, 5:7]),

@@ -49,7 +49,6 @@ from ballbot.estimation.kalman_model import (
     G,
     S,
     X,
-    absorb,
     sample,
 )
 from ballbot.mechanics.engine.lanes import LANES
@@ -174,38 +173,6 @@ class KalmanFilter:
     def _P(self, P: NDArray[np.float64]) -> None:
         self._column[COVARIANCE : COVARIANCE + len(LOWER_TRIANGLE[0])] = P[LOWER_TRIANGLE]
 
-    @property
-    def gyro_bias(self) -> NDArray[np.float64]:
-        """Gyro bias found (3,) [rad/s], body frame."""
-        return self._x[BIAS : BIAS + 3].copy()
-
-    @property
-    def heading_error(self) -> float:
-        """How far the AHRS's heading is ahead of the filter's [rad]."""
-        return float(self._x[HEADING_ERROR])
-
-    @property
-    def covariance(self) -> NDArray[np.float64]:
-        """Covariance (7, 7) of x, y, theta, phi, psi and the ball's velocity, as `update` returns them.
-
-        theta, phi and psi to first order in the lean.
-        """
-        s3, c3 = math.sin(self._x[PSI]), math.cos(self._x[PSI])
-        turn = np.array([[c3, -s3], [s3, c3]])
-        quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
-        rows = np.zeros((7, STATES))
-        rows[0, X], rows[1, X + 1], rows[4, PSI] = 1.0, 1.0, 1.0
-        swap = np.array([[0.0, 1.0], [-1.0, 0.0]])  # theta, phi = swap Rz g
-        rows[2:4, G : G + 2] = swap @ turn
-        rows[2:4, PSI] = swap @ turn @ quarter @ self._x[G : G + 2]
-        rows[5:, S : S + 2] = turn
-        rows[5:, PSI] = turn @ quarter @ self._velocity()
-        rows[5:, BIAS : BIAS + 3] = turn @ self._model.lever
-        covariance = rows @ self._P @ rows.T
-        by_gyro = rows[5:, BIAS : BIAS + 3]  # a sample's noise moves v as a bias of that sample would
-        covariance[5:, 5:] += self._model.gyro_variance * by_gyro @ by_gyro.T
-        return covariance
-
     def _ball_rate(self, angles: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the ball's mean turning relative to the body (3,) [rad/s] since the angles (n,) [rad] before."""
         return self._ball_from_wheels @ (angles - before) / (self.sample_time * (1 + self._without_angles))
@@ -231,12 +198,12 @@ class KalmanFilter:
         if fix.heading is not None and known(fix.heading):
             seen[2] = math.remainder(fix.heading - self._x[PSI], 2 * math.pi)
         deviations = np.array([fix.position_deviation, fix.position_deviation, fix.heading_deviation])
-        rows = np.eye(STATES)[[X, X + 1, PSI]]
         there = np.isfinite(seen)
-        x, P = self._x.copy(), self._P
-        absorb(x, P, seen[there], rows[there], deviations[there] ** 2)
-        self._x[:] = x
-        self._P = P
+        H, R, P = np.eye(STATES)[[X, X + 1, PSI]][there], np.diag(deviations[there] ** 2), self._P
+        K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+        rest = np.eye(STATES) - K @ H
+        self._x += K @ seen[there]
+        self._P = rest @ P @ rest.T + K @ R @ K.T  # Joseph's form
 
 
 def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> FilterModel:

@@ -24,9 +24,9 @@ world frame, each linearisation at another estimate would draw a little knowledg
 state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees where theta and phi are both 2 degrees.
 
 Seen numbers are taken in one after the other, each as a row h of the measurement matrix with a variance r of its own,
-so that no matrix is inverted. Joseph's form keeps the covariance positive whatever the gain's rounding (Bucy and
-Joseph, Filtering for Stochastic Processes with Applications to Guidance, 1968, chapter 16). Multiplied out, with
-q = P h and s = h^T q + r, it is
+so that no matrix is inverted (a fix, which is rare, is taken in at once). Joseph's form keeps the covariance positive
+whatever the gain's rounding (Bucy and Joseph, Filtering for Stochastic Processes with Applications to Guidance, 1968,
+chapter 16). Multiplied out, with q = P h and s = h^T q + r, it is
 
     k = q / s        P+ = P - k q^T - (q - s k) k^T
 
@@ -38,7 +38,7 @@ lower triangle is kept, and only the entries of F that are not those of the unit
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate
 from typing import NamedTuple
@@ -46,8 +46,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
+from ballbot.mechanics.engine.compiled import c_code, compiled
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.engine.lanes import entry, put, restored, stored
 from ballbot.mechanics.engine.tracing import both, greatest, lanes, outside, root, traced, where
@@ -83,19 +82,6 @@ class FilterNoise:
     #: the robot stands still at the reset [m/s]; with ten times this doubt the first samples follow the motors through
     #: their play, and a stiff controller falls within a second
     start_speed: float = 0.005
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(
-                    f"{field.name} of the filter's noise is {value}; it must be a finite number, zero or more."
-                )
-        for name in ("rolling", "pivoting", "pivoting_time", "attitude", "lean_error_time"):
-            if getattr(self, name) == 0:
-                raise InputError(
-                    f"{name} of the filter's noise is zero; it must be above zero, as no measurement is perfect."
-                )
 
     @staticmethod
     def of(robot: Robot) -> FilterNoise:
@@ -455,64 +441,3 @@ def _sample(code, work):
 def sample(work: NDArray[np.float64]) -> None:
     """Take a single filter, the first lane of a block's work array, over a sample."""
     _sample(sample_code(), work)
-
-
-@compiled
-def absorb(
-    x: NDArray[np.float64],
-    P: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    variances: NDArray[np.float64],
-) -> float:
-    """Take in p numbers that were seen, changing the state x (m,) and its covariance P (m, m).
-
-    Parameters
-    ----------
-    x, P : arrays (m,), (m, m)
-        Overwritten.
-    residuals : array (p,)
-        Seen less expected at the x given.
-    rows : array (p, m)
-        What was seen, derived by x.
-    variances : array (p,)
-        Of each number's own error, independent of the others'.
-
-    Returns
-    -------
-    float
-        Sum of the squared residuals over their variances, each given those before it: chi-squared with p degrees of
-        freedom where the filter's sizes are right.
-    """
-    m = len(x)
-    change, Ph, k, half, half_h = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros(m)
-    surprise = 0.0
-    for i in range(len(residuals)):
-        h = rows[i]
-        for a in range(m):
-            Ph[a] = _product(P[a], h)
-        variance = _product(h, Ph) + variances[i]
-        residual = residuals[i] - _product(h, change)
-        surprise += residual * residual / variance
-        for a in range(m):
-            k[a] = Ph[a] / variance
-            change[a] += k[a] * residual
-            for b in range(m):
-                half[a, b] = P[a, b] - k[a] * Ph[b]  # (I - k h^T) P
-            half_h[a] = _product(half[a], h)
-        for a in range(m):
-            for b in range(a + 1):
-                P[a, b] = half[a, b] - half_h[a] * k[b] + k[a] * variances[i] * k[b]
-                P[b, a] = P[a, b]
-    for a in range(m):
-        x[a] += change[a]
-    return surprise
-
-
-@inlined
-def _product(a, b):
-    """Return a^T b."""
-    total = 0.0
-    for i in range(len(a)):
-        total += a[i] * b[i]
-    return total

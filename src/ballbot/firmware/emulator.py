@@ -2,7 +2,7 @@
 
 Code lies in flash, records and stack in RAM, as on an STM32F303. The numbers are those of the processor's FPU to the
 bit, and instructions are counted exactly: the emulator reports each block of instructions that it runs, and one that a
-condition skips counts, as it takes a cycle. The cycles are an upper estimate (`ballbot.firmware.cortex_m4`).
+condition skips counts, as it takes a cycle. Cycles are `CYCLES` for each instruction.
 
     image = compile_image(sources)
     board = Board(image)
@@ -16,7 +16,7 @@ from __future__ import annotations
 import struct
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -25,18 +25,16 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.firmware.build import NUMERICS, RUNTIME, ZIG, compile_objects, has_zig, run_tool
-from ballbot.firmware.cortex_m4 import (
-    WAIT_STATES,
-    Cost,
-    block_cost,
-    branch_target,
-    instruction,
-    tail_call_target,
-)
 from ballbot.firmware.header import SOURCES
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
+#: clock of the thesis's processor [Hz]
+CLOCK = 72e6
+#: of an instruction, at most on the average: by the tables of ARM DDI 0439, with every branch taken and two wait states
+#: for each 64 bits of code and each word of constants in flash (ST RM0316), the functions of law, estimators and link
+#: took 2.6 to 3.3. Interrupts and other bus masters come on top
+CYCLES = 3.3
 #: the processor
 PROCESSOR = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")
 #: functions begin with a line of flash, so that what one takes does not follow from the length of those before it
@@ -109,8 +107,6 @@ class Image:
         found = set()
         for address, code in self._instructions(addresses):
             target = branch_target(code, address)
-            if target is None:
-                target = tail_call_target(code, address)
             if target is not None and target not in addresses:
                 found |= {names[target]} if target in names else set()
         return found
@@ -128,7 +124,7 @@ class Image:
             here = code[address - start : address - start + 4]
             if is_code:
                 yield address, here
-            address += instruction(here)[0] if is_code else 2
+            address += _length(here) if is_code else 2
 
 
 def compile_image(
@@ -235,17 +231,28 @@ class Run:
 
     returned: int  #: register r0
     instructions: int  #: executed
-    cycles: int  #: at most, code and constants in flash
-    cycles_in_ram: int  #: at most, code and constants in memory that does not wait
     stack: int  #: used [bytes]
 
+    @property
+    def cycles(self) -> int:
+        """At most, with code and constants in flash; see `CYCLES`."""
+        return round(CYCLES * self.instructions)
 
-@dataclass
-class _Count:
-    instructions: int = 0
-    cycles: int = 0
-    waits: int = 0
-    blocks: dict[tuple[int, int], Cost] = field(default_factory=dict)
+
+def _length(code: bytes) -> int:
+    """Return the length [bytes] of the instruction at the start of some code."""
+    return 4 if int.from_bytes(code[:2], "little") >> 11 >= 0b11101 else 2
+
+
+def branch_target(code: bytes, address: int) -> int | None:
+    """Return where a long branch at an address goes, a call (BL) or the last one (B.W); None if it is another one."""
+    first, second = (int.from_bytes(code[k : k + 2], "little") for k in (0, 2))
+    if first >> 11 != 0b11110 or second & 0xD000 not in (0xD000, 0x9000):
+        return None
+    sign = first >> 10 & 1
+    i1, i2 = (1 - ((second >> place & 1) ^ sign) for place in (13, 11))
+    offset = i1 << 23 | i2 << 22 | (first & 0x3FF) << 12 | (second & 0x7FF) << 1
+    return address + 4 + offset - (sign << 24)
 
 
 class Board:
@@ -277,11 +284,9 @@ class Board:
         for address, content in image.segments.items():
             self._core.mem_write(address, content)
         self._free = RAM + (image.ram + 7) // 8 * 8
-        self._count = _Count()
+        self._instructions = 0
+        self._blocks: dict[tuple[int, int], int] = {}  # instructions in each block
         self._core.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block, begin=FLASH, end=FLASH + FLASH_SIZE)
-        self._core.hook_add(
-            unicorn.UC_HOOK_MEM_READ, self._on_flash_read, begin=FLASH, end=FLASH + FLASH_SIZE
-        )
 
     def place(self, array: NDArray[np.generic]) -> int:
         """Copy an array or a record into RAM and return its address.
@@ -329,31 +334,25 @@ class Board:
             core.reg_write(register, value & 0xFFFFFFFF)
         core.reg_write(arm.UC_ARM_REG_SP, pointer)
         core.reg_write(arm.UC_ARM_REG_LR, _RETURN | 1)
-        count = self._count
-        count.instructions = count.cycles = count.waits = 0
+        self._instructions = 0
         core.emu_start(self.image.functions[name].start | 1, _RETURN)
         stack = bytes(core.mem_read(top - _STACK, pointer - (top - _STACK)))
         return Run(
             returned=int(core.reg_read(arm.UC_ARM_REG_R0)),
-            instructions=count.instructions,
-            cycles=count.cycles + count.waits,
-            cycles_in_ram=count.cycles,
+            instructions=self._instructions,
             stack=len(stack.lstrip(bytes([_PAINT]))),
         )
 
     @property
     def executed(self) -> set[int]:
         """Addresses of all instructions that calls have gone through so far."""
-        return {one for start, size in self._count.blocks for one in range(start, start + size, 2)}
+        return {one for start, size in self._blocks for one in range(start, start + size, 2)}
 
     def _on_block(self, core, address: int, size: int, _) -> None:
-        count = self._count
-        known = count.blocks.get((address, size))
+        known = self._blocks.get((address, size))
         if known is None:
-            known = count.blocks[address, size] = block_cost(bytes(core.mem_read(address, size)), address)
-        count.instructions += known.instructions
-        count.cycles += known.cycles
-        count.waits += known.waits
-
-    def _on_flash_read(self, *_) -> None:
-        self._count.waits += WAIT_STATES
+            code, place, known = bytes(core.mem_read(address, size)), 0, 0
+            while place < size:
+                place, known = place + _length(code[place:]), known + 1
+            self._blocks[address, size] = known
+        self._instructions += known

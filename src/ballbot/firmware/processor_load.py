@@ -1,4 +1,4 @@
-"""What a controller takes on its processor: instructions and cycles of an update, flash, RAM and stack.
+"""What a controller takes on its processor: instructions of an update, flash, RAM and stack.
 
 The library is compiled for a Cortex-M4F and takes a rehearsal of some hundred samples on the emulator
 (`ballbot.firmware.emulator`): a robot that sways, turns and rolls, a reference that stands, moves and jumps, and now
@@ -22,8 +22,7 @@ from ballbot.control.records import MAX_WHEELS
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.firmware.build import source_files
-from ballbot.firmware.cortex_m4 import CLOCK
-from ballbot.firmware.emulator import Board, Run, compile_image
+from ballbot.firmware.emulator import CLOCK, CYCLES, Board, Run, compile_image
 from ballbot.firmware.estimators import reading_record, step_of
 from ballbot.firmware.export import PROJECT, Export
 from ballbot.firmware.header import SOURCES
@@ -50,7 +49,7 @@ _HEADINGS = (3.1, -3.1, 7.0)
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessorLoad:
-    """What the firmware takes on a Cortex-M4F; cycles are upper estimates with two wait states of flash."""
+    """What the firmware takes on a Cortex-M4F; cycles are upper estimates."""
 
     clock: float  #: [Hz]
     period: float  #: sample time [s]
@@ -58,12 +57,9 @@ class ProcessorLoad:
     compiler: str  #: and its version
     typical_instructions: int  #: median over the samples without a fix
     worst_instructions: int  #: largest over the samples without a fix
-    typical_cycles: int
-    worst_cycles: int
     fix_instructions: (
         int | None
     )  #: largest over the samples with a fix of the pose; None if the estimator takes none
-    fix_cycles: int | None
     flash: int  #: the whole library, robot.c and the numbers of the controller [bytes]
     ram: int  #: a `struct robot`: state, link, and the parameters that a host may write [bytes]
     stack: (
@@ -71,9 +67,9 @@ class ProcessorLoad:
     )
 
     @property
-    def typical_share(self) -> float:
-        """Share of the period that a typical update takes [1]."""
-        return self.typical_cycles / (self.clock * self.period)
+    def worst_cycles(self) -> int:
+        """Cycles of an update without a fix, at most."""
+        return round(CYCLES * self.worst_instructions)
 
     @property
     def worst_share(self) -> float:
@@ -83,12 +79,12 @@ class ProcessorLoad:
     @property
     def highest_rate(self) -> float:
         """Rate at which the worst update would take the whole period [Hz]."""
-        return self.clock / max(self.worst_cycles, self.fix_cycles or 0)
+        return self.clock / (CYCLES * max(self.worst_instructions, self.fix_instructions or 0))
 
     def to_dict(self) -> dict[str, float | int | str | None]:
         """Return the numbers for results.json."""
         return asdict(self) | {
-            "typical_share": self.typical_share,
+            "worst_cycles": self.worst_cycles,
             "worst_share": self.worst_share,
             "highest_rate": self.highest_rate,
         }
@@ -142,10 +138,7 @@ def measure_load(controller: Controller, exported: Export, *, clock: float = CLO
         compiler=f"ziglang {version('ziglang')}",
         typical_instructions=int(np.median([run.instructions for run in plain])),
         worst_instructions=max(run.instructions for run in plain),
-        typical_cycles=int(np.median([run.cycles for run in plain])),
-        worst_cycles=max(run.cycles for run in plain),
         fix_instructions=max(run.instructions for run in fixed) if takes_fixes else None,
-        fix_cycles=max(run.cycles for run in fixed) if takes_fixes else None,
         flash=image.flash + exported.parameter_bytes,
         ram=image.ram,
         stack=image.stack_bound("robot_step"),

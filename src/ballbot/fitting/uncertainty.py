@@ -180,19 +180,6 @@ def covariance_in_time(
     return count / max(count - 1, 1) * inverse @ spread @ inverse
 
 
-def errors_in_time(
-    J: NDArray[np.float64], residual: NDArray[np.float64], block: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Return the standard errors (p,) of a least-squares estimate, `block_length` neighbours depending on each other.
-
-    Parameters are those of `covariance_in_time`. Each parameter uses one degree of freedom of the blocks.
-    """
-    count = len(np.unique(block))
-    covariance = covariance_in_time(J, residual, block, neighbours=block_length(count))
-    correction = (count - 1) / max(count - J.shape[1], 1)
-    return np.sqrt(correction * np.maximum(covariance.diagonal(), 0.0))
-
-
 def block_length(count: int) -> int:
     """Return how many of `count` neighbours make a block: the cube root of their number, as a variance wants it.
 

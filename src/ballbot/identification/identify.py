@@ -15,7 +15,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.findings import Finding, warning
 from ballbot.fitting.intervals import assess
 from ballbot.fitting.model_selection import ModelSelection
@@ -81,7 +80,6 @@ from ballbot.progress import Progress
 from ballbot.robot import Robot, RobotLike, as_robot
 
 
-@checked_arguments
 def identify(
     robot: RobotLike,
     logs: LogsLike | CheckedLogs,

@@ -59,7 +59,7 @@ _FLATTEST = 1e-12
 #: windows are begun again; then the descent ends by the second
 _PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-5, 5e-7, 1e-3
 #: until that gains less of the cost, but not more often: a level valley is left by one better start of a window
-_RENEWALS, _WORTH = 8, 1e-6
+MOST_RENEWALS, _WORTH = 8, 1e-6
 #: a start has settled where a step promises less, in squares of a residual's deviation; steps at most
 _SETTLED, _ROUNDS = 1e-3, 5
 #: a step along one side's slopes holds if it gains this share of what they promise, and needs no new slopes with that
@@ -69,6 +69,9 @@ _TIE = 1e6
 #: random starts of each window, from so many times to so many the deviations that its residuals leave, and how many of
 #: those that lie in other basins settle
 _DRAWN, _SPREADS, _RENEWED = 48, (0.5, 3.0), 3
+#: starts in other basins that go along with each window, which may become the better ones; and half the width of the
+#: trust region at least after windows were begun again
+_OTHERS, _AGAIN = 2, 0.02
 #: they lie there if their cost, starts eliminated, differs by more, in squares; above the most they cannot be better
 _APART, _FAR, _BETTER = 0.02, 60.0, 0.01
 _STATES = 10
@@ -151,15 +154,18 @@ def fit_with_initial_states(
     free: NDArray[np.bool_],
     most_steps: int,
     starts: NDArray[np.float64] | None = None,
+    most_renewals: int = MOST_RENEWALS,
     run: Run = DEFAULT_RUN,
 ) -> InitialStatesFit:
     """Descend from `point` (p,), scaled, in the parameters marked in `free` (p,) and all starts at once.
 
     The stage "gauss_newton" is reported after each step. `starts` (w, 10) are those to begin with; by default as
-    measured.
+    measured. Windows are begun again so many times at most.
     """
     begin = problem.windows.initial if starts is None else starts
-    end, starts, history = descend(problem, point, begin, free=free, most_steps=most_steps, run=run)
+    end, starts, history = descend(
+        problem, point, begin, free=free, most_steps=most_steps, most_renewals=most_renewals, run=run
+    )
     return InitialStatesFit(
         problem=problem,
         point=end,
@@ -200,6 +206,7 @@ def descend(
     *,
     free: NDArray[np.bool_],
     most_steps: int,
+    most_renewals: int = MOST_RENEWALS,
     moved: NDArray[np.float64] | None = None,
     run: Run = DEFAULT_RUN,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[float]]:
@@ -210,13 +217,14 @@ def descend(
     free : ndarray (p,)
         Which parameters the descent moves.
     most_steps : int
+    most_renewals : int
+        How often windows are begun again.
     moved : ndarray (p,), optional
         By how much the first step moves those that are not free, whatever it costs.
     run : Run, optional
         The stage "gauss_newton" is reported after each step.
     """
-    at = _at(problem, point, starts)
-    at = _settled(problem, at, point, starts[None])
+    at = _settled(problem, _at(problem, point, starts), point)
     fixed = np.zeros(len(point)) if moved is None else moved
     radius, history = _RADIUS, list[float]()
     scale = 2.0 * compared(problem) * int(problem.cost.counted.sum())
@@ -228,7 +236,7 @@ def descend(
         step = _step(H, g, at.point, free=free, fixed=fixed, radius=radius)
         promised = -float(2.0 * g @ step + step @ H @ step) / scale
         ahead = at.starts + about.response @ step
-        after = _settled(problem, at, at.point + step, np.stack([at.starts, ahead, ahead + about.shift]))
+        after = _settled(problem, at, at.point + step, np.stack([ahead, ahead + about.shift]))
         gain = at.cost - after.cost
         if gain > 0.0 or fixed.any():
             at = after
@@ -237,13 +245,13 @@ def descend(
             radius = _NARROWER * length
         elif gain > 0.75 * promised:
             radius = min(max(radius, _WIDER * length), 1.0)
-        little = _LITTLE if renewals == _RENEWALS else _SLOW
+        little = _LITTLE if renewals == most_renewals else _SLOW
         short = gain < little and (promised < little or radius < _SHORT) and not fixed.any()
         short_steps, fixed = short_steps + 1 if short else 0, np.zeros(len(point))
-        if short_steps == _PATIENCE and renewals < _RENEWALS:
+        if short_steps == _PATIENCE and renewals < most_renewals and number < most_steps:
             renewed = _renewed(problem, at, seed=renewals)
-            renewals = renewals + 1 if renewed.cost < at.cost - _WORTH else _RENEWALS
-            at, radius, short_steps = min(renewed, at, key=lambda one: one.cost), _RADIUS, 0
+            renewals = renewals + 1 if renewed.cost < at.cost - _WORTH else most_renewals
+            at, radius, short_steps = min(renewed, at, key=lambda one: one.cost), max(radius, _AGAIN), 0
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
         if short_steps == _PATIENCE:
@@ -262,6 +270,7 @@ class _At:
     cost: float
     slopes: NDArray[np.float64]  #: (w, m + 10, 1 + k, 10)
     ties: NDArray[np.float64] | float = 0.0  #: (w, m + 10, m + 10), see the module's text
+    others: NDArray[np.float64]  #: (n, w, 10), starts in other basins, to be tried at the next point
 
     def equations(self, problem: Problem) -> Linearized:
         """Return the equations there."""
@@ -288,7 +297,8 @@ def _at(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64
     values = problem.coordinates.physical(point[None])
     pieces = [(values, starts[None, rows], rows) for rows in problem.work.rows]
     parts = problem.executor(_predicted_piece, problem.work, pieces)
-    return _weighed(problem, point, starts, np.concatenate(parts, axis=1)[0])
+    none = np.zeros((0, *starts.shape))
+    return _weighed(problem, point, starts, np.concatenate(parts, axis=1)[0], others=none)
 
 
 def _weighed(
@@ -298,6 +308,8 @@ def _weighed(
     residuals: NDArray[np.float64],
     slopes: NDArray[np.float64] | None = None,
     ties: NDArray[np.float64] | float = 0.0,
+    *,
+    others: NDArray[np.float64],
 ) -> _At:
     squares = (residuals**2).sum(axis=(0, 1))
     # a state that does not count still ties its start, or nothing would
@@ -312,6 +324,7 @@ def _weighed(
         cost=float(problem.cost(squares)),
         slopes=np.zeros(0) if slopes is None else slopes,
         ties=ties,
+        others=others,
     )
 
 
@@ -340,13 +353,17 @@ def _step(
     return np.clip(point + step, 0.0, 1.0) - point
 
 
-def _settled(problem: Problem, near: _At, point: NDArray[np.float64], starts: NDArray[np.float64]) -> _At:
-    """Return what is predicted at a point (p,) from the best starts near those offered (sets, w, 10)."""
+def _settled(
+    problem: Problem, near: _At, point: NDArray[np.float64], offered: NDArray[np.float64] | None = None
+) -> _At:
+    """Return what is predicted at a point (p,) from the best starts near those there were or offered (n, w, 10)."""
     about = _differences(problem, point, near.weights, _NARROW)
-    pieces = [(about, starts[:, rows], rows) for rows in problem.work.rows]
+    starts = near.starts[None] if offered is None else np.concatenate([near.starts[None], offered])
+    pieces = [(about, starts[:, rows], near.others[:, rows], rows) for rows in problem.work.rows]
     found = problem.executor(_settled_piece, problem.work, pieces)
-    starts, residuals, slopes, ties = (np.concatenate(one) for one in zip(*found, strict=True))
-    return _weighed(problem, point, starts, residuals, slopes, ties)
+    others = np.concatenate([one[-1] for one in found], axis=1)
+    settled = (np.concatenate(one) for one in zip(*(one[:-1] for one in found), strict=True))
+    return _weighed(problem, point, *settled, others=others)
 
 
 def _renewed(problem: Problem, at: _At, *, seed: int) -> _At:
@@ -356,12 +373,13 @@ def _renewed(problem: Problem, at: _At, *, seed: int) -> _At:
         (
             about,
             _Lanes(rows=rows, starts=at.starts[rows], residuals=at.residuals[rows], slopes=at.slopes[rows]),
+            at.others[:, rows],
             seed,
         )
         for rows in problem.work.rows
     ]
-    starts = np.concatenate(problem.executor(_renewed_piece, problem.work, pieces))
-    return _settled(problem, at, at.point, starts[None])
+    found = np.concatenate(problem.executor(_renewed_piece, problem.work, pieces), axis=1)
+    return _settled(problem, replace(at, starts=found[0], others=found[1:]), at.point)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -439,18 +457,23 @@ def _slopes_piece(
 
 
 def _settled_piece(
-    work: Work, piece: tuple[_Differences, NDArray[np.float64], NDArray[np.int64]]
+    work: Work,
+    piece: tuple[_Differences, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
 ) -> tuple[NDArray[np.float64], ...]:
-    """Return each window's best start near the best of those offered, and its residuals, slopes and ties there."""
-    about, offered, rows = piece
+    """Return each window's best start near the best of those offered, its residuals, slopes and ties, and others."""
+    about, own, others, rows = piece
+    offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
     starts = offered[0]
     if len(offered) > 1:
         values = np.tile(about.values[-1:], (len(offered), 1))
         squares = (_flat(_predicted(work, values, offered, rows), about.weights) ** 2).sum(axis=-1)
-        starts = offered[squares.argmin(axis=0), np.arange(len(rows))]
+        chosen = squares.argmin(axis=0)
+        starts = offered[chosen, each]
+        left = np.flatnonzero(chosen >= len(own))
+        others[chosen[left] - len(own), left] = own[0, left]
     lanes = _lanes(work, about, starts, rows)
     ties = _settle(work, about, lanes)
-    return lanes.starts, lanes.residuals, lanes.slopes, ties
+    return lanes.starts, lanes.residuals, lanes.slopes, ties, others
 
 
 def _at_starts(
@@ -549,15 +572,18 @@ def _kink(
     return normal, np.clip(along - share, 0.0, along)[:, 0]
 
 
-def _renewed_piece(work: Work, piece: tuple[_Differences, _Lanes, int]) -> NDArray[np.float64]:
-    """Return each window's best start (rows, 10): its own, or one that settles from the measured or a random one."""
-    about, own, seed = piece
+def _renewed_piece(
+    work: Work, piece: tuple[_Differences, _Lanes, NDArray[np.float64], int]
+) -> NDArray[np.float64]:
+    """Return the best starts (1 + n, rows, 10), of the own one and those that settle from measured and random ones."""
+    about, own, others, seed = piece
     S, r = _flat(own.slopes, about.weights)[:, about.parameters :], _flat(own.residuals, about.weights)
     A = S @ S.transpose(0, 2, 1)
     spread = np.linalg.inv(np.linalg.cholesky(A)).transpose(0, 2, 1)
     drawn = np.random.default_rng([seed, int(own.rows[0])]).standard_normal((_DRAWN, *own.starts.shape, 1))
     drawn *= np.linspace(*_SPREADS, _DRAWN)[:, None, None, None]
-    offered = np.concatenate([work.windows.initial[own.rows][None], own.starts + (spread @ drawn)[..., 0]])
+    random = own.starts + (spread @ drawn)[..., 0]
+    offered = np.concatenate([work.windows.initial[own.rows][None], others, random])
     values = np.tile(about.values[-1:], (len(offered), 1))
     residuals = _flat(_predicted(work, values, offered, own.rows), about.weights)
 
@@ -569,16 +595,20 @@ def _renewed_piece(work: Work, piece: tuple[_Differences, _Lanes, int]) -> NDArr
     apart = np.where((np.abs(there - here) > _APART) & (there < here + _FAR), there, np.inf)
     chosen = np.argsort(apart, axis=0, kind="stable")[:_RENEWED]
     sets, places = np.nonzero(np.isfinite(np.take_along_axis(apart, chosen, axis=0)))
-    best = own.starts.copy()
+    best = [
+        [(float(squares) - _BETTER, start)]
+        for squares, start in zip((r**2).sum(axis=1), own.starts, strict=True)
+    ]
     if len(places):
         lanes = _lanes(work, about, offered[chosen[sets, places], places], own.rows[places])
         _settle(work, about, lanes)
-        least = (r**2).sum(axis=1) - _BETTER
-        for lane, place in enumerate(places):
-            squares = (_flat(lanes.residuals[lane], about.weights) ** 2).sum()
-            if squares < least[place]:
-                least[place], best[place] = squares, lanes.starts[lane]
-    return best
+        squares = (_flat(lanes.residuals, about.weights) ** 2).sum(axis=1)
+        for place, one, start in zip(places, squares, lanes.starts, strict=True):
+            if all(abs(one - known) > _APART for known, _ in best[place]):
+                best[place].append((float(one), start))
+    kept = [sorted(ones, key=lambda one: one[0])[: 1 + _OTHERS] for ones in best]
+    filled = [[start for _, start in ones] + [ones[0][1]] * (1 + _OTHERS - len(ones)) for ones in kept]
+    return np.array(filled).transpose(1, 0, 2)
 
 
 def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:

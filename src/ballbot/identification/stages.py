@@ -1,6 +1,6 @@
 """The stages of an identification: preparation of windows, search, Gauss-Newton, and errors on held-out windows.
 
-The search finds the basin, on some of the windows and with a longer inner step: by short descents from a few fixed
+The search finds the basin, on some of the windows: by short descents from a few fixed
 starts, or by the thesis's stochastic search.
 
 Whole intervals of each log are held out, 8 s of every 28 s: neighbouring windows share a swing of the limit cycle, and
@@ -35,8 +35,8 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress
 
-#: inner step of the search's simulations [s], which find the basin only; the cost differs by 1e-4
-EVOLUTION_STEP = 2.5e-3
+#: longest inner step of simulations [s]: with 2.5 or 1.25 ms an estimate moves by 0.15 of its standard error at most
+INNER_STEP = 5e-3
 #: largest rise of the cost when a parameter without influence returns to its nominal value
 LARGEST_LOSS = 1e-3
 #: quantities that act through another one only: v_s and delta shape how s fades
@@ -93,8 +93,7 @@ class IdentificationOptions:
     gauss_newton_steps: int = 75  #: Gauss-Newton steps, at most
     #: parameters with doubtful errors whose intervals are profiled, at most
     most_profiles: int = MOST_PROFILES
-    #: longest inner step of simulations [s]; 1 ms moves an estimate by a tenth of its standard error at most
-    step: float = 2.5e-3
+    step: float = INNER_STEP  #: longest one of simulations [s]
 
     def __post_init__(self) -> None:
         if not 0.0 < self.held_out < 1.0:
@@ -129,7 +128,7 @@ class Prepared:
     """Windows to fit and to validate on, and the least-squares problems that they make."""
 
     problem: Problem  #: all windows to fit
-    coarse: Problem  #: some of them and a longer inner step, for the search
+    coarse: Problem  #: some of them, for the search
     fit: Windows
     held_out: Windows
     excitation: Excitation
@@ -199,10 +198,9 @@ def prepare(
     check_torques(fit)
     excitation = check_excitation(fit, predictor.robot, coordinates)
     drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fit))[: options.evolution_windows])
-    coarse = replace(predictor, step=max(predictor.step, EVOLUTION_STEP))
     return Prepared(
         problem=_problem(predictor, fit, coordinates, options.counted, run.executor),
-        coarse=_problem(coarse, fit.take(drawn), coordinates, options.counted, run.executor),
+        coarse=_problem(predictor, fit.take(drawn), coordinates, options.counted, run.executor),
         fit=fit,
         held_out=windows.take(held_rows),
         excitation=excitation,
@@ -352,10 +350,10 @@ def refine(
     """Fit by Gauss-Newton, from a second point also, fix what has no influence, and fit the rest again from there."""
     problem = prepared.problem
     free, steps = problem.coordinates.free, options.gauss_newton_steps
-    begins = [start] if also is None else [start, also]
-    fits = [fit_with_initial_states(problem, one, free=free, most_steps=steps, run=run) for one in begins]
-    finished, *rest_of_fits = sorted(fits, key=lambda one: one.cost)
-    other = next((one for one in rest_of_fits if elsewhere(finished.point, one.point)), None)
+    finished = fit_with_initial_states(problem, start, free=free, most_steps=steps, run=run)
+    other = None if also is None else _elsewhere_too(finished, also, free=free, most_steps=steps, run=run)
+    if other is not None and other.cost < finished.cost:
+        finished, other = other, finished
     rise = 0.0 if other is None else other.cost - finished.cost
     without_effect = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=run)
     no_influence = free & (without_effect.dependent | without_influence(finished.equations.normal))
@@ -376,6 +374,30 @@ def refine(
         estimated=free & ~no_influence & ~refused & ~at_bound(finished.point),
         other=other and OtherOptimum(values=problem.coordinates.physical(other.point), rise=rise),
     )
+
+
+#: a second optimum that costs more than the first by this, 30 in 2 ln(likelihood) of a log of 48 s, is no alternative
+_NEAR = 1e-3
+
+
+def _elsewhere_too(
+    finished: InitialStatesFit,
+    point: NDArray[np.float64],
+    *,
+    free: NDArray[np.bool_],
+    most_steps: int,
+    run: Run,
+) -> InitialStatesFit | None:
+    """Return where a descent from a point (p,) ends; None if at the same optimum or far above it."""
+    other = fit_with_initial_states(
+        finished.problem, point, free=free, most_steps=most_steps, most_renewals=0, run=run
+    )
+    if not elsewhere(finished.point, other.point) or other.cost > finished.cost + _NEAR:
+        return None
+    other = fit_with_initial_states(
+        finished.problem, other.point, free=free, most_steps=most_steps, starts=other.starts, run=run
+    )
+    return other if elsewhere(finished.point, other.point) else None
 
 
 def better_start(

@@ -1,13 +1,12 @@
-"""The link to a robot: messages in frames over a serial line, UDP or an emulated robot.
+"""The link to a robot: messages in frames over a serial line, or to an emulated robot.
 
 messages     what host and robot send each other: one schema each, from which the structs in C are written too
 frames       messages to bytes and back, with every check that a frame must pass
-transport    serial port and UDP behind three functions
-datagram     datagrams signed with the robot's key
+transport    a serial port behind three functions
 session      handshake, watchdogs, arming in two steps, parameters: the host's side of a connection
 emulated     firmware in lock-step with a plant, behind a transport
 recorder     a log that is written while the robot runs and survives a pulled plug
-references   where the robot is asked to be: courses, files, the keyboard, a gamepad
+references   where the robot is asked to be: courses, files, the keyboard
 live         a robot from arming to disarming, and the log of it
 operators    the person at the robot: confirms arming, moves it by hand
 runs         a run with its recording, from the self-test to disarming

@@ -30,7 +30,7 @@ from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.qemu import QemuBoard, board_image, what_to_install
 from ballbot.firmware.records import PARAMETERS
 from ballbot.link.lock_step import BoardLine, LockStep, sensors_of
-from ballbot.link.messages import WATCHDOG, Motors
+from ballbot.link.messages import Motors
 from ballbot.link.transport import Transport
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import HeldRobot, Hold
@@ -88,7 +88,6 @@ class EmulatedRobot:
         self._seed = seed
         self._always_held = always_held
         self._due = time.monotonic() if real_time else None  # when the next sample is
-        self._heard = 0.0
         self.hand = HeldRobot(plant.robot) if hand is None else hand  #: that holds the robot
         if not always_held:  # the first sample loads compiled code, for longer than host and board wait
             plant.reset(None, seed=seed)
@@ -127,17 +126,6 @@ class EmulatedRobot:
     def write(self, data: bytes) -> None:
         """Send bytes to the robot, which takes them with its next sample."""
         self._steps.write(data)
-        self._heard = self.clock()
-
-    @property
-    def waits(self) -> bool:
-        """Whether the robot's motors are enabled and half of its watchdog's time has passed since the host wrote.
-
-        Where host and robot run by the clock on the wall, let the robot take no sample until the host writes, or has
-        been silent for longer than a busy computer explains.
-        """
-        enabled = self.motors is not None and bool(self.motors.enabled)
-        return enabled and self.clock() - self._heard >= 0.5 * WATCHDOG
 
     def close(self) -> None:
         """Switch the robot off."""
@@ -191,6 +179,7 @@ def emulated_robot(
     hold: Hold = "on_ball",
     seed: int = 0,
     real_time: bool = False,
+    imu_checked: bool = True,
 ) -> EmulatedRobot:
     """Return an emulated robot with the nominal controller.
 
@@ -209,6 +198,8 @@ def emulated_robot(
     seed : int
     real_time : bool
         As for `EmulatedRobot`.
+    imu_checked : bool
+        Whether the axes of the IMU count as checked; on a board they do not.
 
     Raises
     ------
@@ -232,7 +223,9 @@ def emulated_robot(
     )
     return EmulatedRobot(
         body,
-        BoardLine(QemuBoard(board_image(exported.files))) if on_board else CompiledRobot(exported.parameters),
+        BoardLine(QemuBoard(board_image(exported.files)))
+        if on_board
+        else CompiledRobot(exported.parameters, imu_checked=imu_checked),
         sample_time=controller.sample_time,
         seed=seed,
         hand=HeldRobot(model.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise),

@@ -355,13 +355,21 @@ class LiveRobot:
             raise LinkError("The robot does not have the parameters that were sent; send them again.")
         return True
 
-    def test(self, operator: Operator | None = None) -> None:
-        """Run the self-test.
+    def test(
+        self,
+        operator: Operator | None = None,
+        *,
+        motors: bool = True,
+        watch: Callable[[State], None] = lambda _: None,
+    ) -> SelfTestOutcome:
+        """Run the self-test and return its result: PASSED, or IMU_PASSED before the motors' test.
 
         Parameters
         ----------
         operator : Operator, optional
             Moves the robot if the axes of its IMU are still to be checked.
+        motors, watch
+            As for `Session.self_test`.
 
         Raises
         ------
@@ -376,9 +384,9 @@ class LiveRobot:
             else:
                 operator.hold_upright()
 
-        outcome = self.session.self_test(move=move if operator else None)
-        if outcome == SelfTestOutcome.PASSED:
-            return
+        outcome = self.session.self_test(move=move if operator else None, motors=motors, watch=watch)
+        if outcome in (SelfTestOutcome.PASSED, SelfTestOutcome.IMU_PASSED):
+            return outcome
         state = self.session.state
         wheel = state.self_test_wheel if state else 0
         moved = MOVEMENTS[wheel - 1].words if 1 <= wheel <= len(MOVEMENTS) else "moved"

@@ -1,4 +1,4 @@
-"""Where a live robot is asked to be: a named course, a file, the arrow keys or a gamepad.
+"""Where a live robot is asked to be: a named course, a file, or the arrow keys.
 
 A live reference is asked once a sample for the state (10,) that the robot is to have, from the start of the run on. It
 is in the frame of the start: the robot begins at (0, 0) with psi = 0, and `in_start_frame` and `in_robot_frame`
@@ -6,12 +6,8 @@ convert. Only x, y and psi are other than zero, as in `ballbot.control.reference
 
     named course, file     as `ballbot simulate` has them
     keyboard               arrow keys move it by 5 cm, comma and full stop turn it by 10 degrees, e ends the run
-    gamepad                left stick up to 0.2 m/s, right stick up to 0.5 rad/s, the first button ends the run
 
-Keyboard and gamepad move the reference as the driver sees the robot: forward is along its own heading.
-
-A gamepad is read from Linux's joystick device (/dev/input/js0, linux/joystick.h): events of 8 bytes, time [ms], value,
-type, and number of the axis or button.
+Keys move the reference as the driver sees the robot: forward is along its own heading.
 """
 
 from __future__ import annotations
@@ -20,11 +16,8 @@ import importlib.util
 import math
 import os
 import select
-import struct
 import sys
 from collections.abc import Callable
-from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,50 +26,16 @@ from ballbot.control.references import REFERENCES, Reference, as_reference, is_r
 from ballbot.errors import InputError, suggest
 from ballbot.mechanics.geometry import body_rates_matrix, turned_about_vertical
 
+#: the name of the arrow keys as a reference
+KEYBOARD = "keyboard"
 #: a key press moves the reference by this [m, rad]
 KEY_STEP, KEY_TURN = 0.05, math.radians(10.0)
-#: speeds at a stick's end [m/s, rad/s]
-STICK_SPEED, STICK_TURN = 0.2, 0.5
-#: share of a stick's way that does nothing: sticks do not return to zero
-DEAD_ZONE = 0.1
-#: the first gamepad
-GAMEPAD = "/dev/input/js0"
-_DEVICES = "/dev/input/"
-#: a longer time between two samples counts as this [s], so that a pause never makes the reference jump
-_LONGEST_STEP = 0.1
-
-_EVENT = struct.Struct("=IhBB")
-_BUTTON, _AXIS, _INITIAL = 0x01, 0x02, 0x80
-_STICK_END = 32767.0
-
-
-class LiveReference(Protocol):
-    """Gives the reference of a live run."""
-
-    def update(self, t: float) -> NDArray[np.float64]:
-        """Return the state (10,) asked for at a time since the start of the run [s], in the frame of the start."""
-        ...
-
-    @property
-    def ended(self) -> bool:
-        """Whether the driver has asked for the end of the run."""
-        ...
-
-    @property
-    def trouble(self) -> str | None:
-        """Why the driver can no longer move the reference, in one sentence; None as long as all is well."""
-        ...
-
-    def close(self) -> None:
-        """Give back the terminal or the device."""
-        ...
 
 
 class CourseReference:
     """A named course or a file, followed from the start of the run on."""
 
-    ended = False
-    trouble = None
+    ended = False  #: whether the driver has asked for the end of the run
 
     def __init__(self, course: Reference) -> None:
         self._course = course
@@ -127,7 +86,7 @@ class KeyboardReference:
 
     def __init__(self, descriptor: int) -> None:
         self.ended = False  #: whether e was pressed
-        self.trouble: str | None = None  #: why no keys come any more
+        self._gone = False  # the terminal; the reference then stays where it is
         self._pose = np.zeros(10)
         self._descriptor, self._waiting = descriptor, b""
         self._restore: Callable[[], None] | None = None
@@ -155,14 +114,13 @@ class KeyboardReference:
             self._restore()
 
     def _new_bytes(self) -> bytes:
-        if self.trouble or not select.select([self._descriptor], [], [], 0.0)[0]:
+        if self._gone or not select.select([self._descriptor], [], [], 0.0)[0]:
             return b""
         try:
             found = os.read(self._descriptor, 1024)
         except OSError:
             found = b""
-        if not found:
-            self.trouble = "The terminal is gone; the reference stays where it is."
+        self._gone = not found
         return found
 
 
@@ -184,91 +142,22 @@ def _keys_at_once(descriptor: int) -> Callable[[], None]:
     return lambda: termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-class GamepadReference:
-    """The sticks of a gamepad.
-
-    Parameters
-    ----------
-    path : str or Path
-        Of the joystick device.
-
-    Raises
-    ------
-    InputError
-        If it cannot be opened.
-    """
-
-    def __init__(self, path: str | Path = GAMEPAD) -> None:
-        self.ended = False  #: whether the first button was pressed
-        self.trouble: str | None = None  #: why the gamepad says no more
-        self._pose, self._path = np.zeros(10), path
-        try:
-            self._descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-        except OSError as error:
-            raise InputError(f"The gamepad {path} cannot be opened: {error.strerror or error}.") from None
-        self._waiting, self._before = b"", 0.0
-        self._sticks = {0: 0.0, 1: 0.0, 3: 0.0}  # right, back, turn right: the axes of a gamepad's two sticks
-
-    def update(self, t: float) -> NDArray[np.float64]:
-        """Return the pose (10,) at a time [s]; the sticks are its speeds."""
-        self._read()
-        passed = min(max(t - self._before, 0.0), _LONGEST_STEP)
-        self._before = t
-        right, back, turn_right = (_past_dead_zone(self._sticks[axis]) for axis in (0, 1, 3))
-        speed = passed * STICK_SPEED
-        self._pose = _moved(self._pose, -speed * back, -speed * right, -passed * STICK_TURN * turn_right)
-        return self._pose.copy()
-
-    def close(self) -> None:
-        """Close the device."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
-
-    def _read(self) -> None:
-        """Take all events that have come."""
-        try:
-            while self.trouble is None and (found := os.read(self._descriptor, 64 * _EVENT.size)):
-                self._waiting += found
-        except BlockingIOError:
-            pass
-        except OSError:
-            self.trouble = f"The gamepad {self._path} is gone; the reference stays where it is."
-            self._sticks = dict.fromkeys(self._sticks, 0.0)
-        whole = len(self._waiting) // _EVENT.size * _EVENT.size
-        for _, value, kind, number in _EVENT.iter_unpack(self._waiting[:whole]):
-            if kind & ~_INITIAL == _AXIS and number in self._sticks:
-                self._sticks[number] = max(-1.0, value / _STICK_END)
-            elif kind == _BUTTON and number == 0 and value:
-                self.ended = True
-        self._waiting = self._waiting[whole:]
-
-
-def _past_dead_zone(value: float) -> float:
-    """Return a stick's place from -1 to 1, zero in the dead zone and without a jump at its edge."""
-    return math.copysign(max(abs(value) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE), value)
-
-
-def is_driven(source: str) -> bool:
-    """Return whether a person moves the reference that a text names."""
-    return source in ("keyboard", "gamepad") or source.startswith(_DEVICES)
+#: gives the state (10,) asked for at a time since the start of a live run [s], in the frame of the start
+LiveReference = CourseReference | KeyboardReference
 
 
 def live_reference(source: str) -> LiveReference:
-    """Return the reference that a text names: a course, a file, keyboard, gamepad, or a joystick device.
+    """Return the reference that a text names: a course, a file or the keyboard.
 
     Raises
     ------
     InputError
-        If there is no such course, file, terminal or device.
+        If there is no such course, file or terminal.
     """
-    if source == "keyboard":
+    if source == KEYBOARD:
         return KeyboardReference(sys.stdin.fileno())
-    if is_driven(source):
-        return GamepadReference(GAMEPAD if source == "gamepad" else source)
     if not is_reference_file(source) and source.replace("-", "_") not in REFERENCES:
-        names = [*REFERENCES, "keyboard", "gamepad"]
-        hint = suggest(source, names, otherwise="the names are")
+        hint = suggest(source, [*REFERENCES, KEYBOARD], otherwise="the names are")
         raise InputError(f"There is no reference {source!r}; {hint}")
     return CourseReference(as_reference(source))
 

@@ -7,7 +7,7 @@ command and not the robot. Whatever ends the run, the robot is disarmed and the 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,9 +28,6 @@ class LiveRun:
 
     ending: Ending
     log: Log | None  #: None if the run ended before its first sample
-    longest_unsaved: (
-        float | None
-    )  #: longest time for which a row was not on the disk [s]; None without a recording
     trouble: str | None  #: why the recording ends before the run, in one sentence
 
 
@@ -44,7 +41,6 @@ def recorded_run(
     ramp: float = 0.0,
     watch: Callable[[Sample], None],
     recording: Path | None = None,
-    about: Mapping[str, object] | None = None,
 ) -> LiveRun:
     """Test and arm a robot, let it do what a commander says, disarm it, and return the log.
 
@@ -65,8 +61,6 @@ def recorded_run(
         Takes each sample.
     recording : Path, optional
         Where rows are kept while the robot runs; nowhere if it is not given.
-    about : mapping of str to object, optional
-        What the recording is of.
 
     Raises
     ------
@@ -76,7 +70,7 @@ def recorded_run(
     columns = log_columns(robot.wheel_count)
     rows: list[Sequence[float]] = []
     robot.test(operator)
-    with Recorder(recording, columns, about=about or {}) if recording else nullcontext() as recorder:
+    with Recorder(recording, columns) if recording else nullcontext() as recorder:
 
         def record(row: Sequence[float]) -> None:
             rows.append(row)
@@ -99,7 +93,6 @@ def recorded_run(
     return LiveRun(
         ending=ending,
         log=log,
-        longest_unsaved=recorder.longest_unsaved if recorder else None,
         trouble=recorder.failure if recorder else None,
     )
 

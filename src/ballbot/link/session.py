@@ -36,7 +36,6 @@ from ballbot.link.messages import (
     Answer,
     Arm,
     AskCounts,
-    Capability,
     Commit,
     ControllerPlace,
     Counts,
@@ -70,12 +69,10 @@ IMU_POSITIONS = (
     SelfTestOutcome.TILT_LEFT,
     SelfTestOutcome.TURN_LEFT,
 )
-#: longest silence [s] of an emulated robot behind a port: its clock waits if the computer is busy, and nobody is hurt
-EMULATED_SILENCE = 2.0
 #: for an answer, after which a command is sent again [s]
 _ANSWER_TIME = 0.1
-#: for which a command is sent again and again, at least [s]
-_COMMAND_TIME = 0.5
+#: how often a command is sent before it counts as lost
+_ATTEMPTS = 5
 _WORD = np.dtype("<i4")
 _Kind = TypeVar("_Kind", Counts, Parameters)
 
@@ -113,7 +110,6 @@ class Session:
         self.state: State | None = None  #: the last one
         self._clock = clock
         self._reader = FrameReader(TO_HOST, self.counts)
-        self._silence = WATCHDOG  # longest [s]
         self._session = 0
         self._sequence = 0
         self._last: int | None = None  # sequence number of the robot's last frame
@@ -160,9 +156,6 @@ class Session:
                     f"The robot's firmware has {name} of another version; export it again and flash it."
                 )
         self.welcome, self._session = welcome, welcome.session % 2**32
-        # by the clock on the wall, an emulated robot may be slow; by its own clock it is never late
-        slow = welcome.capabilities & Capability.EMULATED and self._clock is time.monotonic
-        self._silence = EMULATED_SILENCE if slow else WATCHDOG
         self._heard = self._clock()
 
     @property
@@ -176,7 +169,7 @@ class Session:
         Raises
         ------
         LinkError
-            If there is no session, or the robot has been silent for 50 ms; for an emulated one behind a port, 2 s.
+            If there is no session, or the robot has been silent for 50 ms.
         """
         queued, self._queued = self._queued, []
         end = self._clock() + timeout
@@ -199,7 +192,7 @@ class Session:
         now = self._clock()
         if found:
             self._heard = now
-        elif now - self._heard > self._silence:
+        elif now - self._heard > WATCHDOG:
             self.welcome = None
             raise LinkError(
                 f"The robot has been silent for {1e3 * (now - self._heard):.0f} ms. It stops by itself; connect "
@@ -252,11 +245,6 @@ class Session:
         self._sent = self._clock()
         return self._sequence
 
-    @property
-    def _attempts(self) -> int:
-        """How often a command is sent before it counts as lost."""
-        return round(max(_COMMAND_TIME, self._silence) / _ANSWER_TIME)
-
     def request(self, message: Message) -> Answer:
         """Send a command until it is answered, and return the answer. Other messages wait for the next `poll`.
 
@@ -270,7 +258,7 @@ class Session:
     def _request(self, message: Message) -> tuple[Answer, bool]:
         """Return the answer to a command, and whether the command was sent again before it came."""
         sent: set[int] = set()
-        for _ in range(self._attempts):
+        for _ in range(_ATTEMPTS):
             sent.add(self.send(message))
             end = self._clock() + _ANSWER_TIME
             while self._clock() < end:
@@ -301,7 +289,12 @@ class Session:
         self._demand(SelfTest())
 
     def self_test(
-        self, *, timeout: float = 3.0, move: Callable[[SelfTestOutcome], None] | None = None
+        self,
+        *,
+        timeout: float = 3.0,
+        move: Callable[[SelfTestOutcome], None] | None = None,
+        motors: bool = True,
+        watch: Callable[[State], None] = lambda _: None,
     ) -> SelfTestOutcome:
         """Run the self-test and return its result. States that come meanwhile wait for the next `poll`.
 
@@ -313,6 +306,10 @@ class Session:
             For motors and encoders, by the robot's clock [s].
         move : callable, optional
             Asks a person for the position that the robot waits for; without it that is the result.
+        motors : bool
+            Whether the motors' test follows that of the IMU's axes.
+        watch : callable
+            Takes every state meanwhile.
 
         Raises
         ------
@@ -323,12 +320,16 @@ class Session:
         seen, passed, waited_for = self.state, 0.0, None
         while passed < (timeout if waited_for is None else MOVING_TIME):
             before = self.state
-            self._queued += self._step(KEEP_INTERVAL)
+            found = self._step(KEEP_INTERVAL)
+            self._queued += found
+            for one in found:
+                if isinstance(one, State):
+                    watch(one)
             if self.state is seen or self.state is None:
                 continue
             passed += 0.0 if before is None else 1e-6 * ((self.state.time - before.time) % 2**32)
             outcome = SelfTestOutcome(self.state.self_test)
-            if outcome is SelfTestOutcome.IMU_PASSED:
+            if outcome is SelfTestOutcome.IMU_PASSED and motors:
                 self._queued.clear()  # the states of a minute
                 self.start_self_test()
                 seen, passed, waited_for = self.state, 0.0, None
@@ -472,7 +473,7 @@ class Session:
 
     def _ask(self, message: Message, kind: type[_Kind], matches: Callable[[_Kind], bool]) -> _Kind:
         """Send a question until its answer comes; other messages wait for the next `poll`."""
-        for _ in range(self._attempts):
+        for _ in range(_ATTEMPTS):
             self.send(message)
             end = self._clock() + _ANSWER_TIME
             while self._clock() < end:

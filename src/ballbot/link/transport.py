@@ -1,27 +1,19 @@
-"""Transports: bytes to and from a robot over a serial port or UDP.
-
-    /dev/ttyACM0?baud=921600     a serial port
-    udp://127.0.0.1:5005         a robot, or a bridge to one, that listens for datagrams
+"""Transports: bytes to and from a robot over a serial port, as /dev/ttyACM0?baud=921600.
 
 A transport promises nothing: bytes may be lost, repeated, changed or late. Frames find that out.
-
-UDP goes to this computer itself unless a key is given. With a key every datagram carries a truncated HMAC-SHA-256, and
-one without it is dropped; see `ballbot.link.datagram`.
 """
 
 from __future__ import annotations
 
-import ipaddress
 import os
 import select
 import socket
 from typing import Protocol
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 import serial
 
 from ballbot.errors import InputError
-from ballbot.link.datagram import Direction, seal, unseal
 
 DEFAULT_BAUD = 921600
 #: for the other end of a stream to take bytes, before it counts as gone [s]
@@ -49,42 +41,26 @@ class LinkError(InputError):
     """The link to a robot failed; the text is one sentence."""
 
 
-def open_transport(address: str, *, key: bytes | None = None) -> Transport:
+def open_transport(address: str) -> Transport:
     """Open the transport of an address.
 
     Parameters
     ----------
     address : str
-        "udp://HOST:PORT", or a serial port with "?baud=N" if it is not 921600.
-    key : bytes, optional
-        That this robot's datagrams are signed with; needed for UDP to another computer.
+        A serial port, with "?baud=N" if it is not 921600.
 
     Raises
     ------
     InputError
-        If the address is not valid, or UDP to another computer has no key.
+        If the address is not valid.
     LinkError
         If the transport cannot be opened.
     """
-    if urlsplit(address).scheme == "udp":
-        host, port = _host_and_port(address)
-        return UdpTransport(host, port, key=key)
     path, _, query = address.partition("?")
     baud = parse_qs(query).get("baud", [str(DEFAULT_BAUD)])[0]
     if not path or not baud.isdecimal() or int(baud) == 0:
         raise InputError(f"{address!r} is no serial port; write it as /dev/ttyACM0?baud={DEFAULT_BAUD}.")
     return SerialTransport(path, baud=int(baud))
-
-
-def _host_and_port(address: str) -> tuple[str, int]:
-    parts = urlsplit(address)
-    try:
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host, port = None, None
-    if not host or not port:
-        raise InputError(f"{address!r} needs a host and a port, as in udp://127.0.0.1:5005.")
-    return host, port
 
 
 class SerialTransport:
@@ -170,82 +146,6 @@ class SocketTransport:
     def close(self) -> None:
         """Close the connection."""
         self._socket.close()
-
-
-class UdpTransport:
-    """Datagrams to and from one robot; those of other addresses are dropped by the system.
-
-    Parameters
-    ----------
-    host : str
-    port : int
-    key : bytes, optional
-        Signs every datagram; needed unless the host is this computer.
-
-    Raises
-    ------
-    InputError
-        If the host is another computer and there is no key.
-    LinkError
-        If the host is not known.
-    """
-
-    def __init__(self, host: str, port: int, *, key: bytes | None = None) -> None:
-        self._socket, peer = datagram_socket(host, port, key=key)
-        self._key = key
-        self.refused = 0  #: datagrams that the key did not sign
-        self._socket.connect(peer)
-
-    def read(self, timeout: float) -> bytes:
-        """Return what has come; wait for it at most `timeout` [s], then return b""."""
-        if not _readable(self._socket, timeout):
-            return b""
-        try:
-            datagram = self._socket.recv(_LARGEST_READ)
-        except OSError:
-            return b""  # nobody listens at the other end, yet
-        frame = unseal(self._key, datagram, Direction.TO_HOST)
-        self.refused += frame is None
-        return frame or b""
-
-    def write(self, data: bytes) -> None:
-        """Send bytes, a whole frame, as one datagram."""
-        try:
-            self._socket.send(seal(self._key, data, Direction.TO_ROBOT))
-        except OSError:
-            return  # lost, as any datagram may be
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
-
-
-def datagram_socket(host: str, port: int, *, key: bytes | None) -> tuple[socket.socket, tuple[object, ...]]:
-    """Return a socket for datagrams that never waits, and the address of a host, which it is not bound or connected to.
-
-    Raises
-    ------
-    InputError
-        If the address is not loopback and there is no key.
-    LinkError
-        If the host is not known.
-    """
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-    except OSError as problem:
-        raise LinkError(f"The host {host!r} is not known: {problem}") from None
-    if key is None and not is_loopback(str(address[0])):
-        raise InputError(
-            f"{host} is not this computer alone: its datagrams must be signed. Give the robot's key."
-        )
-    found = socket.socket(family, kind, protocol)
-    found.setblocking(False)
-    return found, address
-
-
-def is_loopback(address: str) -> bool:
-    """Return whether a numerical address is this computer's own."""
-    return ipaddress.ip_address(address.partition("%")[0]).is_loopback
 
 
 def _readable(one: socket.socket, timeout: float) -> bool:

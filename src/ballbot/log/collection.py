@@ -34,7 +34,10 @@ def as_log(source: LogLike) -> Log:
         return source
     if isinstance(source, str | Path):
         return Log.read(source)
-    raise _refusal(source)
+    raise InputError(
+        f"A log is given as an object of type {type(source).__name__}; give a Log or the path of a log file. "
+        "Log({'t': .., 'theta': ..}) makes a log of arrays, Log.from_pandas(frame) one of a DataFrame."
+    )
 
 
 def as_logs(sources: LogsLike) -> dict[str, Log]:
@@ -45,12 +48,18 @@ def as_logs(sources: LogsLike) -> dict[str, Log]:
     InputError
         If there is no log, one is not a log or is named twice, or a file cannot be read.
     """
-    if isinstance(sources, Log | str | Path):
+    if isinstance(sources, Mapping):
+        found: dict[str, Log] = {}
+        for name, one in sources.items():
+            if not isinstance(name, str):
+                raise InputError(f"A log is named {name!r}; the names of logs are texts, such as 'square'.")
+            found[name] = as_log(one)
+    elif isinstance(sources, Log | str | Path):
         found = _listed([sources])
-    elif isinstance(sources, Mapping):
-        found = {_checked_name(name): as_log(one) for name, one in sources.items()}
-    elif not isinstance(sources, Iterable) or hasattr(sources, "__array__"):
-        raise _refusal(sources)  # tables of others iterate over their columns
+    elif not isinstance(sources, Iterable) or hasattr(
+        sources, "__array__"
+    ):  # tables iterate over their columns
+        found = {"": as_log(sources)}  # pyright: ignore[reportArgumentType] - refuses it
     else:
         found = _listed(list(sources))
     if not found:
@@ -95,21 +104,3 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     whole = [str(path) for path in paths]
     names = next(names for names in (by_stem, by_path, whole) if len(set(names)) == len(names))
     return dict(zip(names, paths, strict=True))
-
-
-def _checked_name(name: object) -> str:
-    if not isinstance(name, str):
-        raise InputError(f"A log is named {name!r}; the names of logs are texts, such as 'square'.")
-    return name
-
-
-def _refusal(source: object) -> InputError:
-    """Return why something is no log, and how it becomes one."""
-    hint = ""
-    if type(source).__name__ == "DataFrame":
-        hint = " Log.from_pandas(frame) makes a log of a DataFrame."
-    elif hasattr(source, "__array__"):
-        hint = " Log({'t': ..., 'theta': ...}) makes a log of arrays."
-    return InputError(
-        f"A log is given as an object of type {type(source).__name__}; give a Log or the path of a log file.{hint}"
-    )

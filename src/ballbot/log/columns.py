@@ -23,31 +23,15 @@ TRUE_PREFIX = "true_"
 #: largest number of wheels whose columns have a name
 MAX_WHEELS = 4
 
-_UNITS = {
-    "t": "s",
-    "x": "m",
-    "y": "m",
-    "theta": "rad",
-    "phi": "rad",
-    "psi": "rad",
-    "x_dot": "m/s",
-    "y_dot": "m/s",
-    "theta_dot": "rad/s",
-    "phi_dot": "rad/s",
-    "psi_dot": "rad/s",
-    "gyro_x": "rad/s",
-    "gyro_y": "rad/s",
-    "gyro_z": "rad/s",
-    "acc_x": "m/s^2",
-    "acc_y": "m/s^2",
-    "acc_z": "m/s^2",
-    "ref_x": "m",
-    "ref_y": "m",
-    "ref_psi": "rad",
-    "ball_omega_x": "rad/s",
-    "ball_omega_y": "rad/s",
-    "ball_omega_z": "rad/s",
+_NAMES = {
+    "s": "t",
+    "m": "x y ref_x ref_y",
+    "rad": "theta phi psi ref_psi",
+    "m/s": "x_dot y_dot",
+    "rad/s": "theta_dot phi_dot psi_dot gyro_x gyro_y gyro_z ball_omega_x ball_omega_y ball_omega_z",
+    "m/s^2": "acc_x acc_y acc_z",
 }
+_UNITS = {name: unit for unit, names in _NAMES.items() for name in names.split()}
 for _i in range(1, MAX_WHEELS + 1):
     _UNITS |= {f"u{_i}": "N m", f"wheel{_i}": "rad", f"wheel{_i}_dot": "rad/s"}
 _UNITS |= {f"{TRUE_PREFIX}{name}": _UNITS[name] for name in STATE_NAMES}
@@ -200,7 +184,7 @@ def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:
     dict of str to tuple
         By the file's name, Ballbot's, the factor to Ballbot's unit, and the file's unit.
     """
-    from ballbot.log.mapping_search.name_words import UNIT_OF
+    from ballbot.log.mapping_search.names import UNIT_OF
 
     names = list(names)
     found: dict[str, tuple[str, float, str]] = {}

@@ -46,16 +46,16 @@ def columns_of(frame: DataFrame) -> tuple[Columns, str | None]:
     if "t" not in columns:
         raise InputError(
             "The frame has no time: it needs a column t [s], an index named t, or an index of dates or durations. Its "
-            f"columns are: {', '.join(columns) or 'none'}. Rename one, as in frame.rename(columns={{'time': 't'}})."
+            f"columns are: {', '.join(columns) or 'none'}."
         )
-    units = frame.attrs.get(_UNITS, {})
-    if not isinstance(units, Mapping):
-        raise InputError(
-            f"frame.attrs['units'] is {units!r}; it must be a dict of units by the columns' names, or be left out."
-        )
-    ended = frame.attrs.get(_ENDED)
-    scaled = {name: values * _factor(name, units.get(name)) for name, values in columns.items()}
-    return scaled, ended if isinstance(ended, str) else None
+    for name, unit in dict(frame.attrs.get(_UNITS, {})).items():
+        own = unit_of(name)
+        if name in columns and own is not None:
+            try:
+                columns[name] = columns[name] * factor_to(own, str(unit))
+            except InputError as error:
+                raise InputError(f"The frame's column {name!r}: {error}.") from None
+    return columns, frame.attrs.get(_ENDED)
 
 
 def foreign_columns_of(frame: DataFrame) -> Columns:
@@ -70,22 +70,11 @@ def foreign_columns_of(frame: DataFrame) -> Columns:
         raise InputError(
             f"A log is made of a pandas DataFrame; an object of type {type(frame).__name__} is given."
         )
-    if frame.columns.nlevels > 1 or frame.index.nlevels > 1:
-        raise InputError(
-            "The frame has columns or rows of several levels; a log has one name for each column."
-        )
     names = frame.columns.tolist()
-    unnamed = [name for name in names if not isinstance(name, str)]
-    if unnamed:
-        raise InputError(
-            f"The frame has a column called {unnamed[0]!r}; the names of a log's columns are texts."
-        )
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise InputError(f"The frame has several columns called {twice[0]!r}; give each its own name.")
-    found = {str(name): _numbers(str(name), column) for name, column in frame.items()}
-    of_time = frame.index.dtype.kind in "mM"
-    key = "t" if of_time and "t" not in found else frame.index.name
+    if len(set(names)) < len(names) or not all(isinstance(name, str) for name in names):
+        raise InputError("The frame's columns must have a name each, a text that no other has.")
+    found = {name: _numbers(name, frame[name]) for name in names}
+    key = "t" if frame.index.dtype.kind in "mM" and "t" not in found else frame.index.name
     if isinstance(key, str) and key not in found:
         found = {key: _numbers(key, frame.index), **found}
     return found
@@ -103,17 +92,6 @@ def _numbers(name: str, values: Series | Index) -> NDArray[np.float64]:
             f"it out: frame.drop(columns={name!r})."
         )
     return values.to_numpy(dtype=np.float64, na_value=np.nan)
-
-
-def _factor(name: str, stated: object) -> float:
-    """Return what turns a column in the unit that is stated for it into Ballbot's unit."""
-    own = unit_of(name)
-    if stated is None or own is None:
-        return 1.0
-    try:
-        return factor_to(own, str(stated))
-    except InputError as error:
-        raise InputError(f"The frame's column {name!r}: {error}. Correct frame.attrs['units'].") from None
 
 
 def _pandas() -> ModuleType:

@@ -14,6 +14,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ballbot.log.columns import Columns
 from ballbot.log.signals import unwrapped
@@ -59,17 +60,13 @@ def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> ND
     turn : float
         Angle of the IMU's x axis from the robot's, towards the left [rad].
     """
-    roll, pitch, yaw = angles.T
-    c_r, s_r, c_p, s_p = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-    c_y, s_y = np.cos(yaw), np.sin(yaw)
-    # columns of R_world_imu
-    x = np.stack([c_y * c_p, s_y * c_p, -s_p])
-    y = np.stack([c_y * s_p * s_r - s_y * c_r, s_y * s_p * s_r + c_y * c_r, c_p * s_r])
-    z = np.stack([c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r])
-    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
-    theta, phi = np.arctan2(-z[1], z[2]), np.arcsin(np.clip(z[0], -1.0, 1.0))
-    psi = unwrapped(np.arctan2(-y[0], x[0]))
-    return np.column_stack([theta, phi, psi])
+    turned = np.full_like(angles, np.nan)
+    known = np.isfinite(angles).all(axis=1)
+    if known.any():
+        imu = Rotation.from_euler("ZYX", angles[known, ::-1])
+        turned[known] = (imu * Rotation.from_euler("Z", -turn)).as_euler("XYZ")
+    turned[:, 2] = unwrapped(turned[:, 2])
+    return turned
 
 
 def yaw_ahead(angles: NDArray[np.float64], turn: float) -> NDArray[np.float64]:

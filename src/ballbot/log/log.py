@@ -11,7 +11,7 @@ which refuse NaN with a message, so that it cannot spread unnoticed.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.arrays import format_duration
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
@@ -43,8 +42,6 @@ if TYPE_CHECKING:
 
 #: longest log and shortest interval between rows [s]
 LONGEST, SHORTEST = 7.0 * 86400.0, 1e-9
-#: units that may be mistaken for seconds, with the least interval of rows at 1 to 1000 Hz in that unit [s]
-_CLOCKS = (("nanoseconds", 1e6), ("microseconds", 1e3), ("milliseconds", 1.0))
 _REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
 
 
@@ -78,7 +75,7 @@ class Log:
     def __post_init__(self) -> None:
         columns = {name: _column(name, values) for name, values in self.columns.items()}
         _check_shape(columns)
-        _check_time(columns["t"])
+        check_time(columns["t"])
         continued, found = continuous_headings(columns, columns["t"])
         for heading in continued.values():
             heading.flags.writeable = False
@@ -92,7 +89,6 @@ class Log:
         return (Log, (dict(self.columns), self.ended, self.changes))
 
     @staticmethod
-    @checked_arguments
     def read(path: str | Path, *, mapping: str | Path | LogMapping | None = None) -> Log:
         """Read a log from a file.
 
@@ -191,10 +187,8 @@ class Log:
                 f"A log is indexed by the name of one column, such as log['x'], and not by a {type(name).__name__}; "
                 "log.select(slice(0, 10)) has the first ten rows, log.between(0, 2) the first two seconds."
             )
-        try:
-            return self.columns[name]
-        except KeyError:
-            raise InputError(_missing_sentence([name], self.names)) from None
+        self._need([name])
+        return self.columns[name]
 
     def __contains__(self, name: object) -> bool:
         """Return whether there is a column of that name."""
@@ -262,9 +256,7 @@ class Log:
         InputError
             If one is missing or has a NaN or an infinity; the message names the columns, or the first row.
         """
-        missing = [name for name in names if name not in self.columns]
-        if missing:
-            raise InputError(_missing_sentence(missing, self.names))
+        self._need(names)
         for name in names:
             bad = np.flatnonzero(~np.isfinite(self.columns[name]))
             if bad.size:
@@ -282,9 +274,7 @@ class Log:
         InputError
             If one is no column, or no row is left.
         """
-        missing = [name for name in names if name not in self.columns]
-        if missing:
-            raise InputError(_missing_sentence(missing, self.names))
+        self._need(names)
         known = np.isfinite(np.column_stack([self.columns[name] for name in ("t", *names)])).all(axis=1)
         if not known.any():
             raise InputError(f"No row of the log has a value in all of {', '.join(names)}.")
@@ -292,7 +282,6 @@ class Log:
             return self
         return Log({name: values[known] for name, values in self.columns.items()}, self.ended, self.changes)
 
-    @checked_arguments
     def between(self, start: float, end: float) -> Log:
         """Return the rows with start <= t < end [s].
 
@@ -364,6 +353,16 @@ class Log:
     def plot(self) -> Figure:
         """Return a figure of the path, position, lean and torques over time, as far as the log has them."""
         return plotted(self)
+
+    def _need(self, names: Iterable[str]) -> None:
+        """Raise InputError if one of these is no column."""
+        missing = [name for name in names if name not in self.columns]
+        if missing:
+            plural = "columns" if len(missing) > 1 else "column"
+            columns = f"{plural} {', '.join(missing)}{similar_column(missing, self.names)}"
+            raise InputError(
+                f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."
+            )
 
     def _table(self, names: tuple[str, ...]) -> NDArray[np.float64]:
         self.require(*names)
@@ -449,51 +448,33 @@ def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
             raise InputError(f"The log's column {name} has the shape {column.shape}, but t has {rows}.")
 
 
-def _check_time(t: NDArray[np.float64]) -> None:
+def check_time(t: NDArray[np.float64]) -> None:
+    """Raise InputError if times (N,) [s] are missing, do not increase, or are so many that they are in another unit."""
     unknown = np.flatnonzero(~np.isfinite(t))
     if unknown.size:
         raise InputError(
-            f"The time t is missing or not finite at row {unknown[0] + 1}; every row needs its time."
+            f"The time t is missing or not finite at row {unknown[0] + 1}; give every row its time or remove the row."
         )
-    wrong = np.flatnonzero(np.diff(t) <= 0.0)
+    steps = np.diff(t)
+    wrong = np.flatnonzero(steps < SHORTEST)
     if wrong.size:
-        k = int(wrong[0]) + 1
-        change = "does not increase" if t[k] == t[k - 1] else "decreases"
+        k = int(wrong[0])
+        change = "decreases" if steps[k] < 0.0 else "does not increase"
         raise InputError(
-            f"Time {change} at row {k + 1}: t = {t[k]:.9g} s after "
-            f"{t[k - 1]:.9g} s. Sort the rows or split the log."
-        )
-    close = np.flatnonzero(np.diff(t) < SHORTEST)
-    if close.size:
-        k = int(close[0]) + 1
-        raise InputError(
-            f"Time increases by {t[k] - t[k - 1]:.3g} s at row {k + 1}; "
-            f"rows must be at least {SHORTEST:g} s apart. t is in seconds."
+            f"Time {change} at row {k + 2}: t = {t[k + 1]:.9g} s after {t[k]:.9g} s. Sort the rows or split the log; "
+            f"rows must be at least {SHORTEST:g} s apart."
         )
     span = float(t[-1] - t[0])
     if span > LONGEST:
-        raise InputError(f"The log spans {format_duration(span)}{_why_long(t)}")
-
-
-def _why_long(t: NDArray[np.float64]) -> str:
-    """Return the rest of the sentence on a log that is too long: one wrong time, or a wrong unit."""
-    intervals = np.diff(t)
-    k = int(np.argmax(intervals))
-    usual = float(np.median(intervals))
-    if intervals[k] > 0.5 * (t[-1] - t[0]):
-        return (
-            f": t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. "
-            "Correct that time, or remove the rows on one side of it."
+        k = int(np.argmax(steps))
+        stray = steps[k] > 0.5 * span
+        cause = (
+            f"t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. Correct that time, or remove the rows on one "
+            "side of it."
+            if stray
+            else f"rows come every {format_duration(float(np.median(steps)))}. t is in seconds; convert it with a "
+            "mapping file."
         )
-    units = [unit for unit, least in _CLOCKS if usual >= least]
-    perhaps = f" and is perhaps in {units[0]}" if units else ""
-    return (
-        f", with rows every {format_duration(usual)}: t is in seconds{perhaps}. "
-        f"Convert it with a mapping file; at most {format_duration(LONGEST)} are read."
-    )
-
-
-def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:
-    plural = "columns" if len(missing) > 1 else "column"
-    columns = f"{plural} {', '.join(missing)}{similar_column(missing, present)}"
-    return f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."
+        raise InputError(
+            f"The log spans {format_duration(span)}: {cause} At most {format_duration(LONGEST)} are read."
+        )

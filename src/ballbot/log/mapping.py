@@ -41,6 +41,7 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
+from ballbot.log.log import check_time
 from ballbot.log.row_order import later_runs, repeated_rows, rows_in_order, rows_with_times
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 from ballbot.log.wrapping import continuous_clock, continuous_headings
@@ -49,10 +50,6 @@ from ballbot.log.wrapping import continuous_clock, continuous_headings
 @dataclass(frozen=True, kw_only=True)
 class TorqueInput:
     """The log has wheel torques."""
-
-    def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the torque at the motor, which is the logged one."""
-        return value
 
     def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return u [N m] = the value itself."""
@@ -66,10 +63,6 @@ class CurrentInput:
     torque_constant: PositiveFloat  #: k_t [N m/A]
     gear_ratio: PositiveFloat  #: n [-]
     efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  #: of the gear
-
-    def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the current at the motor, which is the logged one."""
-        return value
 
     def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return u [N m] = n k_t efficiency i."""
@@ -295,17 +288,7 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
         If they do not increase.
     """
     t = _clock(mapping.columns["t"], table)
-    unknown = np.flatnonzero(~np.isfinite(t))
-    if unknown.size:
-        raise InputError(
-            f"The time is missing or not finite at row {unknown[0] + 1}; give every row its time or remove the row."
-        )
-    wrong = np.flatnonzero(~(np.diff(t) > 0.0))
-    if wrong.size:
-        raise InputError(
-            f"Time does not increase at row {wrong[0] + 2} (t = "
-            f"{t[wrong[0] + 1]:.9g} s). Sort the rows or split the log."
-        )
+    check_time(t)
     return t
 
 
@@ -437,7 +420,9 @@ def _commands(
 ) -> Columns:
     columns: Columns = {}
     for i, source in enumerate(motors.sources, start=1):
-        acting = motors.drive.acting(_scaled(f"u{i}", source, table))
+        acting = _scaled(f"u{i}", source, table)
+        if isinstance(motors.drive, DutyInput):
+            acting = motors.drive.acting(acting)
         columns[f"u{i}"] = (
             _mean_acting(t, rows, acting, source.delay) if even else _acting_at(t, acting, source.delay)
         )

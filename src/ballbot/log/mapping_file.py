@@ -66,41 +66,195 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+)
 
 from ballbot.errors import InputError, suggest
 from ballbot.file_formats import take_format
 from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
 from ballbot.findings import Finding, Place
-from ballbot.log.columns import KNOWN_NAMES, check_column_names, factor_to, unit_of
+from ballbot.log.columns import KNOWN_NAMES, MAX_WHEELS, check_column_names, factor_to, unit_of
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import QUATERNION_ANGLES
 from ballbot.log.mapping import (
     Attitude,
     CurrentInput,
-    DriveInput,
     DutyInput,
     LogMapping,
     MotorInput,
     Source,
+    Timing,
     TorqueInput,
-)
-from ballbot.log.mapping_tables import (
-    AttitudeTable,
-    ColumnTable,
-    FileTable,
-    InputTable,
-    MappingTable,
-    RatesTable,
-    TorqueTable,
-    VoltageTable,
-    WheelColumnsTable,
-    WheelsTable,
 )
 from ballbot.schema import validate_table
 
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
+Sign = Literal[1, -1]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileTable:
+    """[file]: the layout of the text."""
+
+    separator: Literal["comma", "semicolon", "tab", "blanks"] = "comma"
+    decimal: Literal["point", "comma"] = "point"
+    missing: tuple[str, ...] = ()
+    header_lines: NonNegativeInt = 1
+    names: tuple[str, ...] | None = None
+    damaged_rows: Literal["refuse", "drop"] = "refuse"
+    repeated_rows: Literal["refuse", "drop"] = "refuse"
+    unordered_rows: Literal["refuse", "drop"] = "refuse"
+    rows: tuple[PositiveInt, PositiveInt] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatesTable:
+    """`rates` of [attitude]: the gyro of the IMU."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=3, max_length=3)]
+    unit: str | None = None
+    scale: FiniteFloat = 1.0
+    sign: Sign | tuple[Sign, ...] = 1
+    delay: FiniteFloat = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeTable:
+    """[attitude]: roll, pitch and yaw of an IMU, or its quaternion w, x, y, z."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=2, max_length=4)]
+    unit: str | tuple[str, ...] | None = None
+    sign: Sign | tuple[Sign, ...] = 1
+    turn: FiniteFloat = 0.0
+    upside_down: bool = False
+    delay: FiniteFloat = 0.0
+    rates: RatesTable | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnTable:
+    """An entry of [columns]."""
+
+    source: Annotated[str | None, Field(alias="from")] = None
+    derivative_of: str | None = None
+    unit: str | None = None
+    counts_per_turn: PositiveFloat | None = None
+    scale: FiniteFloat = 1.0
+    sign: Sign = 1
+    offset: FiniteFloat = 0.0
+    delay: FiniteFloat = 0.0
+    nanoseconds: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedTable:
+    """`speed` of [wheels]: a column of the file for each wheel, or the derivative of the angles."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", max_length=MAX_WHEELS)] = ()
+    derivative_of: Literal["angle"] | None = None
+    unit: str | None = None
+    counts_per_turn: PositiveFloat | None = None
+    scale: FiniteFloat = 1.0
+    delay: FiniteFloat = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngleTable:
+    """`angle` of [wheels]: a column of the file for each wheel, or the integral of the speeds."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", max_length=MAX_WHEELS)] = ()
+    integral_of: Literal["speed"] | None = None
+    unit: str | None = None
+    counts_per_turn: PositiveFloat | None = None
+    scale: FiniteFloat = 1.0
+    delay: FiniteFloat = 0.0
+    wrap: PositiveFloat | None = None
+    largest_speed: PositiveFloat | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelsTable:
+    """[wheels]."""
+
+    order: tuple[int, ...] | None = None
+    sign: Sign | tuple[Sign, ...] = 1
+    angle: AngleTable = AngleTable()
+    speed: SpeedTable = SpeedTable()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotorsTable:
+    """The keys of every kind of [input]."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=1, max_length=MAX_WHEELS)]
+    sign: Sign | tuple[Sign, ...] = 1
+    scale: FiniteFloat = 1.0
+    zero: FiniteFloat | tuple[FiniteFloat, ...] = 0.0
+    direction: tuple[str, ...] = ()
+    delay: FiniteFloat = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueTable(MotorsTable, TorqueInput):
+    """[input] of kind torque [N m at the wheel]."""
+
+    kind: Literal["torque"]
+    unit: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurrentTable(MotorsTable, CurrentInput):
+    """[input] of kind current [A]."""
+
+    kind: Literal["current"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DutyTable(MotorsTable, DutyInput):
+    """[input] of kind duty [-1..1], or of the same by its older name pwm."""
+
+    kind: Literal["duty", "pwm"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoltageTable(MotorsTable, DutyInput):
+    """[input] of kind voltage [V]: a duty of the supply's."""
+
+    kind: Literal["voltage"]
+
+
+InputTable = TorqueTable | CurrentTable | VoltageTable | DutyTable
+
+
+def _column_table(value: object) -> object:
+    return {"from": value} if isinstance(value, str) else value
+
+
+@dataclass(frozen=True, kw_only=True)
+class MappingTable:
+    """A whole mapping file."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
+
+    complete: bool = True
+    file: FileTable = FileTable()
+    time: Timing = field(default_factory=Timing)
+    columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
+    attitude: AttitudeTable | None = None
+    wheels: WheelsTable = WheelsTable()
+    input: Annotated[InputTable, Field(discriminator="kind")] | None = None
 
 
 def read_mapping(path: str | Path) -> LogMapping:
@@ -159,19 +313,25 @@ def _mapping(table: MappingTable) -> LogMapping:
         raise InputError(
             'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'
         )
-    _check_intervals(table.time.keep or ())
-    columns: dict[str, Source] = {}
-    derivatives: dict[str, str] = {}
-    for name, entry in table.columns.items():
+    for start, end in table.time.keep or ():
+        if not end > start:
+            raise InputError(
+                f"[time] keep has the interval [{start:g}, {end:g}]; write the earlier time first"
+            )
+    wheels = table.wheels
+    columns = {name: _source(name, entry) for name, entry in table.columns.items() if not entry.derivative_of}
+    derivatives = {name: one.derivative_of for name, one in table.columns.items() if one.derivative_of}
+    for name in derivatives:
         _check_name(name)
-        if entry.derivative_of is None:
-            columns[name] = _source(name, entry)
-        else:
-            _check_alone(f"[columns] {name}", entry)
-            derivatives[name] = entry.derivative_of
-    columns |= _wheel_columns(table.wheels)
-    derivatives |= _wheel_derivatives(table.wheels)
-    integrals = _wheel_integrals(table.wheels)
+        _check_alone(f"[columns] {name}", table.columns[name], "derivative_of")
+    columns |= _wheel_sources("angle", wheels.angle, wheels) | _wheel_sources("speed", wheels.speed, wheels)
+    integrals: dict[str, str] = {}
+    if wheels.speed.derivative_of:
+        _check_derived("speed", wheels.speed, "derivative", "angle", wheels.angle)
+        derivatives |= {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(wheels.angle.sources) + 1)}
+    if wheels.angle.integral_of:
+        _check_derived("angle", wheels.angle, "integral", "speed", wheels.speed)
+        integrals = {f"wheel{i}": f"wheel{i}_dot" for i in range(1, len(wheels.speed.sources) + 1)}
     if "t" not in columns:
         raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
     attitude = None if table.attitude is None else _attitude(table.attitude, columns)
@@ -179,28 +339,19 @@ def _mapping(table: MappingTable) -> LogMapping:
     for name, origin in derivatives.items():
         if origin not in made:
             raise InputError(f"{name} is the derivative of {origin!r}, which the mapping does not provide")
-    motors = None if table.input is None else _motors(table.input, table.wheels)
     return LogMapping(
         layout=_layout(table.file),
         columns=columns,
         derivatives=derivatives,
         integrals=integrals,
-        motors=motors,
+        motors=None if table.input is None else _motors(table.input, wheels),
         attitude=attitude,
         timing=table.time,
-        wrap=table.wheels.angle.wrap if table.wheels.angle else None,
-        largest_speed=table.wheels.angle.largest_speed if table.wheels.angle else None,
+        wrap=wheels.angle.wrap,
+        largest_speed=wheels.angle.largest_speed,
         drop_repeated=table.file.repeated_rows == "drop",
         drop_unordered=table.file.unordered_rows == "drop",
     )
-
-
-def _check_intervals(keep: Sequence[tuple[float, float]]) -> None:
-    for start, end in keep:
-        if not end > start:
-            raise InputError(
-                f"[time] keep has the interval [{start:g}, {end:g}]; write the earlier time first"
-            )
 
 
 def _attitude(table: AttitudeTable, columns: dict[str, Source]) -> Attitude:
@@ -213,74 +364,44 @@ def _attitude(table: AttitudeTable, columns: dict[str, Source]) -> Attitude:
             f"[attitude] takes four columns, a quaternion w, x, y, z, which has no unit; remove unit = {table.unit!r}"
         )
     angles = QUATERNION_ANGLES if quaternion else table.sources
-    units = [table.unit] * len(angles) if table.unit is None or isinstance(table.unit, str) else table.unit
-    if len(units) != len(angles):
-        raise InputError(
-            f"[attitude] unit has {len(units)} values; it needs one, or one for each of the {len(angles)}"
-        )
-    signs = _signs("[attitude]", table.sign, len(angles), "angles")
-    sources = tuple(
-        Source(
-            column=column, factor=sign * _unit_factor("[attitude]", "theta", unit, None), delay=table.delay
-        )
-        for column, sign, unit in zip(angles, signs, units, strict=True)
-    )
+    units = _each("[attitude] unit", table.unit, angles)
+    signs = _each("[attitude] sign", table.sign, angles)
+    factors = [
+        s * _unit_factor("[attitude]", "theta", unit, None) for s, unit in zip(signs, units, strict=True)
+    ]
+    rates: tuple[Source, ...] = ()
+    if table.rates is not None:
+        one, where = table.rates, "[attitude] rates"
+        factor = one.scale * _unit_factor(where, "gyro_x", one.unit, None)
+        turned = [sign * factor for sign in _each(f"{where} sign", one.sign, one.sources)]
+        rates = _sources(one.sources, turned, one.delay)
     return Attitude(
-        sources=sources,
+        sources=_sources(angles, factors, table.delay),
         turn=math.radians(table.turn),
-        rates=_rates(table.rates),
+        rates=rates,
         quaternion=quaternion,
         upside_down=table.upside_down,
     )
 
 
-def _rates(table: RatesTable | None) -> tuple[Source, ...]:
-    if table is None:
-        return ()
-    where = "[attitude] rates"
-    factor = table.scale * _unit_factor(where, "gyro_x", table.unit, None)
-    signs = _signs(where, table.sign, len(table.sources), "rates")
-    return tuple(
-        Source(column=column, factor=sign * factor, delay=table.delay)
-        for column, sign in zip(table.sources, signs, strict=True)
-    )
+def _sources(columns: Sequence[str], factors: Sequence[float], delay: float) -> tuple[Source, ...]:
+    pairs = zip(columns, factors, strict=True)
+    return tuple(Source(column=column, factor=factor, delay=delay) for column, factor in pairs)
 
 
-def _wheel_columns(wheels: WheelsTable) -> dict[str, Source]:
-    columns: dict[str, Source] = {}
-    if wheels.angle and not wheels.angle.integral_of:
-        columns |= _wheel_sources(wheels.angle, "", wheels)
-    if wheels.speed and not wheels.speed.derivative_of:
-        for key in ("wrap", "largest_speed", "integral_of"):
-            if getattr(wheels.speed, key) is not None:
-                raise InputError(f"[wheels] speed has {key}, which only angle may have")
-        columns |= _wheel_sources(wheels.speed, "_dot", wheels)
-    return columns
-
-
-def _wheel_derivatives(wheels: WheelsTable) -> dict[str, str]:
-    if not (wheels.speed and wheels.speed.derivative_of):
-        return {}
-    _check_alone("[wheels] speed", wheels.speed)
-    if not (wheels.angle and wheels.angle.sources):
-        raise InputError("[wheels] speed is the derivative of angle, which [wheels] lacks")
-    return {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(wheels.angle.sources) + 1)}
-
-
-def _wheel_integrals(wheels: WheelsTable) -> dict[str, str]:
-    if not (wheels.angle and wheels.angle.integral_of):
-        return {}
-    _check_alone("[wheels] angle", wheels.angle, key="integral_of")
-    if not (wheels.speed and wheels.speed.sources):
-        raise InputError("[wheels] angle is the integral of speed, which [wheels] lacks")
-    return {f"wheel{i}": f"wheel{i}_dot" for i in range(1, len(wheels.speed.sources) + 1)}
-
-
-def _check_alone(where: str, entry: ColumnTable | WheelColumnsTable, *, key: str = "derivative_of") -> None:
+def _check_alone(where: str, entry: ColumnTable | AngleTable | SpeedTable, key: str) -> None:
     others = [one.name for one in fields(entry) if getattr(entry, one.name) != one.default]
     keys = ["from" if name in ("source", "sources") else name for name in others if name != key]
     if keys:
         raise InputError(f"{where} has {key}, which allows no other key, but also has {', '.join(keys)}")
+
+
+def _check_derived(
+    name: str, entry: AngleTable | SpeedTable, kind: str, other: str, origin: AngleTable | SpeedTable
+) -> None:
+    _check_alone(f"[wheels] {name}", entry, f"{kind}_of")
+    if not origin.sources:
+        raise InputError(f"[wheels] {name} is the {kind} of {other}, which [wheels] lacks")
 
 
 def _check_name(name: str) -> None:
@@ -293,6 +414,7 @@ def _check_name(name: str) -> None:
 
 
 def _source(name: str, entry: ColumnTable) -> Source:
+    _check_name(name)
     if entry.source is None:
         raise InputError(
             f'[columns] {name} needs from = "..", the column of the file, or derivative_of = ".."'
@@ -301,12 +423,10 @@ def _source(name: str, entry: ColumnTable) -> Source:
         raise InputError("[columns] t cannot have a delay; give the delay to the columns that are delayed")
     if name != "t" and entry.nanoseconds is not None:
         raise InputError(f"[columns] {name} has nanoseconds; only t may have them")
-    factor = (
-        entry.sign * entry.scale * _unit_factor(f"[columns] {name}", name, entry.unit, entry.counts_per_turn)
-    )
+    unit = _unit_factor(f"[columns] {name}", name, entry.unit, entry.counts_per_turn)
     return Source(
         column=entry.source,
-        factor=factor,
+        factor=entry.sign * entry.scale * unit,
         offset=entry.offset,
         delay=entry.delay,
         nanoseconds=entry.nanoseconds,
@@ -323,17 +443,20 @@ def _unit_factor(where: str, name: str, given: str | None, counts_per_turn: floa
         raise InputError(f"{where}: {error}") from None
 
 
-def _wheel_sources(entry: WheelColumnsTable, suffix: str, wheels: WheelsTable) -> dict[str, Source]:
-    where = "[wheels] speed" if suffix else "[wheels] angle"
-    if entry.sources is None or entry.derivative_of:
-        raise InputError(f"{where} needs from = [..], the columns of the file")
-    count = len(entry.sources)
-    factor = entry.scale * _unit_factor(where, f"wheel1{suffix}", entry.unit, entry.counts_per_turn)
-    signs = _signs("[wheels]", wheels.sign, count)
-    return {
-        f"wheel{i}{suffix}": Source(column=entry.sources[k], factor=signs[k] * factor, delay=entry.delay)
-        for i, k in enumerate(_order(wheels, count), start=1)
-    }
+def _wheel_sources(name: str, entry: AngleTable | SpeedTable, wheels: WheelsTable) -> dict[str, Source]:
+    if not entry.sources:
+        if entry == type(entry)() or (
+            entry.derivative_of if isinstance(entry, SpeedTable) else entry.integral_of
+        ):
+            return {}
+        raise InputError(f"[wheels] {name} needs from = [..], the columns of the file")
+    suffix = "_dot" if name == "speed" else ""
+    factor = entry.scale * _unit_factor(
+        f"[wheels] {name}", f"wheel1{suffix}", entry.unit, entry.counts_per_turn
+    )
+    signs = _each("[wheels] sign", wheels.sign, entry.sources)
+    found = _sources(entry.sources, [sign * factor for sign in signs], entry.delay)
+    return {f"wheel{i}{suffix}": found[k] for i, k in enumerate(_order(wheels, len(found)), start=1)}
 
 
 def _order(wheels: WheelsTable, count: int) -> list[int]:
@@ -346,45 +469,36 @@ def _order(wheels: WheelsTable, count: int) -> list[int]:
     return [place - 1 for place in order]
 
 
-def _signs(where: str, sign: int | Sequence[int], count: int, named: str = "wheels") -> list[int]:
-    signs = [sign] * count if isinstance(sign, int) else list(sign)
-    if len(signs) != count:
-        raise InputError(
-            f"{where} sign has {len(signs)} values; it needs one for each of the {count} {named}"
-        )
-    return signs
+def _each(where: str, given: T | tuple[T, ...], columns: Sequence[str]) -> tuple[T, ...]:
+    """Return a value for each of these columns, where one may be given for all."""
+    values = given if isinstance(given, tuple) else (given,) * len(columns)
+    if len(values) != len(columns):
+        raise InputError(f"{where} has {len(values)} values; it needs one for each of {len(columns)} columns")
+    return values
 
 
 def _motors(table: InputTable, wheels: WheelsTable) -> MotorInput:
-    count = len(table.sources)
-    signs = _signs("[input]", table.sign, count)
     unit = _unit_factor("[input]", "u1", table.unit, None) if isinstance(table, TorqueTable) else 1.0
     if isinstance(table, VoltageTable):
         unit = 1.0 / table.supply_voltage
-    zeros = table.zero if isinstance(table.zero, tuple) else (table.zero,) * count
-    for key, values in (("zero", zeros), ("direction", table.direction or table.sources)):
-        if len(values) != count:
-            raise InputError(
-                f"[input] {key} has {len(values)} values; it needs one for each of the {count} wheels"
-            )
-    factors = [sign * table.scale * unit for sign in signs]
+    factors = [sign * table.scale * unit for sign in _each("[input] sign", table.sign, table.sources)]
+    zeros = _each("[input] zero", table.zero, table.sources)
+    directions = _each("[input] direction", table.direction or None, table.sources)
     sources = tuple(
         Source(
             column=table.sources[k],
             factor=factors[k],
             offset=-zeros[k] * factors[k] if zeros[k] else 0.0,
             delay=table.delay,
-            direction=table.direction[k] if table.direction else None,
+            direction=directions[k],
         )
-        for k in _order(wheels, count)
+        for k in _order(wheels, len(table.sources))
     )
-    return MotorInput(sources=sources, drive=_drive(table))
-
-
-def _drive(table: DriveInput) -> DriveInput:
-    """Return the drive's own part of a table."""
+    # the drive's own part of the table
     kind = next(kind for kind in (TorqueInput, CurrentInput, DutyInput) if isinstance(table, kind))
-    return kind(**{one.name: getattr(table, one.name) for one in fields(kind)})
+    return MotorInput(
+        sources=sources, drive=kind(**{one.name: getattr(table, one.name) for one in fields(kind)})
+    )
 
 
 def _layout(table: FileTable) -> TextLayout:

@@ -27,19 +27,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.log.columns import STATE_NAMES, similar_column, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import STATE_NAMES, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_columns
-from ballbot.log.formats.text import OWN_LAYOUT
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
-from ballbot.log.mapping import (
-    LogMapping,
-    Source,
-    apply_mapping,
-    row_times,
-    sensor_delay,
-    whole_rows,
-)
+from ballbot.log.mapping import LogMapping, apply_mapping, row_times, sensor_delay, whole_rows
 from ballbot.log.mapping_file import read_mapping
 from ballbot.robot import Robot
 
@@ -66,7 +58,8 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     names = wheel_speed_names(robot.wheel_count)
-    log = log.complete(*_needed(log, robot))
+    heading = _HEADING if any(name in log for name in _HEADING) else ()
+    log = log.complete(*_LEAN, *heading, *names)
     if "psi" not in log:
         log = _with_heading(log, robot)
     theta, phi, theta_dot, phi_dot, psi, psi_dot = (log[name] for name in (*_LEAN, *_HEADING))
@@ -78,12 +71,6 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     return log.with_columns(
         {"x": integral_of(log.t, x_dot), "y": integral_of(log.t, y_dot), "x_dot": x_dot, "y_dot": y_dot}
     )
-
-
-def _needed(log: Log, robot: Robot) -> tuple[str, ...]:
-    """Return the columns that odometry needs of a log."""
-    heading = _HEADING if any(name in log for name in _HEADING) else ()
-    return (*_LEAN, *heading, *wheel_speed_names(robot.wheel_count))
 
 
 def _with_heading(log: Log, robot: Robot) -> Log:
@@ -117,36 +104,16 @@ def with_position(log: Log, robot: Robot) -> Log:
     InputError
         If it has neither x nor the columns that give it.
     """
-    if "x" in log:
-        return log
-    missing = [name for name in _needed(log, robot) if name not in log]
-    if missing:
-        near = similar_column(missing, log.names)
-        raise InputError(
-            f"The log has no x, and lacks {', '.join(missing)}{near}, from which x could be computed."
-        )
-    return with_odometry(log, robot)
+    return log if "x" in log else with_odometry(log, robot)
 
 
-def with_rates(log: Log, robot: Robot) -> Log | None:
-    """Return the log with the rates of its angles and the path of the ball that follows from them.
-
-    None if it lacks no rate, or an angle.
-    """
+def with_rates(log: Log, robot: Robot) -> Log:
+    """Return the log with the rates of its angles that it lacks, if it has every angle and rows to take them from."""
     angles = ("theta", "phi", "psi", *wheel_angle_names(robot.wheel_count))
-    rates = {f"{name}_dot": name for name in angles if f"{name}_dot" not in log}
-    if (
-        not rates
-        or any(name not in log for name in rates.values())
-        or not {"theta", "phi", "psi"} <= set(log.names)
-    ):
-        return None
-    sources = {name: Source(column=name) for name in log.names}
-    mapping = LogMapping(layout=OWN_LAYOUT, columns=sources, derivatives=rates, motors=None)
-    try:
-        return with_position(Log(apply_mapping(mapping, {name: log[name] for name in log.names})), robot)
-    except InputError:
-        return None
+    lacking = [name for name in angles if f"{name}_dot" not in log]
+    if len(log) < 2 or any(name not in log for name in (*lacking, "theta", "phi", "psi")):
+        return log
+    return log.with_columns({f"{name}_dot": np.gradient(log[name], log.t) for name in lacking})
 
 
 #: length of the past that is mapped [s], and the shortest that gives a state

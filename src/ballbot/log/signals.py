@@ -240,12 +240,22 @@ def without_resets(
         A speed that the wheels cannot reach [rad/s].
     """
     columns = list(np.asarray(angles).reshape(len(t), -1).T)
-    steps = [_Steps.of(t, column, largest_speed) for column in columns]
-    together = np.any([one.reset for one in steps], axis=0)
-    found = [
-        one.carried(column, together) if one.known.any() else column
-        for one, column in zip(steps, columns, strict=True)
-    ]
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    found = [unwrapped(column) if _is_wrapped(column) else column for column in columns]
+    certain, likely = np.zeros((2, len(columns), len(t)), dtype=np.bool_)
+    for i, column in enumerate(columns):
+        known = np.isfinite(column)
+        if found[i] is column and known.sum() > 1:
+            rows = np.flatnonzero(known)[1:]
+            certain[i, rows], likely[i, rows] = _resets(t[known], column[known], usual, largest_speed)
+    reset = certain | (likely & certain.any(axis=0))
+    for i in range(len(columns)):
+        known = np.isfinite(found[i])
+        if reset[i].any():
+            steps = np.diff(found[i][known])
+            steps[reset[i, known][1:]] = 0.0
+            found[i] = found[i].copy()
+            found[i][known] = found[i][known][0] + np.concatenate(([0.0], np.cumsum(steps)))
     return np.column_stack(found).reshape(np.shape(angles))
 
 
@@ -256,51 +266,22 @@ _ALONE, _COUNTS, _TOGETHER = 4.0, 8.0, 2.0
 _TO_ZERO = 0.2
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Steps:
-    """The steps of an encoder's angle from row to row, and which are resets."""
-
-    known: NDArray[np.bool_]  #: (N,), rows with a value
-    reset: NDArray[np.bool_]  #: (N,), rows with a reset just before
-    likely: NDArray[np.bool_]  #: (N,), rows with one if another encoder has one
-    wrapped: NDArray[np.float64] | None  #: (N,), the angle unwrapped, if it is one within a turn
-
-    @staticmethod
-    def of(t: NDArray[np.float64], angle: NDArray[np.float64], largest_speed: float) -> _Steps:
-        """Return the steps of an angle (N,) [rad]."""
-        known = np.isfinite(angle)
-        values, none = angle[known], np.zeros(len(t), dtype=np.bool_)
-        steps = np.diff(values)
-        if not steps.size:
-            return _Steps(known=none, reset=none, likely=none, wrapped=None)
-        if _is_wrapped(values, steps):
-            return _Steps(known=known, reset=none, likely=none, wrapped=unwrapped(angle))
-        usual, size = float(np.median(np.diff(t))), np.abs(steps)
-        between = np.maximum(np.diff(t[known]), usual)
-        # three usual intervals, so that a late row is not taken for a reset
-        impossible = size > largest_speed * np.maximum(between, 3.0 * usual)
-        rates = np.pad(size * usual / between, 2)
-        beside = np.max([rates[place : len(rates) - 4 + place] for place in (0, 1, 3, 4)], axis=0)
-        to_zero = np.abs(values[1:]) < _TO_ZERO * size
-        count = float(size[size > 0.0].min(initial=np.inf))
-        alone = to_zero & (rates[2:-2] > _ALONE * beside + _COUNTS * count)
-        for place in np.flatnonzero(alone):  # a value of zero that ends again is a spike
-            alone[place] = not (np.abs(steps + steps[place]) < _TO_ZERO * size[place]).any()
-        reset, likely = none.copy(), none.copy()
-        rows = np.flatnonzero(known)[1:]
-        reset[rows] = impossible | alone
-        likely[rows] = to_zero & (rates[2:-2] > _TOGETHER * beside)
-        return _Steps(known=known, reset=reset, likely=likely, wrapped=None)
-
-    def carried(self, angle: NDArray[np.float64], together: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return the angle (N,) across its resets; `together` has the rows in which any encoder has one."""
-        if self.wrapped is not None:
-            return self.wrapped
-        found, values = angle.copy(), angle[self.known]
-        steps = np.diff(values)
-        steps[(self.reset | (self.likely & together))[self.known][1:]] = 0.0
-        found[self.known] = values[0] + np.concatenate(([0.0], np.cumsum(steps)))
-        return found
+def _resets(
+    t: NDArray[np.float64], values: NDArray[np.float64], usual: float, largest_speed: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which steps (N - 1,) of an angle (N,) are resets, and which are if another encoder is reset there."""
+    steps = np.diff(values)
+    size, between = np.abs(steps), np.maximum(np.diff(t), usual)
+    # three usual intervals, so that a late row is not taken for a reset
+    impossible = size > largest_speed * np.maximum(between, 3.0 * usual)
+    rates = np.pad(size * usual / between, 2)
+    beside = np.max([rates[place : len(rates) - 4 + place] for place in (0, 1, 3, 4)], axis=0)
+    to_zero = np.abs(values[1:]) < _TO_ZERO * size
+    count = float(size[size > 0.0].min(initial=np.inf))
+    alone = to_zero & (rates[2:-2] > _ALONE * beside + _COUNTS * count)
+    for place in np.flatnonzero(alone):  # a value of zero that ends again is a spike
+        alone[place] = not (np.abs(steps + steps[place]) < _TO_ZERO * size[place]).any()
+    return impossible | alone, to_zero & (rates[2:-2] > _TOGETHER * beside)
 
 
 #: an angle is wrapped if it fills this share of a turn, with so many jumps of more than half a turn at least: one that
@@ -308,13 +289,11 @@ class _Steps:
 _FILLED, _FEWEST_JUMPS = 0.97, 3
 
 
-def _is_wrapped(angle: NDArray[np.float64], steps: NDArray[np.float64]) -> bool:
-    """Return whether an angle (N,) [rad] with these steps (N - 1,) is wrapped at the ends of a turn."""
-    turn = 2.0 * np.pi
-    if not _FILLED * turn < np.ptp(angle) < 1.0001 * turn:
-        return False
-    jumps = np.abs(steps) > 0.5 * turn
-    return int(jumps.sum()) >= _FEWEST_JUMPS
+def _is_wrapped(angle: NDArray[np.float64]) -> bool:
+    """Return whether an angle (N,) [rad] is wrapped at the ends of a turn."""
+    known, turn = angle[np.isfinite(angle)], 2.0 * np.pi
+    jumps = np.abs(np.diff(known)) > 0.5 * turn
+    return int(jumps.sum()) >= _FEWEST_JUMPS and _FILLED * turn < np.ptp(known) < 1.0001 * turn
 
 
 #: interval of the even rows [s]

@@ -26,5 +26,5 @@ identification     `identification/quantities.py`: a `Quantity`, or the name in 
                    `identification/prediction.py` writes it into the packed row, `identification/result.py` into the
                    robot
 twin               `twin/mjcf.py` or `twin/driveline.py`, and the name in `SIMULATED_FRICTION`
-reports            `report/study.py`, `report/tables.py` and `robot/derived.py`
+reports            `report/identification.py` and `robot/derived.py`
 """

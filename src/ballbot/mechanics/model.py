@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError, missing_package
 from ballbot.mechanics.engine.arrays import (
@@ -128,7 +127,6 @@ class Model:
     step: float = 1e-3
     pivoting: float | None = None
 
-    @checked_arguments
     def __init__(
         self,
         robot: RobotLike,

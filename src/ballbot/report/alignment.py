@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.findings import Finding, finding_results
 from ballbot.log import Log
-from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
+from ballbot.report.blocks import Bullets, Report, Sheet, section
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.words import signed_with_error, state_mark, with_symbols
+from ballbot.report.words import signed_with_error, state_mark, with_error, with_symbols
 from ballbot.rounding import digits
 from ballbot.validation.alignment import Alignment, SensorErrors, alignment_findings
-from ballbot.validation.alignment.align import PositionError
+from ballbot.validation.alignment.align import POSITIONS, PREFIX
+from ballbot.validation.alignment.turning import ANGLE_NAMES
 
 
 def alignment_report(
@@ -26,8 +26,17 @@ def alignment_report(
     """Return the page of an alignment."""
     verdict, *others = (finding.text for finding in alignment_findings(alignment))
     sensors = alignment.sensors
-    sections = [section("What was found", Bullets(items=[with_symbols(text) for text in others]))]
-    undecided = ["Which of the two is right where they differ: the cameras are taken as the truth."]
+    bullets = Bullets(items=[with_symbols(text) for text in others]) if others else None
+    estimates = Sheet(
+        headings=ESTIMATE_HEADINGS,
+        rows=estimate_rows(alignment),
+        caption="Clocks, frames and path. ±: half width of the 95 % interval, from blocks of time.",
+    )
+    sections = [section("What was found", bullets, estimates)]
+    undecided = [
+        "Which of the two is right where they differ: the cameras are taken as the truth.",
+        f"A delay of {_CLOCK_SIGNALS[alignment.clock_signal]}, which cannot be separated from the clock's offset.",
+    ]
     if sensors is None:
         undecided.append("The errors of the angles: the log has no theta, phi and psi to compare.")
     else:
@@ -37,12 +46,17 @@ def alignment_report(
         )
         sections += [
             section("Errors", Sheet(headings=ERROR_HEADINGS, rows=error_rows(sensors), caption=caption)),
-            section("Orientation", *_orientation(alignment, sensors)),
+            section(
+                "Orientation",
+                _seen_series(alignment.log, ANGLE_NAMES),
+                errors_series(alignment, sensors, ANGLE_NAMES),
+            ),
         ]
         if sensors.position is None:
             undecided.append("The errors of x and y: the log has no position to compare.")
         else:
-            sections.append(section("Position", *_position(alignment, sensors, sensors.position)))
+            seen = _seen_series(alignment.log, POSITIONS)
+            sections.append(section("Position", seen, errors_series(alignment, sensors, POSITIONS)))
     return Report(
         title=title,
         lead=lead,
@@ -54,84 +68,60 @@ def alignment_report(
     )
 
 
-def _orientation(alignment: Alignment, sensors: SensorErrors) -> list[Block]:
-    log, names, degrees = alignment.log, ("theta", "phi", "psi"), float(np.degrees(1.0))
-    seen = [_beside(log, name, f"{state_mark(name)} [deg]", degrees) for name in names]
-    errors = [
-        _error_panel(alignment, degrees * sensors.errors[name], f"error of {state_mark(name)} [deg]", drift)
-        for name in names
-        for drift in [degrees * sensors.of[name].drift]
-    ]
-    return [
-        TimeSeries(
-            t=log.t,
-            panels=seen,
-            caption="The angles on board and by the cameras.",
-            across=_ACROSS,
-        ),
-        TimeSeries(
-            t=log.t,
-            panels=errors,
-            caption="On board minus cameras. Drift: the straight line fitted to the error.",
-            across=_ACROSS,
-        ),
-    ]
-
-
-def _position(alignment: Alignment, sensors: SensorErrors, place: PositionError) -> list[Block]:
-    log = alignment.log
-    seen = [_beside(log, name, f"{name} [m]", 1.0) for name in ("x", "y")]
-    errors = []
-    for index, name in enumerate(("x", "y")):
-        panel = _error_panel(alignment, 1e3 * sensors.errors[name], f"error of {name} [mm]", None)
-        explained = Line(
-            name="from the heading's error", values=1e3 * place.predicted[:, index], look="second"
+def _seen_series(log: Log, names: Sequence[str]) -> TimeSeries:
+    """Return columns as the cameras and as the sensors on board see them."""
+    panels = []
+    for name in names:
+        scale, unit = (1.0, "m") if name in POSITIONS else _UNITS[name]
+        lines = (
+            Line(name="on board", values=scale * log[name], look="second"),
+            Line(name="cameras", values=scale * log[PREFIX + name], look="measured"),
         )
-        errors.append(replace(panel, lines=(*panel.lines, explained)))
-    return [
-        TimeSeries(
-            t=log.t,
-            panels=seen,
-            caption="The ball's centre on board and by the cameras.",
-            across=_ACROSS,
-        ),
-        TimeSeries(
-            t=log.t,
-            panels=errors,
-            caption=(
-                "On board minus cameras, and the part of the error that follows from the error of the heading: the "
-                "path rotated by it."
-            ),
-            across=_ACROSS,
-        ),
-    ]
+        panels.append(Panel(label=f"{state_mark(name)} [{unit}]", lines=lines))
+    return TimeSeries(t=log.t, panels=panels, caption="On board and by the cameras.", across=_ACROSS)
 
 
-def _beside(log: Log, name: str, label: str, scale: float) -> Panel:
-    """Return a column as the cameras and as the sensors on board see it."""
-    lines = (
-        Line(name="on board", values=scale * log[name], look="second"),
-        Line(name="cameras", values=scale * log[f"mocap_{name}"], look="measured"),
-    )
-    return Panel(label=label, lines=lines)
+def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[str]) -> TimeSeries:
+    """Return errors over time: each sample, smoothed, and the drift of an angle or what its heading makes of a place.
 
-
-def _error_panel(alignment: Alignment, error: NDArray[np.float64], label: str, drift: float | None) -> Panel:
-    """Return an error smoothed over a second, beside each sample's if the log is long enough, and its drift."""
-    t, samples = alignment.log.t, max(1, round(1.0 / alignment.log.sample_time))
-    lines = []
-    if len(error) > 2 * samples:
-        lines.append(Line(name="each sample", values=error, look="quiet"))
-        error = smoothed(error, samples)
-    lines.append(Line(name="mean over 1 s", values=error, look="measured"))
-    if drift is not None:
+    Parameters
+    ----------
+    alignment : Alignment
+    sensors : SensorErrors
+        Its own.
+    names : sequence of str
+        Angles or positions.
+    """
+    t, samples, panels = alignment.log.t, max(1, round(1.0 / alignment.log.sample_time)), []
+    for name in names:
+        scale, unit = _UNITS[name]
+        error = scale * sensors.errors[name]
         known = np.isfinite(error)
-        line = error[known].mean() + drift * (t - t[known].mean())
-        lines.append(Line(name="drift", values=line, look="second"))
-    return Panel(label=label, lines=lines)
+        if name in POSITIONS:
+            place = sensors.position
+            beside = (
+                np.full(len(t), np.nan)
+                if place is None
+                else scale * place.predicted[:, POSITIONS.index(name)]
+            )
+            label = "from the heading's error"
+        else:
+            beside = error[known].mean() + scale * sensors.of[name].drift * (t - t[known].mean())
+            label = "drift"
+        lines = (
+            Line(name="each sample", values=error, look="quiet"),
+            Line(name="mean over 1 s", values=_smoothed(error, samples), look="measured"),
+            Line(name=label, values=beside, look="second"),
+        )
+        panels.append(Panel(label=f"error of {state_mark(name)} [{unit}]", lines=lines))
+    caption = (
+        "On board minus cameras. Drift: the straight line fitted to the error; from the heading's error: the path "
+        "rotated by it, less the path."
+    )
+    return TimeSeries(t=t, panels=panels, caption=caption, across=_ACROSS)
 
 
-def smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def _smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Return the running mean over `count` samples of those that are known; NaN where the sample itself is not."""
     known = np.isfinite(values)
     window = np.ones(count)
@@ -141,16 +131,48 @@ def smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
 
 
 _ACROSS = "time of the log [s]"
+#: factor and unit of an error
+_UNITS = {
+    **dict.fromkeys(ANGLE_NAMES, (float(np.degrees(1.0)), "deg")),
+    **dict.fromkeys(POSITIONS, (1e3, "mm")),
+}
 #: what the clocks of log and cameras are aligned by
 _CLOCK_SIGNALS = {"gyro": "the gyro", "angles": "the log's angles"}
+ESTIMATE_HEADINGS = ("", "estimate", "unit")
 ERROR_HEADINGS = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
+
+
+def estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
+    """Return name, value with half width, and unit of clock, frames, lever arm and scale of the path."""
+    motion, frame, path = alignment.motion, alignment.frame, alignment.path
+    found: list[tuple[str, float, float, str]] = [
+        ("cameras' clock at the log's zero", motion.clock.offset, motion.offset_half_width, "s"),
+        ("how much faster it runs", 1e6 * motion.clock.rate, 1e6 * motion.rate_half_width, "ppm"),
+    ]
+    turned = np.degrees(np.column_stack([motion.body_marker.as_rotvec(), motion.rotation_half_width]))
+    found += [
+        (f"markers' frame against the body's, about {axis}", value, half, "deg")
+        for axis, (value, half) in zip("xyz", turned.tolist(), strict=True)
+    ]
+    if frame is not None:
+        up = frame.camera_world.apply([0.0, 0.0, 1.0])
+        tilt = float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0))))
+        found.append(("tilt of the cameras' frame", tilt, float(np.degrees(frame.tilt_half_width)), "deg"))
+    if path is not None:
+        arms = np.column_stack([path.arm, path.arm_half_width])
+        found += [
+            (f"lever arm, {axis}", 1e3 * value, 1e3 * half, "mm")
+            for axis, (value, half) in zip("xyz", arms.tolist(), strict=True)
+        ]
+        found.append(("distances, log over cameras", path.scale, path.scale_half_width, ""))
+    return [(name, with_error(value, half), unit) for name, value, half, unit in found]
 
 
 def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
     """Return name, unit, rms, largest, drift a minute with half width, wander and delay [ms] of each."""
     rows = []
     for name, one in sensors.of.items():
-        scale, unit = (1e3, "mm") if name in ("x", "y") else (float(np.degrees(1.0)), "deg")
+        scale, unit = _UNITS[name]
         drift = signed_with_error(60 * scale * one.drift, 60 * scale * one.drift_half_width)
         delay = "–"
         if one.delay is not None and one.delay_half_width is not None:
@@ -162,7 +184,7 @@ def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
 
 def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] = ()) -> dict[str, object]:
     """Return what results.json holds: SI units, quaternions wxyz, half widths of 95 %."""
-    motion, lever, rival = alignment.motion, alignment.lever, alignment.rival_clock
+    motion, frame, path, sensors = alignment.motion, alignment.frame, alignment.path, alignment.sensors
     return {
         "findings": finding_results([*log_findings, *alignment_findings(alignment)]),
         "clock": {
@@ -171,48 +193,37 @@ def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] =
             "rate": motion.clock.rate,
             "rate_half_width": motion.rate_half_width,
             "follows": alignment.clock_signal,
-            "rival": rival,
+            "rival": alignment.rival_clock,
         },
-        "body_marker": {
-            "wxyz": _wxyz(motion.body_marker),
-            "half_width": motion.rotation_half_width,
-            "unobservable_axis": motion.unobservable_axis,
-        },
-        "flips": alignment.flips,
+        "body_marker": {"wxyz": _wxyz(motion.body_marker), "half_width": motion.rotation_half_width},
         "unseen": alignment.unseen,
-        "frame": _frame_results(alignment),
-        "lever_arm": None
-        if lever is None
-        else {"fitted": lever.arm, "half_width": lever.half_width, "used": lever.used},
+        "frame": None
+        if frame is None
+        else {
+            "camera_world_wxyz": _wxyz(frame.camera_world),
+            "tilt_half_width": frame.tilt_half_width,
+            "heading_half_width": frame.heading_half_width,
+            "origin": frame.origin,
+        },
+        "path": path,
         "increments": {"count": motion.increments, "rms_error": motion.error, "rms": motion.motion},
-        "sensors": None if alignment.sensors is None else _sensor_results(alignment.sensors),
-    }
-
-
-def _frame_results(alignment: Alignment) -> dict[str, object] | None:
-    frame = alignment.frame
-    if frame is None:
-        return None
-    return {
-        "camera_world_wxyz": _wxyz(frame.camera_world),
-        "tilt_half_width": frame.tilt_half_width,
-        "heading_half_width": frame.heading_half_width,
-        "origin": frame.origin,
+        "sensors": None if sensors is None else _sensor_results(sensors),
     }
 
 
 def _sensor_results(sensors: SensorErrors) -> dict[str, object]:
-    results: dict[str, object] = dict(sensors.of)
     position = sensors.position
-    results["position"] = None
-    if position is not None:
-        results["position"] = {
+    return {
+        **sensors.of,
+        "position": None
+        if position is None
+        else {
             "largest": position.largest,
             "path": position.path,
             "explained_by_heading": position.by_heading,
-            "scale": position.scale,
-        }
-    return results | {"duration": sensors.duration}
+        },
+        "duration": sensors.duration,
+    }
 
 
 def _wxyz(rotation: Rotation) -> NDArray[np.float64]:

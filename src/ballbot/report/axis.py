@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,7 +14,7 @@ from rich.text import Text
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.identify import Estimate
-from ballbot.identification.axis.model import LOADS, PARAMETERS, base_name, unit_for
+from ballbot.identification.axis.model import parameter_named, unit_for
 from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion, speed_at_start
 from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
@@ -23,7 +22,7 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_error
-from ballbot.rounding import digits, unit_heading, value_and_error
+from ballbot.rounding import digits, unit_heading
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02
@@ -38,8 +37,14 @@ _VERDICT_WORDS = {
     "law": "Law",
     "axis-residuals": "Residual",
 }
-#: parameters of every law that are no friction and no mass
-_NO_FRICTION = frozenset({"offset", "spring"})
+#: parameters of a law that are no friction
+_OTHERS = ("mass", "offset")
+#: what the forces over position and load are
+_TERMS = {
+    "spring": "proportional to position",
+    "gravity": "gravity",
+    "load": "dry friction that grows with the load",
+}
 #: the least gain that the figure of the laws shows [%]
 _LEAST_GAIN = -100.0
 
@@ -47,15 +52,10 @@ _LEAST_GAIN = -100.0
 def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
     """Return the friction over speed: the force less all other forces, and the laws found."""
     motion = smoothed_motion(record, bandwidth=default_bandwidth(record))
-    axis = found.inverse.axis()
-    needed = axis.needed_force(record, motion.position, np.zeros(len(record)), motion.acceleration)
-    friction = record.force - needed
-    if axis.load:
-        under_load, without = (
-            one.needed_force(record, motion.position, motion.speed, motion.acceleration)
-            for one in (axis, replace(axis, load=None))
-        )
-        friction -= under_load - without
+    others = found.inverse.axis().other_forces(
+        record.force, motion.position, motion.speed, motion.acceleration
+    )
+    friction = record.force - others
     fastest = float(np.abs(motion.speed).max())
     moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)
     moving = moving[:: max(1, len(moving) // _MOST_POINTS)]
@@ -99,25 +99,6 @@ def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: A
             linewidth=1.4,
             label=label if side > 0.0 else None,
         )
-
-
-def closed_loop_series(found: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
-    """Return the force in closed loop, recorded and simulated, and the difference."""
-    _, forces = found.best.axis().closed_loop(record, speed=speed_at_start(record))
-    lines = (
-        Line(name="recorded", values=record.force, look="measured"),
-        Line(name="simulated in closed loop", values=forces, look="second"),
-    )
-    difference = (Line(name="difference", values=forces - record.force, look="first"),)
-    unit = record.force_unit
-    return TimeSeries(
-        t=record.t,
-        panels=(
-            Panel(label=unit_heading("force", unit), lines=lines),
-            Panel(label=unit_heading("simulated less recorded", unit), lines=difference),
-        ),
-        caption=f"Closed loop{of_record}: the recorded reference moves the axis through its controller.",
-    )
 
 
 def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
@@ -189,17 +170,18 @@ def axis_report(
 def _values_sentence(found: AxisIdentification) -> str:
     """Return the mass and the friction of the result, with their standard errors."""
     best = found.best
-    words: dict[bool, list[str]] = {True: [], False: []}  # by whether it is the mass
-    for label, value in best.values.items():
-        if base_name(label) not in PARAMETERS or base_name(label) in _NO_FRICTION:
-            continue
-        kind, is_mass = best.model.parameter(label), base_name(label) == "mass"
-        number = f"{kind.symbol} = {with_error(value, best.standard_errors[label])} "
-        number = f"{number}{unit_for(kind, found.unit)}".rstrip()
-        words[is_mass].append(number if is_mass else f"{kind.meaning} {number}")
-    known = f"Mass or inertia {', '.join(words[True])}; " if words[True] else ""
-    sentence = f"{known}friction by the law {found.chosen.name}: {', '.join(words[False])}."
-    return f"{sentence[0].upper()}{sentence[1:]}"
+    words = {}
+    for name, value in best.values.items():
+        kind = parameter_named(name)
+        number = (
+            f"{kind.symbol} = {with_error(value, best.standard_errors[name])} {unit_for(kind, found.unit)}"
+        )
+        words[name] = f"{kind.meaning} {number}".rstrip()
+    friction = [
+        words[name] for name in (*found.chosen.names, "load") if name in words and name not in _OTHERS
+    ]
+    mass = words["mass"]
+    return f"{mass[0].upper()}{mass[1:]}; friction by the law {found.chosen.name}: {', '.join(friction)}."
 
 
 def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
@@ -230,25 +212,14 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     by_method, columns = error_table(found.estimates, found.unit)
     errors = (
         "Each method's parameters on each record, RMS. Windows: each from its best start; whole: the record from its "
-        "first row. Errors of the force are shares of the recorded force, over all rows as they were recorded."
+        "first row."
     )
     yield section(
         "Prediction errors",
         Sheet(headings=by_method, rows=columns, caption=errors),
         open_loop_series(found, record, of_record) if len(record.segments) == 1 else None,
-        closed_loop_series(found, record, of_record) if record.loop is not None else None,
     )
     yield _law_section(found)
-    residual = ("depends on", "p", "force that it explains, RMS", "share of its variance", "dependent")
-    yield section(
-        "The residual force", Sheet(headings=residual, rows=residual_rows(found, record.force_unit))
-    )
-    inverse = ("parameter", "value", "standard deviation, rows independent", "standard error, clustered")
-    caption = (
-        "Least squares of the force over the filtered motion, all rows, as identifications are published; the force "
-        f"error is {digits(100.0 * found.inverse_model.relative_force_error)} %."
-    )
-    yield section("The inverse model", Sheet(headings=inverse, rows=_inverse_rows(found), caption=caption))
 
 
 def _law_section(found: AxisIdentification) -> Section:
@@ -274,11 +245,6 @@ def _undecided(found: AxisIdentification) -> list[str]:
         for one in found.laws.candidates
         if one.gain and one.decision == "undecided"
     ]
-    dependent = [one.quantity for one in found.residuals if one.dependent]
-    if dependent:
-        sentences.append(
-            f"What makes the residual force depend on {', '.join(dependent)}: no term of the model does."
-        )
     if len(found.records) == 1:
         sentences.append(
             "How much parameters differ from record to record: there is one (--also adds records)."
@@ -293,12 +259,11 @@ def _records_words(found: AxisIdentification) -> str:
 
 def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     """Return the parameters by every method: symbol, meaning, unit and values with their standard errors."""
-    labels = dict.fromkeys([*found.best.values, *found.inverse.values])
     rows = []
-    for label in labels:
-        kind = found.best.model.parameter(label)
+    for name in found.best.values:
+        kind = parameter_named(name)
         values = [
-            with_error(one.values[label], one.standard_errors[label]) if label in one.values else "–"
+            with_error(one.values[name], one.standard_errors[name]) if name in one.values else "–"
             for one in found.estimates
         ]
         rows.append((kind.symbol, kind.meaning, unit_for(kind, found.unit), *values))
@@ -309,10 +274,7 @@ def term_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     """Return the forces over position and load that were selected, and their gain on held-out blocks."""
     return [
         (
-            {
-                "spring": "proportional to position",
-                **{f"load {kind}": f"dry friction that grows with {words}" for kind, words in LOADS.items()},
-            }.get(name, name),
+            _TERMS[name],
             f"{digits(100.0 * gain.share)} %",
             f"{digits(100.0 * gain.lower)} to {digits(100.0 * gain.upper)} %",
         )
@@ -328,20 +290,6 @@ def expected_sentence(found: AxisIdentification) -> str:
         f"On another record under these conditions the position error over windows of {found.window:.3g} s should be "
         f"{error} {unit} RMS, with a 95 % interval of {low} to {high} {unit}, from held-out blocks."
     )
-
-
-def residual_rows(found: AxisIdentification, force_unit: str) -> list[tuple[str, ...]]:
-    """Return the tests of the residual force."""
-    return [
-        (
-            one.quantity,
-            f"{one.p_value:.1g}" if np.isfinite(one.p_value) else "too few blocks",
-            f"{digits(one.size)} {force_unit}",
-            f"{digits(100.0 * one.share)} %",
-            "yes" if one.dependent else "no",
-        )
-        for one in found.residuals
-    ]
 
 
 def error_table(estimates: Sequence[Estimate], unit: str) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -365,30 +313,9 @@ def error_rows(estimate: Estimate, unit: str) -> list[tuple[str, ...]]:
             errors.record,
             f"{digits(1e3 * errors.window_rmse)} m{unit}",
             f"{digits(1e3 * errors.open_loop_rmse)} m{unit}" if np.isfinite(errors.open_loop_rmse) else "–",
-            _percent(errors.inverse_force),
-            _percent(errors.closed_loop_force),
-            _percent(errors.closed_loop_position),
         )
         for errors in estimate.errors
     ]
-
-
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{digits(100.0 * share)} %"
-
-
-def _inverse_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
-    fit, rows = found.inverse_model, []
-    for name, value, deviation, clustered in zip(
-        fit.names, fit.values, fit.standard_deviations, fit.clustered_errors, strict=True
-    ):
-        symbol = found.best.model.parameter(name).symbol
-        if value == 0.0:
-            rows.append((symbol, "0", "fixed at zero", ""))
-            continue
-        shown, error = value_and_error(value, clustered)
-        rows.append((symbol, shown, digits(deviation, 2), error))
-    return rows
 
 
 ERROR_HEADINGS = (
@@ -397,9 +324,6 @@ ERROR_HEADINGS = (
     "record",
     "position, windows",
     "position, whole",
-    "force, inverse",
-    "force, closed loop",
-    "position, closed loop",
 )
 
 

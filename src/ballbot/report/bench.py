@@ -18,8 +18,8 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.findings import Finding, texts
+from ballbot.identification.driveline import QUANTITIES
 from ballbot.identification.geometry import CLEAR, Geometry, Measured
-from ballbot.identification.quantities import BY_NAME, OF_WHEELS
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import BallWindows, UpsideDown, cut_ball_windows
 from ballbot.log import Log
@@ -37,7 +37,7 @@ from ballbot.report.style import (
 )
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
-from ballbot.rounding import between, digits, unit_heading, value_and_error
+from ballbot.rounding import digits, unit_heading, value_and_error
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.summary import counted
 from ballbot.workflows.ball_movement import TURN, BallMovement
@@ -45,33 +45,6 @@ from ballbot.workflows.ball_movement import TURN, BallMovement
 #: windows shown of the log, from its middle
 _WINDOWS_SHOWN = 8
 _AXES = ("x", "y", "z")
-
-
-def prediction_figure(found: UpsideDown, log: Log) -> Figure:
-    """Return the ball's velocity over some windows of the first log: measured, and predicted from each one's start."""
-    windows, predicted = _predicted_windows(found, log)
-    figure = Figure(figsize=(7.4, 4.6), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True)
-    t = np.array([span.start for span in windows.spans])[:, None] + windows.sample_time * np.arange(
-        1.0, windows.measured.shape[1] + 1.0
-    )
-    held_out = {(span.log, span.start) for span in found.held_out_windows}
-    for axis, panel in enumerate(panels):
-        for span in windows.spans:
-            if (span.log, span.start) in held_out:
-                label = "held out" if panel.get_legend_handles_labels()[1].count("held out") == 0 else None
-                panel.axvspan(span.start, span.end, color=SHADE, label=label)
-        measured = windows.measured[..., axis]
-        panel.plot(*_broken(t, measured), **MEASURED, label="measured")
-        panel.plot(*_broken(t, predicted[1, ..., axis]), **WITHOUT_FRICTION, label="without friction")
-        panel.plot(*_broken(t, predicted[0, ..., axis]), **WITH_FRICTION, label="with the friction found")
-        panel.set_ylabel(rf"$\Omega_{_AXES[axis]}$ [rad/s]")
-        largest = 1.3 * float(np.abs(measured).max())
-        panel.set_ylim(-largest, largest)  # without friction it leaves the panel
-        panel.margins(x=0.01)
-    panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderpad=0.0)
-    panels[-1].set_xlabel(f"time of the log [s]; each prediction restarts every {found.window:g} s")
-    return figure
 
 
 def _predicted_windows(found: UpsideDown, log: Log) -> tuple[BallWindows, NDArray[np.float64]]:
@@ -161,16 +134,14 @@ def _comparison(described: Robot) -> list[str]:
 
 def _parameter_table(found: UpsideDown, described: Robot) -> Sheet:
     rows = []
-    for quantity in (BY_NAME[name] for name in OF_WHEELS):
-        symbol, before = quantity.symbol, quantity.nominal(described)
-        values = np.atleast_1d(found.parameters[symbol])
-        errors = np.atleast_1d(found.standard_errors[symbol])
-        numbers = zip(values.tolist(), errors.tolist(), found.ends(symbol), before, strict=True)
-        for i, (one, error, ends, old) in enumerate(numbers, start=1):
+    for quantity in QUANTITIES:
+        symbol = quantity.symbol
+        values, errors = (np.atleast_1d(one[symbol]) for one in (found.parameters, found.standard_errors))
+        numbers = zip(values.tolist(), errors.tolist(), quantity.nominal(described), strict=True)
+        for i, (one, error, old) in enumerate(numbers, start=1):
             name = f"{symbol}{i}" if len(values) > 1 else symbol
-            shown = value_and_error(one, error) if ends is None else tuple(between(one, *ends).split(" ", 1))
-            rows.append((name, *shown, digits(old), quantity.unit))
-    headings = ("parameter", "upside down", "standard error or 95 % interval", "robot file", "unit")
+            rows.append((name, *value_and_error(one, error), digits(old), quantity.unit))
+    headings = ("parameter", "upside down", "standard error", "robot file", "unit")
     return table("Friction of drivelines and ball-wheel contacts", headings, rows)
 
 

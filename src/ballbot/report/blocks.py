@@ -9,6 +9,8 @@
         made=result.origin,
     )
 
+A terminal shows `Report.parts` of it, so that both have the same words and numbers.
+
 Text is escaped when it is rendered, so that a name from a log or a file stays a name. Only a `Picture`, a `TimeSeries`
 and a `Film` bring markup of their own, which Ballbot made.
 """
@@ -16,14 +18,13 @@ and a `Film` bring markup of their own, which Ballbot made.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
 from markupsafe import Markup
 from rich import box
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -38,29 +39,13 @@ if TYPE_CHECKING:
 #: a number alone or with its sign, interval or unit; what stands flush right in a table
 _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \.\. .*)?|falls|no|none")
 
-#: characters from which on a cell is a sentence, and columns of a table that a narrow page can rearrange
-_WORDY, _MOST_BESIDE = 28, 5
-#: a phone's width in characters of a table, the most that the first column takes of it, and the gap between columns
-_PHONE, _WIDEST_FIRST, _GAP = 48, 20, 2
-#: rows of a table that a narrow page shows as blocks, or as lines, without being asked
-_MOST_BLOCKS, _MOST_LINES = 12, 24
-#: classes of cells with words: more characters than these, and the least width of the column [characters]
-_CLASSES = {"long": (60, 25), "some": (18, 15)}
-
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
     """A cell of a table that is more than a text."""
 
-    text: str | Markup
+    text: str
     below: str = ""  #: a second line, in quiet ink
-    strong: bool = False
-    span: int = 1  #: columns
-
-    @property
-    def word_class(self) -> str:
-        """The class of a cell that holds so many words, of `_CLASSES`; empty if few."""
-        return next((name for name, (most, _) in _CLASSES.items() if len(self.text) > most), "")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,20 +61,19 @@ class Sheet:
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
-    folded: bool = False  #: whether a narrow page shows its caption only, until the reader opens it
+    folded: bool = False  #: details: a page shows its caption only, until the reader opens it
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Give a console the table: framed on a terminal, plain where the output is piped or kept."""
-        made = Table(
-            title=Text(printable_line(self.caption)),
-            title_justify="left",
-            title_style="bold",
-            box=box.ROUNDED if options.is_terminal else None,
-        )
-        for heading, numeric in zip(self.headings, self.numeric, strict=True):
-            made.add_column(Text(printable_line(heading)), justify="right" if numeric else "left")
+        if self.caption:
+            yield Text(printable_line(self.caption), style="bold")
+        made = Table(box=box.ROUNDED if options.is_terminal else None)
+        groups = [text for text, span in self.groups for _ in range(span)] or [""] * len(self.headings)
+        for group, heading, numeric in zip(groups, self.headings, self.numeric, strict=True):
+            words = " ".join(filter(None, (group, heading)))
+            made.add_column(Text(printable_line(words)), justify="right" if numeric else "left")
         for row in self.cells:
-            made.add_row(*(Text(printable(_plain(cell.text))) for cell in row))
+            made.add_row(*(Text(printable(f"{cell.text} {cell.below}".strip())) for cell in row))
         yield made
 
     @property
@@ -98,84 +82,18 @@ class Sheet:
         return [[one if isinstance(one, Cell) else Cell(text=one) for one in row] for row in self.rows]
 
     @property
-    def wordy(self) -> bool:
-        """Whether the last column holds sentences: a narrow page shows each below its row."""
-        if not 3 <= len(self.headings) <= _MOST_BESIDE or self.groups:
-            return False
-        last = [row[-1] for row in self.cells if row]
-        return (
-            not self.numeric[-1]
-            and any(len(str(one.text)) > _WORDY for one in last)
-            and not any(one.span > 1 for row in self.cells for one in row)
-        )
-
-    @property
-    def stacked(self) -> bool:
-        """Whether the table is too wide for a narrow page, which then shows each row as a block."""
-        if self.wordy:
-            return False
-        columns = zip(self.headings, self._columns, self.numeric, strict=True)
-        least = [_least_width(heading, cells, wraps=not numeric) for heading, cells, numeric in columns]
-        least[0] = min(least[0], _WIDEST_FIRST)
-        return sum(least) > _PHONE
-
-    @property
-    def folds(self) -> bool:
-        """Whether a narrow page shows the caption only, as the table would be screens long."""
-        return self.folded or len(self.rows) > (_MOST_BLOCKS if self.stacked else _MOST_LINES)
-
-    @property
-    def numbered(self) -> bool:
-        """Whether the first column numbers the rows, as those of wheels: a block then begins with its heading."""
-        return all(str(row[0].text).isdigit() for row in self.cells if row)
-
-    def place_heading(self, row: Sequence[Cell], place: int) -> str:
-        """Return the heading of a row's cell for a page that shows it beside the cell."""
-        start = sum(cell.span for cell in row[:place])
-        first, last = self.headings[start], self.headings[start + row[place].span - 1]
-        ends = np.cumsum([span for _, span in self.groups])
-        group = self.groups[int(np.searchsorted(ends, start, side="right"))][0] if self.groups else ""
-        return ", ".join(filter(None, (group, first if first == last else f"{first} to {last}")))
-
-    @property
     def numeric(self) -> list[bool]:
         """Whether each column holds numbers; the first holds names."""
+        columns = zip(*self.cells, strict=True) if self.rows else [()] * len(self.headings)
         return [
             index > 0 and all(_NUMERIC.fullmatch(str(cell.text)) for cell in cells)
-            for index, cells in enumerate(self._columns)
+            for index, cells in enumerate(columns)
         ]
-
-    @property
-    def _columns(self) -> list[list[Cell]]:
-        """The cells of each column, without those that span several."""
-        columns: list[list[Cell]] = [[] for _ in self.headings]
-        for row in self.cells:
-            place = 0
-            for cell in row:
-                if cell.span == 1 and place < len(columns):
-                    columns[place].append(cell)
-                place += cell.span
-        return columns
-
-
-def _plain(text: str | Markup) -> str:
-    """Return the words of a cell: only markup has tags, and a text keeps its spaces and brackets."""
-    return text.striptags() if isinstance(text, Markup) else text
 
 
 def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Sheet:
     """Return a table of texts."""
     return Sheet(caption=title, headings=headings, rows=rows)
-
-
-def _least_width(heading: str, cells: Sequence[Cell], *, wraps: bool) -> int:
-    """Return how narrow a column can be on a phone [characters]; `wraps`: its lines break between words."""
-    lines = [Markup(text).striptags() for cell in cells for text in (cell.text, cell.below)]
-    longest = max(map(len, lines), default=0)
-    if wraps:
-        least = next((width for most, width in _CLASSES.values() if longest > most), 0)
-        longest = max([least, *(len(word) for line in lines for word in line.split())])
-    return _GAP + max([longest, *map(len, heading.split())])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +102,6 @@ class Paragraph:
 
     kind: ClassVar[str] = "paragraph"
     text: str | Markup
-    quiet: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,30 +113,23 @@ class Bullets:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Subheading:
-    """A heading within a section."""
-
-    kind: ClassVar[str] = "subheading"
-    text: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class Verbatim:
     """Lines that keep their spaces, as a matrix or a file."""
 
     kind: ClassVar[str] = "verbatim"
     text: str
     caption: str = ""
+    folded: bool = False  #: as of a `Sheet`
 
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A figure that does not change: an SVG element from `ballbot.report.style.drawn`, or an `img` element."""
+    """A figure that does not change, drawn when a page is made of it."""
 
     kind: ClassVar[str] = "picture"
-    markup: str
+    #: returns an SVG element, as `ballbot.report.style.drawn` does, or an `img` element
+    markup: Callable[[], str]
     caption: str
-    narrow: str = ""  #: the same figure for a narrow page, if it is drawn otherwise there
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,7 +141,7 @@ class Film:
     caption: str
 
 
-Block = Sheet | Paragraph | Bullets | Subheading | Verbatim | Picture | TimeSeries | Film
+Block = Sheet | Paragraph | Bullets | Verbatim | Picture | TimeSeries | Film
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,10 +162,32 @@ class Report:
     verdict: Sequence[tuple[str, str]]
     sections: Sequence[Section]
     undecided: Sequence[str]  #: what the data cannot decide
-    made: Provenance
+    made: Provenance | None  #: None of what a terminal alone shows
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
     #: whether the errors among them were accepted, so that results follow in spite of them
     accepted: bool = True
+
+    def parts(self) -> Iterator[RenderableType]:
+        """Yield what a terminal shows: the verdict, what a page does not fold of tables and lists, and the doubts."""
+        for heading, words in self.verdict:
+            yield Text.assemble((f"{heading}: " if heading else "", "bold"), words)
+        for one in self.sections:
+            shown = [part for block in one.blocks for part in _on_terminal(block)]
+            if shown:
+                yield Text(f"\n{one.heading}", style="bold")
+                yield from shown
+        yield Text("\nWhat the data cannot decide", style="bold")
+        yield from (Text(f"- {words}") for words in self.undecided)
+
+
+def _on_terminal(block: Block) -> Iterator[RenderableType]:
+    match block:
+        case Sheet(folded=False):
+            yield block
+        case Verbatim(folded=False):
+            yield Text(f"{block.caption}\n{block.text}".lstrip("\n"))
+        case Bullets():
+            yield from (Text(f"- {item}") for item in block.items)
 
 
 def section(heading: str, *blocks: Block | None) -> Section:

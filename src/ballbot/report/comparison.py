@@ -1,36 +1,30 @@
 """Comparisons of controllers: runs side by side, and the league.
 
-Of a league: tables as texts, for the page and the terminal; an overview with intervals, and each course as it was run
-with the first seed; and the page.
+Of a league: tables, an overview with intervals, and each course as it was run with the first seed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
-from rich.console import RenderableType
 
-from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Cell, Film, Paragraph, Report, Section, Sheet, section, table
+from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
-from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, thinned
+from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, plain_log_ticks, thinned
 from ballbot.report.words import ratio_digits
-from ballbot.robot import Robot
 from ballbot.rounding import unit_heading
 from ballbot.summary import counted
-from ballbot.viewer.page import MOST_RUNS, RunColor, replay_part
-from ballbot.workflows.comparison import Estimate, student_quantile
+from ballbot.workflows.comparison import Estimate
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import (
     METRIC_BY_KEY,
@@ -113,29 +107,16 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
 
 
 OVERALL_HEADINGS = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
-STANDING_HEADINGS = ("controller", *(unit_heading(one.heading, one.unit) for one in METRICS), "falls")
 
 
 def overall_rows(league: League) -> list[list[str]]:
     """Return a row for each controller: its ratios to the first one over all courses, and its falls."""
-    return [[f"{one.text} {one.below}".rstrip() for one in row] for row in _overall_cells(league)]
-
-
-def _overall_cells(league: League) -> list[list[Cell]]:
-    """Return the same rows with each interval below its ratio."""
     rows = []
     for name in league.controllers:
         found = overall(league, name)
-        ratios = [_ratio(found.ratios[key]) if found.ratios else Cell(text="1") for key in RATIOS]
-        rows.append([Cell(text=name), *ratios, Cell(text=f"{found.falls} of {found.runs}")])
+        ratios = [_ratio(found.ratios[key]) if found.ratios else "1" for key in RATIOS]
+        rows.append([name, *ratios, f"{found.falls} of {found.runs}"])
     return rows
-
-
-def standing_rows(league: League, course: str) -> list[list[str]]:
-    """Return a row for each controller on a course: means over the runs that stood, and falls."""
-    found = [standing(league, course, name) for name in league.controllers]
-    metrics = _with_decimals(found)
-    return [[one.controller, *(_mean(one, metric) for metric in metrics), _falls(one)] for one in found]
 
 
 def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
@@ -186,9 +167,9 @@ def _difference(difference: Estimate, metric: Metric) -> str:
     return mean if math.isnan(difference.low) else f"{mean} ({low}, {high})"
 
 
-def _ratio(found: Estimate) -> Cell:
-    interval = "" if math.isnan(found.low) else f"({ratio_digits(found.low)}, {ratio_digits(found.high)})"
-    return Cell(text=ratio_digits(found.mean), below=interval)
+def _ratio(found: Estimate) -> str:
+    interval = "" if math.isnan(found.low) else f" ({ratio_digits(found.low)}, {ratio_digits(found.high)})"
+    return f"{ratio_digits(found.mean)}{interval}"
 
 
 def _falls(found: Standing) -> str:
@@ -204,8 +185,6 @@ def _signed(value: float, decimals: int) -> str:
 _COLORS = (ORANGE, BLUE, GREEN, VIOLET, INK, YELLOW)
 #: the same in time series
 _TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
-#: and in the replay, where a color has the dash that it has in figures, and teal is nearest to green
-_REPLAY_COLORS: tuple[RunColor, ...] = ("orange", "blue", "teal", "violet")
 _DASHES = ("--", "-", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -228,7 +207,7 @@ def overview_figure(league: League) -> Figure:
         for index in range(len(league.controllers)):
             _draw_controller(axes, league, index, metric)
         axes.set_xscale("log")
-        _plain_ticks(axes)
+        plain_log_ticks(axes.xaxis)
         axes.set_xlabel(unit_heading(metric.words, metric.unit))
         axes.grid(visible=False, axis="y")
     panels[0].set_yticks(range(rows), [label_of(course.name.replace("_", " ")) for course in league.courses])
@@ -325,15 +304,6 @@ def _mark_falls(axes: Axes, found: Standing, metric: Metric, place: float) -> No
     axes.text(at, place, f" {words}", va="center", color=INK, fontsize=7, transform=transform)
 
 
-def _plain_ticks(axes: Axes) -> None:
-    """Label a logarithmic axis 1, 2, 5, 10 where it has less than two decades, else by its decades."""
-    low, high = axes.get_xlim()
-    narrow = high < 100.0 * low
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-
-
 def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return where the robot is asked to be (N, 2) at times (N,)."""
     reference = course.reference_spec.reference()
@@ -343,8 +313,8 @@ def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
 _PEAK, _ROUGH = "peak_position_error", "high_frequency_torque"
 
 
-def league_report(league: League, robot: Robot, made: Provenance) -> Report:
-    """Return the page of a league of that robot."""
+def league_report(league: League, made: Provenance) -> Report:
+    """Return the page of a league."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
     first, courses = league.controllers[0], counted(len(league.courses), "course")
     caption = (
@@ -363,18 +333,17 @@ def league_report(league: League, robot: Robot, made: Provenance) -> Report:
         sections=[
             section(
                 "Over all courses",
-                Sheet(headings=OVERALL_HEADINGS, rows=_overall_cells(league), caption=caption),
+                Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption),
                 drawn_picture("overview", partial(overview_figure, league), overview),
             ),
-            *(_course_section(league, robot, course, place) for place, course in enumerate(league.courses)),
-            section("How to read this", Bullets(items=_reading(first, len(league.seeds)))),
+            *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
         undecided=[*(words for words in undecided if words), _BEYOND],
         made=made,
     )
 
 
-def _course_section(league: League, robot: Robot, course: Course, place: int) -> Section:
+def _course_section(league: League, course: Course, place: int) -> Section:
     first = league.controllers[0]
     caption = (
         f"Means over the runs that did not fall. Below them, how much more or less than {first}'s, seed by seed, "
@@ -389,55 +358,7 @@ def _course_section(league: League, robot: Robot, course: Course, place: int) ->
         Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
         drawn_picture(f"course-{place}", partial(course_figure, league, course), floor),
         course_series(league, course),
-        _replay(league, robot, course) if place == 0 else None,
     )
-
-
-def _replay(league: League, robot: Robot, course: Course) -> Film | None:
-    """Return the runs of a course with the first seed in one place, if they can be shown."""
-    shown = league.controllers[:MOST_RUNS]
-    poses = {name: _pose(league, course, name) for name in shown}
-    try:
-        part = replay_part(poses, robot, layout="ghosts", name="course", colors=_REPLAY_COLORS)
-    except InputError:  # a course that is too long for a page
-        return None
-    others = f" of the first {len(shown)} controllers" if len(shown) < len(league.controllers) else ""
-    caption = (
-        f"The same runs{others} in three dimensions, from ten poses a second: {shown[0]} with the others as ghosts, or "
-        "side by side."
-    )
-    return Film(part=part, caption=caption)
-
-
-def _pose(league: League, course: Course, name: str) -> Log:
-    """Return where a controller's robot stood and where it was asked to be."""
-    track = league.tracks[course.name, name]
-    wanted = _asked(course, track.t)
-    pose = {key: getattr(track, key) for key in ("t", "x", "y", "theta", "phi", "psi")}
-    return Log({**pose, "ref_x": wanted[:, 0], "ref_y": wanted[:, 1]})
-
-
-def _reading(first: str, seeds: int) -> list[str]:
-    """Return what the numbers are; why a difference may be open whose ratio is not, if there are intervals."""
-    differences = (
-        f"A ratio is compared as a logarithm, a difference in its own unit. If the error of {first} changes much from "
-        "seed to seed and another's is always about the same fraction of it, the ratio is well known and the "
-        f"difference is not. With {seeds} seeds the interval of a difference reaches "
-        f"{student_quantile(seeds):.1f} standard errors to each side, even past what is possible; more seeds narrow it."
-    )
-    return [
-        f"Peak and RMS error: distance of the true position from the reference, from {SETTLE:g} s after the start "
-        "and after each jump of the reference on (a course may choose otherwise). A push is no jump: what it does "
-        "counts. Heading: the largest error of the true heading, likewise.",
-        f"Settling: from the start, a jump or a push until the robot is within {1e3 * BAND:g} mm and stays there "
-        "until the next of them; the longest of the run. ≥ where in some run it was outside at the end.",
-        "Torque: root mean square over all wheels and the whole run; above 10 Hz: of what a high-pass at 10 Hz "
-        "leaves of it. Energy: the integral of |u ω| over all wheels.",
-        "A run that fell counts among the falls and nowhere else. All controllers have the same seeds, so "
-        f"differences from {first} are taken seed by seed.",
-        "Each interval holds with 95 %: of twenty true zeros, one is shown as a difference.",
-        *([differences] if seeds > 1 else []),
-    ]
 
 
 def _open_sentence(name: str, league: League) -> str:
@@ -480,12 +401,3 @@ def _sentence(found: Overall, league: League) -> str:
 def _ratio_phrase(key: str, ratio: Estimate, *, of: str) -> str:
     interval = "" if math.isnan(ratio.low) else f" ({ratio_digits(ratio.low)} to {ratio_digits(ratio.high)})"
     return f"{METRIC_BY_KEY[key].words} {ratio_digits(ratio.mean)} times that of {of}{interval}"
-
-
-def league_parts(league: League) -> Iterator[RenderableType]:
-    """Yield the standings on each course, and those over all courses relative to the first controller."""
-    for course in league.courses:
-        rows = standing_rows(league, course.name)
-        yield table(f"{course.name}: {course.about}", STANDING_HEADINGS, rows)
-    title = f"Over all courses, relative to {league.controllers[0]} (95 % intervals)"
-    yield table(title, OVERALL_HEADINGS, overall_rows(league))

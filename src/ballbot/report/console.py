@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import IO
 
 import numpy as np
@@ -32,15 +31,6 @@ class PlainConsole(Console):
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
-def as_text(parts: Sequence[RenderableType]) -> str:
-    """Return what printing these parts would put into a file: no frames, no colours."""
-    buffer = io.StringIO()
-    console = PlainConsole(file=buffer, width=PLAIN_WIDTH)
-    for part in parts:
-        console.print(part)
-    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
-
-
 def matrix_text(name: str, matrix: NDArray[np.float64], *, decimals: int = 4) -> str:
     """Return a matrix as lines of fixed decimals, its name before the middle row."""
     scale = 10.0**decimals
@@ -56,7 +46,7 @@ def matrix_text(name: str, matrix: NDArray[np.float64], *, decimals: int = 4) ->
 
 
 def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
-    """Return a finding as a line: its severity, the file, the sentence and, of an error, its code."""
+    """Return a finding as a line: its severity, whether an error is accepted, the file, the sentence and the code."""
     file = f"{finding.where.file}: " if finding.where.file else ""
-    word = f"{finding.severity}{' (accepted)' if accepted else ''}"
+    word = f"{finding.severity}{' (accepted)' if accepted and finding.severity == 'error' else ''}"
     return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")

@@ -20,8 +20,7 @@ from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.demo_runs import ROBOT, SOFT, robot_of_runs
-from ballbot.report.friction import friction_curve
-from ballbot.report.identification_page import identification_report
+from ballbot.report.identification import friction_curve, identification_report
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.robot import Robot
@@ -54,7 +53,6 @@ def write_report(found: Identification, log: Log, page: Path) -> None:
         {SOFT: _part(log)},
         findings=(),
         selection=None,
-        ladder=None,
         holdouts=(),
         made=made,
     )

@@ -1,4 +1,4 @@
-"""A controller design as text, and the figure of a robust design: the search, and its gain on robots not used in it."""
+"""The page of a controller design, and that of a robust one: the search, and its gain on robots not used in it."""
 
 from __future__ import annotations
 
@@ -9,26 +9,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.control.controller import torque_limit_words
 from ballbot.control.lqr import frictionless_model
-from ballbot.control.margins import MEANING
-from ballbot.control.overcompensation import CompensationMargin, has_friction
+from ballbot.control.overcompensation import has_friction
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, Verbatim, section, table
-from ballbot.report.console import matrix_text
-from ballbot.report.loop import loop_section, margins_table, poles_figure
+from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
+from ballbot.report.loop import linear_section, loop_section
 from ballbot.report.palette import BLUE, ORANGE, SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import STATE_UNITS, LineStyle, drawn_picture
-from ballbot.report.words import NO_FRICTION, state_mark, with_symbols
-from ballbot.robot import Friction, Robot
+from ballbot.report.words import NO_FRICTION, state_mark
+from ballbot.robot import Friction
 from ballbot.rounding import percent
 from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.robot_check import state_order
 from ballbot.workflows.robust_design import TAIL, PerturbationRanges, RobustDesign
 
 _LINES: dict[str, LineStyle] = {
@@ -79,17 +74,6 @@ def search_comment(found: RobustDesign, command: str) -> str:
     )
 
 
-def robust_design_parts(found: RobustDesign) -> Iterator[RenderableType]:
-    """Yield the gain of a robust design, its comparison with other weights, and its own weights."""
-    yield Text(matrix_text("K", found.controller.gain))
-    title = f"On {found.fresh} perturbed robots that the search did not use"
-    yield table(title, *_robust_rows(found))
-    yield margins_table(found.loop_margins)
-    yield Text(MEANING)
-    yield Text(_weights(found))
-    yield Text(_perturbed_by(found.spread))
-
-
 def _perturbed_by(spread: PerturbationRanges) -> str:
     """Return the sentence on the ranges of the perturbed mass, height and friction."""
     ranges = {"mass": spread.mass, "height": spread.height, "friction": spread.friction}
@@ -100,31 +84,6 @@ def _perturbed_by(spread: PerturbationRanges) -> str:
 def _weights(found: RobustDesign) -> str:
     weights = ", ".join(f"{weight:.4g}" for weight in found.state_weights)
     return f"Q = diag({weights}), R = {found.torque_weight:g} I"
-
-
-def controller_design_parts(found: ControllerDesign) -> Iterator[RenderableType]:
-    """Yield the linear model, the gain with its standard deviation, the poles, and the compensation's margin."""
-    robot, spread = found.controller.robot, found.uncertainty
-    linear = frictionless_model(robot).linearize()
-    yield Text("x_dot = A x + B u about upright, exact model without friction", style="bold")
-    yield Text(state_order(robot.wheel_count))
-    yield Text(matrix_text("A", linear.A))
-    yield Text(matrix_text("B", linear.B))
-    yield Text("\nGain", style="bold")
-    yield Text(matrix_text("K", found.gain.gain))
-    if largest := spread.largest():
-        causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
-        yield Text(f"\nStandard deviation of the gain, from those in the robot file ({causes}):\n")
-        yield Text(matrix_text("+-", spread.deviation))
-    rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.gain.poles]
-    yield table("Closed-loop poles [rad/s]", ["real", "imaginary"], rows)
-    yield margins_table(found.loop_margins)
-    yield Text(MEANING)
-    yield Text(f"Torque limit of each wheel: {torque_limit_words(found.controller)}.")
-    if found.certain is not found.stated:
-        yield Text(_certain_fractions(found.stated, found.certain))
-    if found.controller.compensation != "none":
-        yield Text(_nothing_compensated(found) or _margin(found.margin))
 
 
 def _nothing_compensated(found: ControllerDesign) -> str:
@@ -140,7 +99,7 @@ def _certain_fractions(stated: Friction, certain: Friction) -> str:
     dry = _fractions(certain.coulomb, stated.coulomb)
     viscous = _fractions(certain.viscous, stated.viscous)
     return (
-        "\nOnly the friction that is certain is compensated, as a fraction of each wheel's "
+        "Only the friction that is certain is compensated, as a fraction of each wheel's "
         f"dry friction: {dry}; of its viscous friction: {viscous}."
     )
 
@@ -151,36 +110,17 @@ def _fractions(parts: Sequence[float], wholes: Sequence[float]) -> str:
     )
 
 
-def _margin(margin: CompensationMargin) -> str:
-    """Return the compensated fraction of the certain friction, and a warning if it exceeds that friction."""
-    fractions = ", ".join(percent(share) for share in (*margin.wheel_fractions, margin.rolling_fraction))
-    amplitudes = ", ".join(f"{one.amplitude:g}" for one in margin.swings)
-    returned = ", ".join(percent(one.fraction) for one in margin.swings)
-    text = (
-        f"Largest compensated fraction of the certain friction of each wheel and of the floor: {fractions}\n"
-        "Largest fraction of the energy dissipated by friction that compensation returns to a wheel oscillating "
-        f"by {amplitudes} rad/s: {returned}"
-    )
-    return (
-        f"{text}\nWARNING: {margin.sentence}; this injects energy and can destabilise the robot"
-        if margin.overcompensates
-        else text
-    )
-
-
 def controller_design_report(
     found: ControllerDesign, made: Provenance, findings: Sequence[Finding]
 ) -> Report:
     """Return the page of a design without a search."""
     controller = found.controller
     robot = controller.robot
-    without = frictionless_model(robot).linearize().poles()
     slowest = float(-np.max(found.gain.poles.real))
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
     kind = "no" if controller.compensation == "none" else controller.compensation
-    words = (
-        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}. "
-        f"Torque limit of each wheel: {torque_limit_words(controller)}."
+    lead = (
+        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}."
     )
     verdict = [
         (
@@ -189,11 +129,14 @@ def controller_design_report(
             f"about {4.0 / slowest:.2g} s.",
         ),
         ("Margins", _capital(found.loop_margins.sentence())),
+        ("Torque limit of each wheel", f"{torque_limit_words(controller)}."),
     ]
     if controller.compensation != "none":
-        verdict.append(("Compensation", _nothing_compensated(found) or _capital(found.margin.sentence)))
+        margin = _capital(found.margin.sentence)
+        if found.margin.overcompensates:
+            margin = f"WARNING: {found.margin.sentence}; this injects energy and can destabilise the robot."
+        verdict.append(("Compensation", _nothing_compensated(found) or margin))
     poles = [(f"{pole.real:.4f}", f"{pole.imag:.4f}") for pole in found.gain.poles]
-    figure = "Poles of the model without friction, by itself and with this gain. Shaded: unstable."
     undecided = [
         "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
         "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it."
@@ -202,20 +145,14 @@ def controller_design_report(
         undecided.append("How uncertain the gain is: no value in the robot file has a standard_deviation.")
     return Report(
         title=f"{robot.name}: a controller",
-        lead=words,
+        lead=lead,
         verdict=verdict,
         sections=[
             section("Gain", *_gain_blocks(found)),
-            section(
-                "Poles",
-                drawn_picture(
-                    "poles", partial(poles_figure, open_loop=without, closed_loop=found.gain.poles), figure
-                ),
-                Sheet(headings=("real [rad/s]", "imaginary [rad/s]"), rows=poles, caption="With this gain."),
-            ),
+            section("Closed-loop poles", Sheet(headings=("real [rad/s]", "imaginary [rad/s]"), rows=poles)),
             loop_section(found.loop_margins),
             section("Friction compensation", *_compensation_blocks(found)),
-            section("Linear model", *_linear_blocks(robot)),
+            linear_section(frictionless_model(robot).linearize(), caption="exact model without friction"),
         ],
         undecided=undecided,
         made=made,
@@ -232,20 +169,12 @@ def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
         yield _gain_sheet(spread.deviation, caption)
 
 
-def _linear_blocks(robot: Robot) -> Iterator[Block]:
-    linear = frictionless_model(robot).linearize()
-    yield Paragraph(text="Order and units of the states and inputs:")
-    yield Bullets(items=with_symbols(state_order(robot.wheel_count)).splitlines())
-    yield Verbatim(text=matrix_text("A", linear.A), caption="About upright, exact model without friction.")
-    yield Verbatim(text=matrix_text("B", linear.B))
-
-
 def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
     if found.controller.compensation == "none":
-        yield Paragraph(text="No friction is compensated.")
+        yield Bullets(items=["No friction is compensated."])
         return
     if nothing := _nothing_compensated(found):
-        yield Paragraph(text=nothing)
+        yield Bullets(items=[nothing])
         return
     margin = found.margin
     rows = [
@@ -257,13 +186,8 @@ def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
     rows.append(("rolling", percent(margin.rolling_fraction), ""))
     caption = "Largest compensated fraction of the friction that is certain; beyond 100 % it injects energy."
     yield Sheet(headings=("friction", "compensated", "at"), rows=rows, caption=caption)
-    swings = [(f"{one.amplitude:g} rad/s", percent(one.fraction)) for one in margin.swings]
-    returned = (
-        "Largest fraction of the energy lost to friction that compensation returns to an oscillating wheel."
-    )
-    yield Sheet(headings=("amplitude", "returned"), rows=swings, caption=returned)
     if found.certain is not found.stated:
-        yield Paragraph(text=_certain_fractions(found.stated, found.certain).strip())
+        yield Bullets(items=[_certain_fractions(found.stated, found.certain)])
 
 
 def _gain_sheet(gain: NDArray[np.float64], caption: str) -> Sheet:
@@ -286,7 +210,14 @@ def _capital(sentence: str) -> str:
 def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequence[Finding]) -> Report:
     """Return the page of a design by search."""
     robust, nominal = (found.compared[name] for name in ("robust", "nominal"))
-    headings, rows = _robust_rows(found)
+    headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
+    rows = [
+        (
+            *(name, f"{one.worst_tenth:.2f}", f"{one.mean:.2f}", f"{1e3 * one.worst_error:.1f}"),
+            *(f"{one.worst_roughness:.3f}", f"{one.falls}"),
+        )
+        for name, one in found.compared.items()
+    ]
     caption = (
         f"On {found.fresh} perturbed robots that the search did not use. The cost J of a robot is its error over the "
         "nominal gain's median plus its torques' roughness over the nominal gain's median, so that J is about 2 with "
@@ -320,7 +251,7 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
                 _gain_sheet(
                     found.controller.gain, "Gain K of u = K S(ψ) (r − x), in N m per unit of each state."
                 ),
-                Paragraph(text=_weights(found)),
+                Bullets(items=[_weights(found)]),
             ),
             loop_section(found.loop_margins),
         ],
@@ -331,19 +262,3 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
         made=made,
         findings=findings,
     )
-
-
-def _robust_rows(found: RobustDesign) -> tuple[tuple[str, ...], list[list[str]]]:
-    headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
-    rows = [
-        [
-            name,
-            f"{one.worst_tenth:.2f}",
-            f"{one.mean:.2f}",
-            f"{1e3 * one.worst_error:.1f}",
-            f"{one.worst_roughness:.3f}",
-            f"{one.falls}",
-        ]
-        for name, one in found.compared.items()
-    ]
-    return headings, rows

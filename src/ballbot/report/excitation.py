@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.identification.quantities import BY_NAME
 from ballbot.report.blocks import Paragraph, Report, Sheet, section, table
@@ -18,7 +15,6 @@ from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import drawn_picture, thinned
-from ballbot.robot import Robot
 from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits, unit_heading
 from ballbot.workflows.excite import Excitation
@@ -69,14 +65,6 @@ def errors_figure(result: Excitation) -> Figure:
 
 #: how a limit is shown: its unit, and by what its SI number is multiplied
 _SHOWN = {"lean": ("deg", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m", 1.0)}
-
-
-def excitation_parts(result: Excitation) -> Iterator[RenderableType]:
-    """Yield the limits, the standard errors and the verdict."""
-    yield _limits_table(result)
-    yield _errors_table(result)
-    for sentence in _verdict(result):
-        yield Text(sentence)
 
 
 def _limits_table(result: Excitation) -> Sheet:
@@ -160,10 +148,10 @@ def _worst(errors: NDArray[np.float64]) -> str:
     return f"{text} ({none} not identified)" if none else text
 
 
-def excitation_report(result: Excitation, robot: Robot, *, made: Provenance) -> Report:
+def excitation_report(result: Excitation, made: Provenance) -> Report:
     """Return the page."""
     limits = result.task.limits
-    expected = (
+    errors = (
         "Standard errors in percent of the bounds' width, of a square and of the design. Those expected are the least "
         "that are possible with the noise assumed: they compare runs."
     )
@@ -174,7 +162,7 @@ def excitation_report(result: Excitation, robot: Robot, *, made: Provenance) -> 
         "it.",
     ]
     return Report(
-        title=f"{robot.name}: an informative excitation",
+        title=f"{result.task.robot.name}: an informative excitation",
         lead=(
             f"{result.design.times[-1]:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of "
             f"floor and {limits.torque:.3g} N m of torque."
@@ -193,7 +181,7 @@ def excitation_report(result: Excitation, robot: Robot, *, made: Provenance) -> 
             section(
                 "Expected errors",
                 _errors_table(result),
-                drawn_picture("errors", partial(errors_figure, result), expected),
+                drawn_picture("errors", partial(errors_figure, result), errors),
             ),
         ],
         undecided=undecided,

@@ -1,30 +1,18 @@
-"""An exported firmware as text: what it is for, how much it takes, and when its safety layer stops."""
+"""The page of an exported firmware: what it is for, how much it takes, and when its safety layer stops."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-
-from rich.console import RenderableType
-from rich.text import Text
+from collections.abc import Sequence
 
 from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.findings import Finding
+from ballbot.firmware.emulator import CYCLES
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
-from ballbot.report.blocks import Report, Sheet, section, table
+from ballbot.report.blocks import Report, Sheet, section
 from ballbot.report.provenance import Provenance
 
 _HEADINGS = ("quantity", "value")
-
-
-def export_parts(
-    exported: Export, controller: Controller, load: ProcessorLoad | None
-) -> Iterator[RenderableType]:
-    """Yield the controller, limits, and what it takes on its processor if that was measured."""
-    yield Text(_about(exported, controller))
-    yield table("firmware", _HEADINGS, _limit_rows(exported, controller))
-    if load is not None:
-        yield table("on a Cortex-M4F", _HEADINGS, load_rows(load))
 
 
 def _limit_rows(exported: Export, controller: Controller) -> list[list[str]]:
@@ -42,23 +30,18 @@ def _limit_rows(exported: Export, controller: Controller) -> list[list[str]]:
     ]
 
 
-def load_rows(load: ProcessorLoad) -> list[list[str]]:
+def _load_rows(load: ProcessorLoad) -> list[list[str]]:
     """Return quantities and values of what a controller takes on its processor."""
     period = f"{1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz"
     rows = [
         ["instructions of an update, typical", f"{load.typical_instructions:,}"],
         ["instructions of an update, worst", f"{load.worst_instructions:,}"],
-        ["cycles, typical, at most", f"{load.typical_cycles:,}"],
         ["cycles, worst, at most", f"{load.worst_cycles:,}"],
     ]
-    if load.fix_instructions is not None and load.fix_cycles is not None:
-        rows += [
-            ["instructions, worst, with a fix of the pose", f"{load.fix_instructions:,}"],
-            ["cycles, worst, with a fix of the pose, at most", f"{load.fix_cycles:,}"],
-        ]
+    if load.fix_instructions is not None:
+        rows.append(["instructions, worst, with a fix of the pose", f"{load.fix_instructions:,}"])
     return [
         *rows,
-        [f"share of {period}, typical", f"{100 * load.typical_share:.1f} %"],
         [f"share of {period}, worst", f"{100 * load.worst_share:.1f} %"],
         ["highest rate", f"{load.highest_rate:,.0f} Hz"],
         ["flash: library, robot.c and numbers", f"{load.flash:,} bytes"],
@@ -71,16 +54,15 @@ def load_section(load: ProcessorLoad | None, *, to_install: str) -> str:
     """Return the section of the exported README.md about the processor, in Markdown."""
     if load is None:
         return f"## On the processor\n\n{to_install}\n"
-    lines = [f"| {name} | {value} |" for name, value in load_rows(load)]
+    lines = [f"| {name} | {value} |" for name, value in _load_rows(load)]
     return "\n".join(
         [
             "## On the processor",
             "",
             f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
             f"({load.compiler}).",
-            "Instructions are exact. Cycles are an upper estimate: those of the processor's manual, and two wait",
-            "states for each 64 bits of code and each word of constants in flash. Interrupts and drivers come on top."
-            "",
+            f"Instructions are exact. Cycles are an upper estimate, {CYCLES:g} for each instruction in flash with two "
+            "wait states. Interrupts and drivers come on top.",
             "",
             "| quantity | value |",
             "|---|---:|",
@@ -99,47 +81,42 @@ def export_report(
     made: Provenance,
     findings: Sequence[Finding],
 ) -> Report:
-    """Return the page of an exported firmware."""
-    robot = controller.robot
+    """Return the page of an exported firmware; `to_install` says what a measurement of the load needs."""
     verdict = [("Firmware", _about(exported, controller))]
+    sections = [section("The controller", Sheet(headings=_HEADINGS, rows=_limit_rows(exported, controller)))]
     undecided = [
         "Whether motors, encoders and IMU are wired as the library expects: `ballbot run wiring` checks a robot."
     ]
     if load is None:
         undecided.insert(0, f"What an update takes on the processor. {to_install}")
     else:
-        worst = 100.0 * load.worst_share
         verdict.append(
             (
                 "Processor",
-                f"The worst update takes at most {load.worst_cycles:,} cycles, {worst:.1f} % of the period of "
-                f"{1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz.",
+                f"The worst update takes at most {load.worst_cycles:,} cycles, {100.0 * load.worst_share:.1f} % of the "
+                f"period of {1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz.",
             )
         )
+        caption = (
+            "On an emulated Cortex-M4F. Instructions are exact; cycles are an upper estimate with two wait states of "
+            "flash."
+        )
+        table = Sheet(headings=_HEADINGS, rows=_load_rows(load), caption=caption)
+        sections.append(section("On the processor", table))
         undecided.insert(
             0, "What interrupts and drivers of a board take: they come on top of the library's cycles."
         )
-    rows = [(name, f"{len(text):,}") for name, text in sorted(exported.files.items())]
-    measured = (
-        "On an emulated Cortex-M4F. Instructions are exact; cycles are an upper estimate with two wait states of "
-        "flash."
-    )
+    files = [(name, f"{len(text):,}") for name, text in sorted(exported.files.items())]
+    caption = f"{len(files)} files in C99; README.md says how to build them."
     return Report(
-        title=f"{robot.name}: a controller as firmware",
-        lead=f"{len(exported.files)} files in C99. README.md beside this page says how to build them.",
+        title=f"{controller.robot.name}: a controller as firmware",
+        lead=caption,
         verdict=verdict,
         sections=[
-            section("The controller", Sheet(headings=_HEADINGS, rows=_limit_rows(exported, controller))),
-            *(
-                [
-                    section(
-                        "On the processor", Sheet(headings=_HEADINGS, rows=load_rows(load), caption=measured)
-                    )
-                ]
-                if load
-                else []
+            *sections,
+            section(
+                "Files", Sheet(headings=("file", "characters"), rows=files, caption=caption, folded=True)
             ),
-            section("Files", Sheet(headings=("file", "characters"), rows=rows)),
         ],
         undecided=undecided,
         made=made,

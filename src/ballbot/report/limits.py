@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from ballbot.control.overcompensation import has_friction
-from ballbot.report.blocks import Picture, Report, Sheet, section, table
+from ballbot.report.blocks import Report, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn_picture, label_of
@@ -151,18 +151,6 @@ def _draw_polar(
     axes.set_title(title, loc="center", pad=14)
 
 
-def limit_parts(
-    found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]]
-) -> Iterator[Sheet]:
-    """Yield the table of each controller's limits on the model, and that of the twin if it was run."""
-    headings = ("controller", "tilt at rest [deg]", "impulse [N s]")
-    title = "Recovered from in every direction: no wheel slips / if wheels never slip"
-    yield table(title, headings, _limit_rows(found))
-    if on_twin:
-        headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
-        yield table("On the twin", headings, _twin_rows(on_twin))
-
-
 def _limit_rows(found: Mapping[str, RobotLimits]) -> list[list[str]]:
     """Return a row for each controller: least tilt and impulse at the centre of mass over all directions."""
     rows = []
@@ -184,45 +172,16 @@ def _twin_rows(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[list[str]]:
     return rows
 
 
-def limit_pictures(
-    found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]]
-) -> dict[str, Picture]:
-    """Return the figures of the page by name."""
-    marks = " Marks: found on the twin." if on_twin else ""
-    return {
-        "planes": drawn_picture(
-            "planes",
-            partial(planes_figure, found),
-            "The tilts and tilt rates that each controller recovers from, in its worst direction. Strong: no "
-            "wheel slips; faint: only if wheels never slip. Without an outline, an area continues beyond what was "
-            "tried.",
-        ),
-        "directions": drawn_picture(
-            "directions",
-            partial(directions_figure, found, on_twin),
-            "The largest tilt at rest, and the largest impulse at the centre of mass, by direction on the floor. "
-            f"Solid: no wheel slips; dashed: wheels never slip.{marks}",
-        ),
-        "heights": drawn_picture(
-            "heights",
-            partial(heights_figure, found),
-            "The largest impulse from every direction against its height above the ball's centre. Solid: no wheel "
-            "slips; dashed: wheels never slip.",
-        ),
-    }
-
-
 def limits_report(
     robot: Robot,
     found: Mapping[str, RobotLimits],
     on_twin: Mapping[str, Sequence[TwinLimit]],
     *,
-    pictures: Mapping[str, Picture],
     grip: float,
     scenario: str,
     made: Provenance,
 ) -> Report:
-    """Return the page; `pictures` are those of `limit_pictures`."""
+    """Return the page."""
     verdict = []
     for name, tilt, impulse in _limit_rows(found):
         words = "up to the first number no wheel slips, up to the second if wheels never slip"
@@ -230,7 +189,25 @@ def limits_report(
         verdict.append((name, f"{text}: {words}." if not verdict else f"{text}."))
     if len(found) > 1 and not has_friction(robot.friction):
         verdict.append(("", NO_FRICTION))
-    tables = limit_parts(found, on_twin)
+    tables = [
+        Sheet(
+            headings=("controller", "tilt at rest [deg]", "impulse [N s]"),
+            rows=_limit_rows(found),
+            caption="Recovered from in every direction: no wheel slips / if wheels never slip.",
+        )
+    ]
+    if on_twin:
+        headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
+        tables.append(Sheet(headings=headings, rows=_twin_rows(on_twin), caption="On the twin."))
+    directions = (
+        "The largest tilt at rest, and the largest impulse at the centre of mass, by direction on the floor. Solid: no "
+        f"wheel slips; dashed: wheels never slip.{' Marks: found on the twin.' if on_twin else ''}"
+    )
+    planes = (
+        "The tilts and tilt rates that each controller recovers from, in its worst direction. Strong: no wheel slips; "
+        "faint: only if wheels never slip. Without an outline, an area continues beyond what was tried."
+    )
+    heights = "The largest impulse from every direction against its height above the ball's centre."
     return Report(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
         lead=(
@@ -240,9 +217,14 @@ def limits_report(
         verdict=verdict,
         sections=[
             section("Limits", *tables),
-            section("Over all directions", pictures["directions"]),
-            section("Tilt and tilt rate", pictures["planes"]),
-            section("Height of an impulse", pictures["heights"]),
+            section(
+                "Over all directions",
+                drawn_picture("directions", partial(directions_figure, found, on_twin), directions),
+            ),
+            section("Tilt and tilt rate", drawn_picture("planes", partial(planes_figure, found), planes)),
+            section(
+                "Height of an impulse", drawn_picture("heights", partial(heights_figure, found), heights)
+            ),
         ],
         undecided=_undecided(on_twin),
         made=made,

@@ -1,27 +1,27 @@
-"""A live robot as tables and lines: its samples while it runs, its wiring check, and two controllers in turn."""
+"""A live robot: its samples and states while it runs, and the pages of a run, of its wiring and of runs in turn."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Sequence
 
 import numpy as np
-from rich.console import RenderableType
-from rich.text import Text
 
-from ballbot.control.safety import StopReason
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import Sample
 from ballbot.link.messages import State
 from ballbot.link.session import stop_reason
-from ballbot.link.wiring import Turn, WiringCheck
-from ballbot.report.blocks import Sheet, table
-from ballbot.report.console import finding_line
+from ballbot.link.wiring import WiringCheck
+from ballbot.log import Log
+from ballbot.report.blocks import Bullets, Report, Sheet, section
+from ballbot.report.provenance import Provenance
+from ballbot.report.run import over_time, run_sections, run_verdict
+from ballbot.report.series import Line, Look, Panel, TimeSeries, together
+from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
-from ballbot.workflows.alternation import Alternation, PairedGain
+from ballbot.workflows.alternation import Alternation
 from ballbot.workflows.controller_prediction import SHOWN
+from ballbot.workflows.metrics import position_error
 
 _SELF_TESTS = {
     SelfTestOutcome.NOT_RUN: "not run",
@@ -47,21 +47,6 @@ def sample_line(sample: Sample, *, torque_limit: float) -> str:
     )
 
 
-def sample_table(sample: Sample, *, torque_limit: float) -> Sheet:
-    """Return a sample as a table for a terminal."""
-    x, y, psi = sample.state[[0, 1, 4]]
-    rows = [
-        ("time", f"{sample.t:.1f} s"),
-        ("position", f"{x:+.3f}  {y:+.3f} m"),
-        ("heading", f"{math.degrees(psi):+.1f} degrees"),
-        ("distance from the reference", f"{1e3 * _distance(sample):.0f} mm"),
-        ("lean", f"{math.degrees(_lean(sample)):.2f} degrees"),
-        ("torques", "  ".join(f"{one:+.2f}" for one in sample.torques) + " N m"),
-        ("largest torque", f"{percent(_share(sample, torque_limit))} of the limit"),
-    ]
-    return table("Armed (Ctrl-C disarms)", ("", ""), rows)
-
-
 def bench_line(sample: Sample, *, torque_limit: float) -> str:
     """Return a sample of a held robot in one line."""
     speeds = " ".join(f"{one:+.1f}" for one in sample.wheel_speeds)
@@ -72,73 +57,22 @@ def bench_line(sample: Sample, *, torque_limit: float) -> str:
     )
 
 
-def bench_table(sample: Sample, *, torque_limit: float) -> Sheet:
-    """Return a sample of a held robot as a table for a terminal."""
-    rows = [
-        ("time", f"{sample.t:.1f} s"),
-        ("torques", "  ".join(f"{one:+.2f}" for one in sample.torques) + " N m"),
-        ("largest torque", f"{percent(_share(sample, torque_limit))} of the limit"),
-        ("wheel speeds", "  ".join(f"{one:+.2f}" for one in sample.wheel_speeds) + " rad/s"),
-    ]
-    return table("Armed and held (Ctrl-C disarms)", ("", ""), rows)
-
-
-@dataclass(frozen=True, kw_only=True)
-class View:
-    """What a monitor shows of a sample: a line, or a table on a terminal; both take the torque limit [N m]."""
-
-    line: SampleText
-    table: SampleTable
-
-
-class SampleText(Protocol):
-    """Returns a sample in one line."""
-
-    def __call__(self, sample: Sample, *, torque_limit: float) -> str: ...
-
-
-class SampleTable(Protocol):
-    """Returns a sample as a table."""
-
-    def __call__(self, sample: Sample, *, torque_limit: float) -> Sheet: ...
-
-
-BALANCING = View(line=sample_line, table=sample_table)
-HELD = View(line=bench_line, table=bench_table)
-
-
 def state_line(state: State, *, wheel_count: int) -> str:
     """Return a state in one line."""
     theta, phi, psi = np.degrees(state.attitude)
+    gyro = " ".join(f"{one:+.2f}" for one in state.gyro)
+    counts = " ".join(map(str, state.wheel_counts[:wheel_count].tolist()))
+    speeds = " ".join(f"{one:+.1f}" for one in state.wheel_speeds[:wheel_count])
     stop = stop_reason(state)
     return (
         f"{'armed' if state.armed else 'disarmed'}, self-test {_self_test(state)}, "
-        f"theta {theta:+.1f}, phi {phi:+.1f}, psi {psi:+.1f} degrees, counts "
-        f"{' '.join(map(str, state.wheel_counts[:wheel_count].tolist()))}"
-        + (f", stopped: {_words(stop)}" if stop else "")
+        f"theta {theta:+.1f}, phi {phi:+.1f}, psi {psi:+.1f} degrees, gyro {gyro} rad/s, counts {counts}, "
+        f"wheel speeds {speeds} rad/s" + (f", stopped: {stop}" if stop else "")
     )
-
-
-def state_table(state: State, *, wheel_count: int) -> Sheet:
-    """Return a state as a table for a terminal."""
-    rows = [
-        ("self-test", _self_test(state)),
-        ("stop", _words(stop_reason(state))),
-        ("theta, phi, psi", "  ".join(f"{one:+7.2f}" for one in np.degrees(state.attitude)) + " degrees"),
-        ("gyro", "  ".join(f"{one:+7.3f}" for one in state.gyro) + " rad/s"),
-        ("encoder counts", "  ".join(map(str, state.wheel_counts[:wheel_count].tolist()))),
-        ("wheel speeds", "  ".join(f"{one:+7.2f}" for one in state.wheel_speeds[:wheel_count]) + " rad/s"),
-    ]
-    title = "Armed" if state.armed else "Disarmed"
-    return table(f"{title} (Ctrl-C ends the monitor)", ("", ""), rows)
 
 
 def _self_test(state: State) -> str:
     return _SELF_TESTS.get(SelfTestOutcome(state.self_test), f"failed (wheel {state.self_test_wheel})")
-
-
-def _words(stop: StopReason | None) -> str:
-    return "none" if stop is None else str(stop)
 
 
 def _distance(sample: Sample) -> float:
@@ -153,29 +87,89 @@ def _share(sample: Sample, torque_limit: float) -> float:
     return float(np.abs(sample.torques).max()) / torque_limit
 
 
-def wiring_parts(check: WiringCheck) -> Iterator[RenderableType]:
-    """Yield a wiring check: what each sensor measured of each movement, and what is wrong."""
-    yield Text("The wiring is right." if check.passed else "The wiring is not right.", style="bold")
-    rows = [(one.movement.words, *_turn_cells(one)) for one in check.turns]
-    yield table(
-        "Turns about x, y, z, and of each wheel",
-        ("the robot was", "attitude [deg]", "gyro [deg]", "wheels [deg]"),
-        rows,
+def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
+    """Return a line on frames that either side refused, by the layers' counts; None if there are none."""
+    if not (any(host) or any(robot)):
+        return None
+    return (
+        f"Frames refused: {sum(host)} by this computer, {sum(robot)} by the robot; the cable, the baud rate or the "
+        "radio loses bytes."
     )
-    for finding in check.findings:
-        yield finding_line(finding)
+
+
+def live_run_report(
+    log: Log, robot: Robot | None, *, balancing: bool, ending: str, about: str, made: Provenance
+) -> Report:
+    """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
+    verdict = run_verdict(log) if balancing else []
+    sections = run_sections(log, robot) if balancing else [section("Over time", *over_time(log, robot))]
+    undecided = ["How much runs differ: this is one. `ballbot run compare` makes several in turn."]
+    if balancing:
+        undecided.insert(
+            0,
+            "Where the robot truly was: position and heading are those that it computes on board, and they drift.",
+        )
+    if robot is None:
+        undecided.append("What is a wheel's share of its limit: the robot is not described (--robot).")
+    return Report(
+        title="A run of a live robot",
+        lead=about,
+        verdict=[*verdict, ("Ending", ending)],
+        sections=sections,
+        undecided=undecided,
+        made=made,
+    )
+
+
+def wiring_sheet(check: WiringCheck) -> Sheet:
+    """Return what each sensor measured of each movement."""
+
+    def cell(angles: np.ndarray) -> str:
+        # zero is added to a rounded number so that it is never written as -0
+        return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
+
+    rows = [(one.movement.words, cell(one.attitude), cell(one.wheels)) for one in check.turns]
+    caption = (
+        "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
+    )
+    headings = ("the robot was", "attitude [deg]", "wheels [deg]")
+    return Sheet(headings=headings, rows=rows, caption=caption)
+
+
+def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report:
+    """Return the page of a wiring check and, if it passed, of the self-test that must then have passed, too."""
+    verdict = (
+        "The wiring is right. Every motor turns its own encoder forward: the self-test passed."
+        if check.passed
+        else f"The wiring is not right. {check.findings[0].text}"
+    )
+    undecided = [
+        "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs."
+    ]
+    if not check.passed:
+        undecided.append(
+            "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
+        )
+    return Report(
+        title="Wiring of a robot",
+        lead=about,
+        verdict=[("", verdict)],
+        sections=[section("Turns by hand", wiring_sheet(check))],
+        undecided=undecided,
+        made=made,
+        findings=check.findings,
+        accepted=False,
+    )
 
 
 def wiring_results(check: WiringCheck) -> dict[str, object]:
     """Return what results.json holds of a wiring check."""
     return {
         "passed": check.passed,
-        "lean": check.lean,
         "turns": [
             {
                 "movement": one.movement.words,
                 "attitude": one.attitude,
-                "gyro": one.gyro,
                 "wheels": one.wheels,
             }
             for one in check.turns
@@ -184,61 +178,84 @@ def wiring_results(check: WiringCheck) -> dict[str, object]:
     }
 
 
-def _turn_cells(turn: Turn) -> tuple[str, str, str]:
-    # zero is added to a rounded number so that it is never written as -0
-    cells = (
-        "  ".join(f"{one:.0f}" for one in np.round(np.degrees(values)) + 0.0) for values in _measured(turn)
-    )
-    attitude, gyro, wheels = cells
-    return attitude, gyro, wheels
-
-
-def _measured(turn: Turn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return turn.attitude, turn.gyro, turn.wheels
-
-
-_GAIN_NAMES = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
-
-
-def alternation_parts(found: Alternation) -> Iterator[RenderableType]:
-    """Yield two controllers in turn: every run, the factors with the drift removed, and the verdicts."""
-    runs = range(1, len(found.performances) + 1)
-    rows = [
+def alternation_report(
+    found: Alternation, logs: Sequence[Log], *, controllers: tuple[str, str], about: str, made: Provenance
+) -> Report:
+    """Return the page of two controllers in turn; `controllers` names the files of the one before and the one after."""
+    runs = [f"{k} {'after' if k % 2 == 0 else 'before'}" for k in range(1, len(logs) + 1)]
+    performances = [
         (
             unit_heading(shown.words, shown.unit),
             *(shown.shown(getattr(one, name)) for one in found.performances),
         )
         for name, shown in SHOWN.items()
     ]
-    headings = ("quantity", *(f"{k} {'after' if k % 2 == 0 else 'before'}" for k in runs))
-    yield table("Runs in turn", headings, rows)
-    rows = [
+    names = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
+    gains = [
         (
-            _GAIN_NAMES[name],
-            f"{gain.factor:.2f}",
-            f"{gain.low:.2f} to {gain.high:.2f}",
-            gain.verdict,
+            *(names[name], f"{gain.factor:.2f}", f"{gain.low:.2f} to {gain.high:.2f}", gain.verdict),
             f"{round(100.0 * (gain.drift - 1.0)):+d} %",
         )
         for name, gain in found.gains.items()
     ]
-    yield table(
-        "After over before, the drift removed",
-        ("quantity", "factor", "95 % interval", "", "drift from run to run"),
-        rows,
+    verdicts = [
+        f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
+        for k, one in enumerate(found.verdicts, start=1)
+    ]
+    t, errors = together([(log.t - log.t[0], 1e3 * position_error(log)) for log in logs])
+    looks: tuple[Look, ...] = ("second", "first", "third", "fourth", "fifth", "sixth")
+    lines = [
+        Line(name=f"run {name}", values=values, look=looks[k % len(looks)])
+        for k, (name, values) in enumerate(zip(runs, errors, strict=True))
+    ]
+    panel = Panel(label="distance from the reference [mm]", lines=lines, from_zero=True)
+    undecided = ["Where the robot truly was: the errors are those of its own position, which drifts."]
+    open_ones = [name.replace("_", " ") for name, gain in found.gains.items() if gain.verdict == "undecided"]
+    if open_ones:
+        text = f"Whether {', '.join(open_ones)} differ: their intervals contain one. More --rounds make them narrow."
+        undecided.insert(0, text)
+    return Report(
+        title="Two controllers in turn on a live robot",
+        lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
+        verdict=[("", _conclusion(found))],
+        sections=[
+            section(
+                "Compared",
+                Sheet(headings=("quantity", *runs), rows=performances, caption="Runs in turn."),
+                Sheet(
+                    headings=("quantity", "factor", "95 % interval", "", "drift from run to run"),
+                    rows=gains,
+                    caption="After over before, the drift removed.",
+                ),
+                Bullets(items=verdicts),
+            ),
+            section(
+                "Over time",
+                TimeSeries(
+                    t=t, panels=(panel,), caption="The runs one over another, from the start of each."
+                ),
+            ),
+        ],
+        undecided=undecided,
+        made=made,
     )
-    for k, one in enumerate(found.verdicts, start=1):
-        yield Text(f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}")
-    yield Text(conclusion(found), style="bold")
 
 
 def alternation_results(found: Alternation) -> dict[str, object]:
     """Return what results.json holds of two controllers in turn."""
     return {
         "recommendation": found.recommendation,
-        "conclusion": conclusion(found),
+        "conclusion": _conclusion(found),
         "runs": found.performances,
-        "gains": {name: _gain_results(gain) for name, gain in found.gains.items()},
+        "gains": {
+            name: {
+                "factor": gain.factor,
+                "interval": [gain.low, gain.high],
+                "verdict": gain.verdict,
+                "drift": gain.drift,
+            }
+            for name, gain in found.gains.items()
+        },
         "verdicts": [
             {
                 "recommendation": one.recommendation,
@@ -250,16 +267,7 @@ def alternation_results(found: Alternation) -> dict[str, object]:
     }
 
 
-def _gain_results(gain: PairedGain) -> dict[str, object]:
-    return {
-        "factor": gain.factor,
-        "interval": [gain.low, gain.high],
-        "verdict": gain.verdict,
-        "drift": gain.drift,
-    }
-
-
-def conclusion(found: Alternation) -> str:
+def _conclusion(found: Alternation) -> str:
     """Return the result of runs in turn in one or two sentences."""
     advice = f"{found.recommendation.capitalize()} the controller by the study's prediction."
     gain = found.gains.get("peak_error")
@@ -269,13 +277,3 @@ def conclusion(found: Alternation) -> str:
     if gain.verdict == "undecided":
         return f"{advice} {size}, which decides nothing; repeat the comparison with more --rounds."
     return f"{advice} {size}."
-
-
-def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
-    """Return a line on frames that either side refused, by the layers' counts; None if there are none."""
-    if not (any(host) or any(robot)):
-        return None
-    return (
-        f"Frames refused: {sum(host)} by this computer, {sum(robot)} by the robot; the cable, the baud rate or the "
-        "radio loses bytes."
-    )

@@ -6,20 +6,18 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, note
+from ballbot.findings import Finding, note
 from ballbot.log import Log
-from ballbot.log.checks import check
+from ballbot.log.checks import check, check_uses
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
-from ballbot.log.mapping_search.found import Proposal
-from ballbot.log.mapping_search.text import Evaluation, answer_lines
+from ballbot.log.mapping_search.text import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
 from ballbot.report.blocks import Report, Sheet, Verbatim, section, table
 from ballbot.report.console import finding_line
@@ -27,9 +25,6 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.run import over_time
 from ballbot.robot import Robot
 from ballbot.summary import counted
-
-if TYPE_CHECKING:
-    from ballbot.log.checks.physics import PhysicsOfLog
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,19 +77,22 @@ class CheckedLog:
         A log without x and y is checked as every command uses it: with those that the wheels give. Lean and torques of
         one that lacks rates are checked with the rates of its angles.
         """
-        completed = _completed(log, robot) if robot else log
+        if robot is None:
+            return CheckedLog(file=file, log=log, columns=summarize(log), findings=check(log), wheels=None)
+        placed = _placed(log, robot)
+        completed = _placed(with_rates(placed, robot), robot)
         computed = [name for name in completed.names if name not in log]
-        notes = [note("use", f"The wheels give {', '.join(computed)}, which the file does not have.")]
-        findings = check(completed, robot=robot)
-        differentiated = with_rates(completed, robot) if robot else None
-        if robot and differentiated:
-            findings = _with_motion(findings, differentiated, robot)
+        findings = [one for one in check(completed, robot=robot) if one.code != "use"]
+        findings += check_uses(placed, wheel_count=robot.wheel_count)
+        if computed:
+            text = f"By angles and wheels: {', '.join(computed)}, which the file does not have."
+            findings.append(note("use", text, *computed))
         return CheckedLog(
             file=file,
             log=completed,
             columns=summarize(completed),
-            findings=(*findings, *(notes if computed else ())),
-            wheels=wheel_agreement(completed, robot) if robot else None,
+            findings=tuple(findings),
+            wheels=wheel_agreement(completed, robot),
         )
 
     def results(self) -> dict[str, object]:
@@ -112,50 +110,12 @@ class CheckedLog:
         }
 
 
-def _completed(log: Log, robot: Robot) -> Log:
+def _placed(log: Log, robot: Robot) -> Log:
     """Return the log with the ball's position by its wheels if it has none; as it is if it cannot have one."""
     try:
         return with_position(log, robot)
     except InputError:
         return log  # the findings name what it lacks
-
-
-#: findings on the motion and the torques of a log
-_OF_MOTION = ("physics", "lean-", "torque-", "ball-axes", "heading-sign", "dead-motor")
-#: a unit of the torques that changes them by less than this factor cannot be told by the motion that they cause
-ALIKE = 1.3
-
-
-def _with_motion(findings: Sequence[Finding], log: Log, robot: Robot) -> tuple[Finding, ...]:
-    """Return a log's findings with those on its motion, once it has the rates of its angles."""
-    from ballbot.log.checks.physics import examine  # importing the equations of motion takes time
-
-    known = {one.code for one in findings}
-    found = [
-        one
-        for one in check(log, robot=robot)
-        if one.code.startswith(_OF_MOTION) and (one.code not in known or one.severity == "error")
-    ]
-    kept = [one for one in findings if not (one.code == "wheels" and one.severity == "note")]
-    if any(one.code != "torque-bound" for one in found):
-        return by_severity([*kept, *found])
-    return by_severity([*kept, *found, note("physics", _agreement(examine(log, robot), robot))])
-
-
-def _agreement(examined: PhysicsOfLog, robot: Robot) -> str:
-    """Return what of a log without rates agrees with the robot's equations, and what cannot be checked."""
-    words = "The log lacks rates; with those of its angles,"
-    if examined.lean is None or not examined.lean.conclusive:
-        return f"{words} lean and wheels still cannot be checked against the robot's equations (too little motion)."
-    words += " lean and wheels agree with the robot's equations"
-    scale, error = examined.gains.common() if examined.gains else (1.0, math.inf)
-    if not math.isfinite(error):
-        return f"{words}; torques were not checked."
-    words += f", and the torques are {scale:.2f} times those that the motion needs."
-    per_ampere = robot.drive.gear_ratio * robot.drive.torque_constant
-    if 1.0 / ALIKE < per_ampere < ALIKE:
-        words += f" Whether they are in N m or in A cannot be checked: 1 A gives {per_ampere:.2f} N m."
-    return words
 
 
 def checked_log_parts(checked: CheckedLog) -> Iterator[RenderableType]:
@@ -312,16 +272,16 @@ def _proposal_results(found: Evaluation) -> dict[str, object]:
         "what": proposal.what,
         "roles": proposal.roles,
         "time_unit": proposal.time,
-        "wheel_unit": proposal.wheel,
+        "wheel_unit": proposal.motion.units[1] if proposal.motion else None,
         "lean_unit": proposal.lean,
-        "gyro": proposal.gyro,
+        "gyro": proposal.motion.gyro if proposal.motion else None,
         "placements": [] if tested is None else tested.placements,
         "margin": None if tested is None else tested.margin,
         "confidence": None if tested is None else tested.confidence,
         "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
         "lean_lag": None if tested is None else tested.lag,
         "disturbance": None if tested is None else tested.disturbance,
-        "heading": proposal.heading,
+        "heading": proposal.motion.heading if proposal.motion else None,
         "frame": proposal.frame,
         "drive": proposal.drive,
         "keep": proposal.keep,

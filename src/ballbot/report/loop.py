@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from ballbot.control.linear import RobotLoop, StepResponse, step_response
 from ballbot.control.margins import HEADINGS, MEANING, Margins
-from ballbot.report.blocks import Section, Sheet, section, table
+from ballbot.mechanics.model import LinearModel
+from ballbot.report.blocks import Section, Sheet, Verbatim, section
+from ballbot.report.console import matrix_text
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import LineStyle, drawn_picture
+from ballbot.workflows.robot_check import state_order
 
-_NONE = np.zeros(0, np.complex128)
 #: of the wheels' lines, and of those of all wheels alike, distinct in grey
 _LOOKS: tuple[LineStyle, ...] = (
     {"color": BLUE, "linestyle": "-", "linewidth": 1.8},
@@ -38,37 +38,32 @@ _POINTS, _LOWEST = 400, 0.1
 STEPS = {"x": 0.1, "psi": math.radians(10.0)}
 
 
-def poles_figure(
-    *, open_loop: NDArray[np.complex128] = _NONE, closed_loop: NDArray[np.complex128] = _NONE
-) -> Figure:
-    """Return a robot's poles without control, those of the closed loop, or both; the unstable half is shaded.
+def poles_figure(poles: NDArray[np.complex128]) -> Figure:
+    """Return the poles of a closed loop; the unstable half is shaded.
 
     To the left is fast; on the real line nothing oscillates.
     """
     figure = Figure(figsize=(4.6, 2.6), layout="constrained")
     axes = figure.subplots()
-    if open_loop.size:
-        axes.plot(open_loop.real, open_loop.imag, "x", color=ORANGE, markersize=7, label="without control")
-    if closed_loop.size:
-        real, imaginary = closed_loop.real, closed_loop.imag
-        axes.plot(real, imaginary, "o", color=BLUE, markersize=4.5, mfc="none", label="closed loop")
+    axes.plot(poles.real, poles.imag, "o", color=BLUE, markersize=4.5, mfc="none")
     axes.axvspan(0.0, 1e3, color=SHADE)
     axes.axvline(0.0, color=MUTED, linewidth=0.8)
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    poles = np.concatenate([open_loop, closed_loop])
     height = max(1.0, 1.25 * float(np.abs(poles.imag).max()))
     left, right = min(-1.0, 1.12 * float(poles.real.min())), max(1.0, 1.5 * float(poles.real.max()))
     axes.set(xlim=(left, right), ylim=(-height, height))
     axes.set_xlabel("real part [rad/s]")
     axes.set_ylabel("imaginary part [rad/s]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
 
-def margins_table(margins: Margins) -> Sheet:
-    """Return the margins of a loop as a table."""
-    title = "Margins of the loop without friction, broken at the wheels' torques"
-    return table(title, HEADINGS, margins.rows())
+def linear_section(linear: LinearModel, *, caption: str) -> Section:
+    """Return the section on a linear model about upright."""
+    order = state_order(linear.B.shape[1])
+    text = "\n".join((order, matrix_text("A", linear.A), matrix_text("B", linear.B)))
+    return section(
+        "Linear model", Verbatim(text=text, caption=f"x_dot = A x + B u about upright, {caption}.")
+    )
 
 
 def loop_section(margins: Margins, *, of: str = "") -> Section:
@@ -76,13 +71,11 @@ def loop_section(margins: Margins, *, of: str = "") -> Section:
     loop = margins.loop
     bode = (
         "Bode diagram of the loop broken at the wheels' torques: at one wheel with the others closed, and at all "
-        "wheels together, as the eigenvalues for the two leans and the heading. Where a gain crosses 0 dB, the "
-        "distance of its phase to -180° is the phase margin; where a phase crosses -180°, that of its gain to 0 dB "
-        "is the gain margin."
+        "wheels together, as the eigenvalues for the two leans and the heading."
     )
     return section(
         f"Stability margins{f' with {of}' if of else ''}",
-        replace(margins_table(margins), caption=MEANING),
+        Sheet(headings=HEADINGS, rows=margins.rows(), caption=MEANING),
         drawn_picture("bode", partial(bode_figure, margins), bode),
         *(step_series(loop, name) for name in STEPS),
     )
@@ -124,28 +117,6 @@ def bode_figure(margins: Margins) -> Figure:
     """Return the Bode diagram of the loop broken at each wheel."""
     figure = Figure(figsize=(7.4, 3.8), layout="constrained")
     gain, phase = figure.subplots(2, 1, sharex=True)
-    _draw_bode(gain, phase, margins)
-    return figure
-
-
-def margins_figure(margins: Margins) -> Figure:
-    """Return the Bode diagram of the broken loop, and its response to a step in x."""
-    figure = Figure(figsize=(9.6, 3.8), layout="constrained")
-    (gain, place), (phase, torque) = figure.subplots(2, 2, sharex="col", width_ratios=(1.3, 1.0))
-    _draw_bode(gain, phase, margins)
-    step = step_response(margins.loop, size=STEPS["x"])
-    place.axhline(1e3 * STEPS["x"], color=MUTED, linewidth=0.8)
-    place.plot(step.t, 1e3 * step.states[:, 0], color=BLUE)
-    place.set_ylabel("x [mm]")
-    for name, values, style in zip(margins.loop.wheels, step.torques.T, _LOOKS, strict=False):
-        torque.plot(step.t, values, label=name, **style)
-    torque.set_ylabel("torque [N m]")
-    torque.set_xlabel("time [s]")
-    torque.legend(loc="upper right", ncols=len(margins.loop.wheels))
-    return figure
-
-
-def _draw_bode(gain: Axes, phase: Axes, margins: Margins) -> None:
     loop = margins.loop
     omega = np.geomspace(_LOWEST, 0.999 * math.pi / loop.sample_time, _POINTS)
     alike = len(margins.rows()) == 2  # one row of each wheel, one of all
@@ -164,7 +135,8 @@ def _draw_bode(gain: Axes, phase: Axes, margins: Margins) -> None:
         axes.margins(x=0.0)
     gain.set_ylabel("gain [dB]")
     # outside: within the axes it would cover the crossing of 0 dB of some loops
-    gain.figure.legend(*gain.get_legend_handles_labels(), loc="outside upper left", ncols=4)
+    figure.legend(*gain.get_legend_handles_labels(), loc="outside upper left", ncols=4)
     phase.set_ylabel("phase [deg]")
     phase.yaxis.set_major_locator(MultipleLocator(90.0))
     phase.set_xlabel("frequency [rad/s]")
+    return figure

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Mapping, Sequence
 from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -25,16 +24,7 @@ from ballbot.report.series import TimeSeries
 from ballbot.report.words import RAISED, with_symbols
 from ballbot.viewer.page import hash_source, web_file
 
-_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
-_UNIT = re.compile(r"[(\[][^()\[\]]{1,12}[)\]]")
-#: blanks at which a line must not break: within N m s/rad and about x, before a unit, [rad/s] or %, and after ±
-_TOGETHER = re.compile(
-    r"(?<=\bN) (?=m\b)|(?<=N m) (?=s\b)|(?<=±) |(?<=\d) (?=[%±×]|(?:m|s|mm|ms|N|rad|deg|kg|Hz|ppm)(?![\w-]))"
-    r"| (?=\[(?:m|rad)(?:/s)?\])|(?<=\babout) (?=[xyz]\b)"
-)
 _POWER = re.compile(r"\^(-?\d)\b")
-#: of a letter in a figure, as Matplotlib writes it
-_OUTLINE = re.compile(r'<path id="(?P<name>[^"]+)"(?P<shape> d="[^"]+" transform="scale\(0\.015625\)")/>\n?')
 
 
 def page_of(report: Report) -> str:
@@ -44,25 +34,37 @@ def page_of(report: Report) -> str:
     contents += [("undecided", "What the data cannot decide")]
     contents += [("checks", "Checks of the inputs")] if report.findings is not None else []
     blocks = [block for one in report.sections for block in one.blocks]
-    films = [block.part for block in blocks if isinstance(block, Film)]
-    return render(
-        "report",
-        {
-            "title": report.title,
-            "lead": report.lead,
-            "verdict": [(heading, with_symbols(words)) for heading, words in report.verdict],
-            "contents": [*contents, ("reproduce", "How to reproduce this")],
-            "sections": report.sections,
-            "anchors": anchors,
-            "undecided": [with_symbols(words) for words in report.undecided],
-            "errors": [one for one in report.findings or () if report.accepted and one.severity == "error"],
-            "accepted": report.accepted,
-            "findings": report.findings,
-            "made": report.made,
-        },
-        charts=any(isinstance(block, TimeSeries) for block in blocks),
-        style="".join(film.style for film in films[:1]),
-        scripts=[film.script for film in films[:1]],
+    films = [block.part for block in blocks if isinstance(block, Film)][:1]
+    charts = any(isinstance(block, TimeSeries) for block in blocks)
+    environment = Environment(
+        loader=PackageLoader("ballbot.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_printable_text,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals |= {"symbols": with_symbols, "themed": _themed, "words": _typeset}
+    scripts = [_script(charts), *(film.script for film in films)]
+    policy = (
+        f"default-src 'none'; script-src {' '.join(map(hash_source, scripts))}; style-src 'unsafe-inline'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+    return environment.get_template("report.html.j2").render(
+        title=report.title,
+        lead=report.lead,
+        verdict=[(heading, with_symbols(words)) for heading, words in report.verdict],
+        contents=[*contents, ("reproduce", "How to reproduce this")],
+        sections=report.sections,
+        anchors=anchors,
+        undecided=[with_symbols(words) for words in report.undecided],
+        errors=[one for one in report.findings or () if report.accepted and one.severity == "error"],
+        accepted=report.accepted,
+        findings=report.findings,
+        made=report.made,
+        policy=policy,
+        style=Markup(_style(charts) + "".join(film.style for film in films)),
+        scripts=[Markup(one) for one in scripts],
     )
 
 
@@ -72,98 +74,20 @@ def _anchor(place: int, heading: str) -> str:
     return f"{words or 'section'}-{place + 1}"
 
 
-def render(
-    template: str,
-    values: Mapping[str, object],
-    *,
-    charts: bool = False,
-    style: str = "",
-    scripts: Sequence[str] = (),
-) -> str:
-    """Return the page of a template of this package as HTML; a name that the template lacks is an error.
-
-    Parameters
-    ----------
-    template : str
-    values : mapping of str to object
-        Text of them is escaped.
-    charts : bool
-        Whether the page has time series.
-    style : str
-        CSS besides the page's own.
-    scripts : sequence of str
-        Scripts to run after the page's own.
-    """
-    environment = Environment(
-        loader=PackageLoader("ballbot.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=_printable_text,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals |= {"symbols": with_symbols, "themed": _FigureMarkup(), "words": _with_code}
-    environment.globals |= {"heading_words": _heading, "typeset": _typeset, "command": _whole_options}
-    own = _script(charts)
-    allowed = " ".join(hash_source(one) for one in (own, *scripts))
-    policy = (
-        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
-        "form-action 'none'"
-    )
-    around = {
-        "policy": policy,
-        "style": Markup(_style(charts) + style),
-        "script": Markup(own),
-        "scripts": [Markup(one) for one in scripts],
-    }
-    return environment.get_template(f"{template}.html.j2").render({**values, **around})
-
-
 def _printable_text(value: object) -> object:
     """Return what a template puts into the page: text of others' making with nothing hidden in it."""
     return printable(value) if type(value) is str else value
 
 
-def _with_code(text: str) -> Markup:
-    """Return a text, escaped unless it is markup, with `commands` as code and powers raised."""
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(_whole_options(_typeset(text)))))
+def _typeset(text: str) -> Markup:
+    """Return a text, escaped unless it is markup, with `commands` as code and kg m^2 as kg m²."""
+    escaped = str(escape(_printable_text(text)))
+    raised = _POWER.sub(lambda found: found[1].translate(RAISED), escaped)
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", raised))
 
 
-def _whole_options(text: str) -> Markup:
-    """Return a text, escaped unless it is markup, in which no line breaks after the dashes of an option."""
-    return Markup(_OPTION.sub(r'<span class="option">\g<0></span>', str(escape(_printable_text(text)))))
-
-
-def _heading(text: str) -> Markup:
-    """Return a column's heading, of which no line breaks within a unit."""
-    return _with_code(type(text)(_UNIT.sub(lambda found: found[0].replace(" ", "\u00a0"), str(text))))
-
-
-def _typeset(text: str) -> str:
-    """Return a text with kg m^2 as kg m², of which no line breaks between a number and its unit."""
-    raised = _POWER.sub(lambda found: found[1].translate(RAISED), str(text))
-    return type(text)(_TOGETHER.sub("\u00a0", raised))
-
-
-class _FigureMarkup:
-    """Figures of one page, in its theme's colors; the outlines of letters stand in the first figure that has them."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, str] = {}  #: names of outlines, by outline
-
-    def __call__(self, svg: str) -> Markup:
-        moved: dict[str, str] = {}
-
-        def kept(outline: re.Match[str]) -> str:
-            name = self._known.setdefault(outline["shape"], outline["name"])
-            if name == outline["name"]:
-                return outline[0]
-            moved[outline["name"]] = name
-            return ""
-
-        svg = _OUTLINE.sub(kept, svg)
-        svg = re.sub(r'(?<=href="#)[^"]+', lambda found: moved.get(found[0], found[0]), svg)
-        return Markup(themed(svg))
+def _themed(svg: str) -> Markup:
+    return Markup(themed(svg))
 
 
 def _web(name: str) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,26 +11,23 @@ from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
-from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import loop_margins
-from ballbot.control.presets import IntegralDesign
 from ballbot.errors import InputError
-from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.comparison import paths_figure
+from ballbot.report.axis import laws_figure
+from ballbot.report.comparison import overview_figure, paths_figure
+from ballbot.report.design import robust_figure
 from ballbot.report.driveline import curve_figure
+from ballbot.report.identification import friction_figure
 from ballbot.report.limits import planes_figure
-from ballbot.report.loop import margins_figure, poles_figure
+from ballbot.report.loop import bode_figure, poles_figure
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.style import label_of, thinned
 from ballbot.report.validation_figures import horizon_figure
-from ballbot.validation import Validation
-from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.limits import RobotLimits
-from ballbot.workflows.study import Study
+from ballbot.robot.figure import robot_figure
 
 #: panels of a log over time: columns drawn together, with what they are
 _PANELS = (
@@ -79,35 +77,15 @@ def _draw_columns(axes: Axes, log: Log, names: Sequence[str]) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(names), borderpad=0.0)
 
 
-def design_figure(design: LqrDesign | IntegralDesign) -> Figure:
-    """Return the poles of the closed loop in the complex plane."""
-    return poles_figure(closed_loop=design.poles)
-
-
 def controller_figure(controller: Controller) -> Figure:
-    """Return the Bode diagram of the loop and its step response, or the poles of an unstable loop."""
+    """Return the Bode diagram of the loop, or the poles of an unstable one."""
     loop = robot_loop(controller)
     try:
-        return margins_figure(loop_margins(loop))
+        return bode_figure(loop_margins(loop))
     except InputError:
         poles = np.asarray(np.linalg.eigvals(loop.closed()), dtype=np.complex128)
         slow = poles[np.abs(poles) > _DEADBEAT]
-        return poles_figure(closed_loop=np.asarray(np.log(slow) / loop.sample_time, dtype=np.complex128))
-
-
-def controller_design_figure(design: ControllerDesign) -> Figure:
-    """Return the Bode diagram of the loop and its step response."""
-    return margins_figure(design.loop_margins)
-
-
-def validation_figure(validation: Validation) -> Figure:
-    """Return how the errors of both models grow with the horizon, state by state."""
-    return horizon_figure(validation.horizon, validation.models.names)
-
-
-def driveline_figure(fit: DrivelineFit) -> Figure:
-    """Return the friction over speed with its 95 % band, up to the fastest of the sweep and at low speeds."""
-    return curve_figure([fit], float(np.nanmax(np.abs(fit.predicted), initial=1.0)))
+        return poles_figure(np.asarray(np.log(slow) / loop.sample_time, dtype=np.complex128))
 
 
 def upside_down_figure(found: UpsideDown) -> Figure:
@@ -126,11 +104,21 @@ def upside_down_figure(found: UpsideDown) -> Figure:
     return figure
 
 
-def limits_figure(limits: RobotLimits) -> Figure:
-    """Return the tilts and tilt rates that the robot recovers from, in its worst direction."""
-    return planes_figure({"limits": limits})
-
-
-def study_figure(study: Study) -> Figure:
-    """Return each candidate's path on the course, on one of the plants."""
-    return paths_figure(study.choice.runs)
+#: what draws a value, by its class
+FIGURES: Mapping[str, Callable[[Any], Figure]] = {
+    "AxisIdentification": laws_figure,
+    "Controller": controller_figure,
+    "ControllerDesign": lambda design: bode_figure(design.loop_margins),
+    "DrivelineFit": lambda fit: curve_figure([fit], float(np.nanmax(np.abs(fit.predicted), initial=1.0))),
+    "Identification": friction_figure,
+    "League": overview_figure,
+    "Log": log_figure,
+    "LqrDesign": lambda design: poles_figure(design.poles),
+    "Margins": bode_figure,
+    "Robot": robot_figure,
+    "RobotLimits": lambda limits: planes_figure({"limits": limits}),
+    "RobustDesign": robust_figure,
+    "Study": lambda study: paths_figure(study.choice.runs),
+    "UpsideDown": upside_down_figure,
+    "Validation": lambda validation: horizon_figure(validation.horizon, validation.models.names),
+}

@@ -5,7 +5,6 @@ Enough to make a result again and to check that it is the same.
 
 from __future__ import annotations
 
-import hashlib
 import platform
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from ballbot.errors import InputError
+from ballbot.files import sha256_of
 
 _PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
 
@@ -43,9 +43,15 @@ def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Prove
     InputError
         If a file cannot be read.
     """
+    sources = []
+    for path in _single_files(files):
+        try:
+            sources.append(SourceFile(name=str(path), sha256=sha256_of(path)))
+        except OSError as error:
+            raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
     return Provenance(
         command=command,
-        files=tuple(SourceFile(name=str(path), sha256=_sha256(path)) for path in _single_files(files)),
+        files=tuple(sources),
         seed=seed,
         versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
     )
@@ -55,11 +61,3 @@ def _single_files(paths: Sequence[Path]) -> Iterator[Path]:
     """Yield the files, and in place of a ROS 2 bag's folder those that it consists of."""
     for path in paths:
         yield from sorted(path.iterdir()) if path.is_dir() else (path,)
-
-
-def _sha256(path: Path) -> str:
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None

@@ -1,127 +1,81 @@
-"""A checked robot as text: derived quantities, matrices, poles, their uncertainty, a swing, a reference, a drawing."""
+"""A checked robot: its derived quantities, poles and margins, a swing, a reference, its linear model and matrices."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import RenderableType
-from rich.text import Text
 
-from ballbot.control.margins import MEANING
 from ballbot.control.presets import PRESETS
-from ballbot.report.blocks import table
-from ballbot.report.console import finding_line, matrix_text
-from ballbot.report.loop import margins_table
-from ballbot.robot import Robot
-from ballbot.robot.derived import Derived
-from ballbot.robot.drawing import robot_drawing
-from ballbot.workflows.reference_check import (
-    MARGIN_HEADINGS,
-    ReferenceMargins,
-    margin_rows,
-    reference_verdict,
-)
+from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, Verbatim, section
+from ballbot.report.console import matrix_text
+from ballbot.report.loop import linear_section, loop_section
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import Line, Panel, TimeSeries
+from ballbot.report.style import drawn_picture
+from ballbot.robot.figure import robot_figure
+from ballbot.rounding import unit_heading
+from ballbot.summary import counted
+from ballbot.workflows.reference_check import MARGIN_HEADINGS, margin_rows, reference_verdict
 from ballbot.workflows.robot_check import (
     MATRICES,
     MATRIX_EQUATIONS,
-    CheckedLoop,
     CheckedRobot,
     CheckedSwing,
     PoleSpread,
-    state_order,
 )
 
 
-def robot_check_parts(checked: CheckedRobot) -> list[RenderableType]:
-    """Return what `ballbot check` prints of a robot, top to bottom."""
+def robot_check_report(checked: CheckedRobot, made: Provenance | None) -> Report:
+    """Return the page."""
     robot = checked.robot
-    rows = [[one.meaning, f"{one.value:.5g}", _unit(one)] for one in checked.derived]
-    parts: list[RenderableType] = [
-        Text(f"{robot.name}: a robot with {robot.wheel_count} wheels. {sources_sentence(robot)}"),
-        *(finding_line(one, accepted=one.severity == "error") for one in checked.findings),
-        Text(""),
-        table("Derived quantities", ("quantity", "value", "unit"), rows),
-        Text("\nTransformation matrices", style="bold"),
-    ]
-    for name, meaning in MATRICES.items():
-        heading = f"\n{meaning} {MATRIX_EQUATIONS.get(name, '')}".rstrip()
-        parts += [Text(heading), Text(matrix_text(name, checked.matrices[name]))]
-    parts += [
-        *_linear_lines(checked),
-        *_pole_lines(checked.poles),
-        Text(uncertainty_sentence(checked.spread)),
-    ]
-    parts += _loop_parts(checked.loop)
-    if checked.swing:
-        parts += _swing_parts(checked.swing)
-    if checked.following:
-        parts += _reference_parts(checked.following)
-    return [*parts, Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
-
-
-def _unit(one: Derived) -> str:
-    return "" if one.unit == "1" else one.unit
-
-
-def _linear_lines(checked: CheckedRobot) -> list[Text]:
-    return [
-        Text("\nLinear model x_dot = A x + B u about upright, exact model", style="bold"),
-        Text(state_order(checked.robot.wheel_count)),
-        Text(matrix_text("A", checked.linear.A)),
-        Text(matrix_text("B", checked.linear.B)),
-    ]
-
-
-def sources_sentence(robot: Robot) -> str:
-    """Return how many of a robot's parameters are measured, estimated and so on."""
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    return f"Sources of its parameters: {counts}."
-
-
-def _loop_parts(loop: CheckedLoop) -> list[RenderableType]:
-    preset = loop.controller in PRESETS
-    title = (
-        f"\nLoop with the {loop.controller} controller"
-        if preset
-        else f"\nLoop with the controller {loop.controller}"
+    return Report(
+        title=f"{robot.name}: check of the robot file",
+        lead=f"A robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}.",
+        verdict=_verdict(checked),
+        sections=list(_sections(checked)),
+        undecided=_undecided(checked),
+        made=made,
+        findings=checked.findings,
     )
-    if loop.margins is None:
-        return [Text(title, style="bold"), Text(loop.refusal)]
-    return [Text(title, style="bold"), margins_table(loop.margins), Text(MEANING)]
 
 
-def _pole_lines(poles: NDArray[np.complex128]) -> list[Text]:
-    return [
-        Text("\nPoles about upright, exact model [rad/s]", style="bold"),
-        Text(poles_text(poles)),
-        Text(pole_sentence(poles)),
-    ]
+def _capital(sentence: str) -> str:
+    return f"{sentence[0].upper()}{sentence[1:]}"
 
 
-def poles_text(poles: NDArray[np.complex128]) -> str:
-    """Return poles with three decimals, separated by commas."""
-    # adding zero keeps a minus sign off what prints as nothing
-    rounded = np.round(poles, 3) + 0.0
-    return ", ".join(f"{pole.real:g}{f'{pole.imag:+g}j' if pole.imag else ''}" for pole in rounded)
-
-
-def pole_sentence(poles: NDArray[np.complex128]) -> str:
-    """Return the fastest growth, and how soon a lean doubles by it."""
-    fastest = float(poles[0].real)
+def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
+    errors, warnings = (
+        sum(one.severity == severity for one in checked.findings) for severity in ("error", "warning")
+    )
+    plausible = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
+    if not errors + warnings:
+        plausible = "Its numbers fit together."
+    fastest = float(checked.poles[0].real)
     time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
-    return f"unstable pole: {fastest:.3f} rad/s{time}."
+    verdict = [
+        ("Plausible", plausible),
+        ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(checked.spread)}"),
+    ]
+    if checked.swing:
+        quantity, value, unit = checked.swing.rows()[0]
+        verdict.append(("Swing", _capital(f"{quantity}: {value} {unit}.")))
+    if checked.following:
+        verdict.append(
+            (f"Following {checked.following.name}", " ".join(reference_verdict(checked.following)))
+        )
+    return verdict
 
 
-def uncertainty_sentence(spread: PoleSpread | None) -> str:
+def _uncertainty(spread: PoleSpread | None) -> str:
     """Return how the standard deviations in the file spread the pole."""
     if spread is None:
-        return (
-            "No value in the file has a standard_deviation; with some, "
-            "the standard deviation of the pole would be shown here."
-        )
+        return "No value in the file has a standard_deviation, from which would follow how sure it is."
     largest = list(spread.variance_shares.items())[:3]
     causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in largest)
     low, high = spread.interval_95
@@ -132,18 +86,94 @@ def uncertainty_sentence(spread: PoleSpread | None) -> str:
     )
 
 
-def _swing_parts(swing: CheckedSwing) -> list[RenderableType]:
-    headings = ("quantity", "value, 95 %", "unit")
-    title = f"Swing from {swing.fit.swing.source}"
-    return [
-        Text(""),
-        table(title, headings, swing.rows()),
-        *(finding_line(one, accepted=one.severity == "error") for one in swing.findings),
-        *(Text(one.text) for one in swing.inertia_findings()),
+def _sections(checked: CheckedRobot) -> Iterator[Section]:
+    robot, loop = checked.robot, checked.loop
+    yield section(
+        "Derived quantities",
+        drawn_picture(
+            "robot",
+            partial(robot_figure, robot),
+            "To scale, from its right and from above. The body appears as two discs with its mass and inertia.",
+        ),
+        Sheet(
+            headings=("quantity", "value", "unit"),
+            rows=[(one.meaning, f"{one.value:.5g}", one.unit.removeprefix("1")) for one in checked.derived],
+        ),
+        Verbatim(text=f"Poles about upright, exact model [rad/s]: {_poles_text(checked.poles)}"),
+    )
+    of = f"the {loop.controller} controller" if loop.controller in PRESETS else loop.controller
+    if loop.margins is None:
+        yield section(f"Stability margins with {of}", Paragraph(text=loop.refusal))
+    else:
+        yield loop_section(loop.margins, of=of)
+    if swing := checked.swing:
+        yield section(
+            "The swing",
+            Sheet(
+                headings=("quantity", "value, 95 %", "unit"),
+                rows=swing.rows(),
+                caption=f"From {swing.fit.swing.source}.",
+            ),
+            Bullets(items=[one.text for one in (*swing.findings, *swing.inertia_findings())]),
+            _swing_series(swing),
+        )
+    if following := checked.following:
+        caption = "Largest use of each limit."
+        limits = Sheet(headings=MARGIN_HEADINGS, rows=margin_rows(following), caption=caption)
+        yield section(f"Following {following.name}", limits)
+    caption = "exact model, with the viscous friction of the robot file"
+    yield linear_section(checked.linear, caption=caption)
+    yield section(
+        "Transformation matrices",
+        *(
+            Verbatim(text=matrix_text(name, checked.matrices[name]), caption=_matrix_caption(name))
+            for name in MATRICES
+        ),
+    )
+
+
+def _poles_text(poles: NDArray[np.complex128]) -> str:
+    """Return poles with three decimals, separated by commas."""
+    # adding zero keeps a minus sign off what prints as nothing
+    rounded = np.round(poles, 3) + 0.0
+    return ", ".join(f"{pole.real:g}{f'{pole.imag:+g}j' if pole.imag else ''}" for pole in rounded)
+
+
+def _matrix_caption(name: str) -> str:
+    caption = f"{_capital(MATRICES[name])} {MATRIX_EQUATIONS.get(name, '')}".rstrip()
+    return f"{caption}."
+
+
+def _swing_series(swing: CheckedSwing) -> TimeSeries:
+    """Return the recording with the pendulum fitted to it, and their difference."""
+    fit = swing.fit
+    what, unit = ("angle", "deg") if fit.swing.kind == "angle" else ("rate", "deg/s")
+    measured, fitted = (np.degrees(one - fit.values[5]) for one in (fit.swing.values, fit.predicted))
+    lines = (
+        Line(name="measured", values=measured, look="measured"),
+        Line(name="pendulum fitted", values=fitted, look="second"),
+    )
+    difference = Line(name="difference", values=measured - fitted, look="first")
+    return TimeSeries(
+        t=fit.swing.t - fit.swing.t[0],
+        panels=(
+            Panel(label=unit_heading(what, unit), lines=lines),
+            Panel(label=unit_heading("measured less fitted", unit), lines=(difference,)),
+        ),
+        caption="The swing as recorded, and the pendulum with friction that was fitted to it.",
+    )
+
+
+def _undecided(checked: CheckedRobot) -> list[str]:
+    """Return what a robot's file cannot show."""
+    sentences = [
+        "Whether the numbers are those of the machine: they are checked against one another, and a wrong value that "
+        "fits the others is not found. Logs show more: `ballbot check-log LOG --robot ROBOT`."
     ]
-
-
-def _reference_parts(margins: ReferenceMargins) -> list[RenderableType]:
-    found = table("Largest use of each limit", MARGIN_HEADINGS, margin_rows(margins))
-    sentences = [Text(line) for line in reference_verdict(margins)]
-    return [Text(f"\nFollowing {margins.name}", style="bold"), *sentences, found]
+    if checked.following:
+        sentences.append(
+            "How noise, delay and play change the run along the reference: `ballbot record` has them."
+        )
+    if checked.swing:
+        sentences.append("The inertia about the vertical axis: the body does not turn about it in a swing.")
+    return sentences

@@ -6,6 +6,7 @@ results.json holds SI units, radians, pixels, and quaternions in the order wxyz.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -181,7 +182,7 @@ def spin_report(
             section(
                 "What was seen",
                 Bullets(items=others) if others else None,
-                Picture(markup=picture_data(picture), caption=overlay),
+                Picture(markup=partial(picture_data, picture), caption=overlay),
                 _view_sheet(spin),
             ),
             section("Angular velocity", _velocity_series(spin, comparison)),

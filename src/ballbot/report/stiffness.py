@@ -7,14 +7,14 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ballbot.report.blocks import Paragraph, Section, section
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.style import drawn_picture
-from ballbot.report.tables import interval_words, too_few
+from ballbot.report.style import drawn_picture, plain_log_ticks
 from ballbot.report.words import millimetres
 from ballbot.rounding import digits
+from ballbot.summary import counted
+from ballbot.workflows.comparison import MedianEstimate
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.stiffness import (
     LARGEST_SENSITIVITY,
@@ -27,6 +27,17 @@ from ballbot.workflows.stiffness import (
 #: of the robots, that a band holds
 _BAND = (0.1, 0.9)
 _PLAIN = VARIANTS[0]
+
+
+def too_few(robots: int) -> str:
+    """Return that these are too few for an interval of 95 %."""
+    return f"{counted(robots, 'robot')} {'is' if robots == 1 else 'are'} too few to tell"
+
+
+def interval_words(estimate: MedianEstimate) -> str:
+    """Return a median's interval in words; of fewer than six values the range, which is no 95 % interval."""
+    bounds = f"{digits(estimate.low)} to {digits(estimate.high)}"
+    return f"95 % interval {bounds}" if estimate.runs >= MIN_RUNS else f"{bounds} in {estimate.runs} draws"
 
 
 def stiffness_section(found: FrictionByStiffness) -> Section:
@@ -118,9 +129,7 @@ def stiffness_figure(found: FrictionByStiffness) -> Figure:
         place = axes.get_xaxis_transform()
         axes.text(gain, 0.99, f" {name}", transform=place, va="top", color=INK, fontsize=7)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+        plain_log_ticks(axis)
     axes.set_xlabel("position gain [N m/m]")
     axes.set_ylabel("peak error [mm]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)

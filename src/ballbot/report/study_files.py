@@ -19,7 +19,7 @@ from ballbot.file_formats import results_text, without_format
 from ballbot.files import LARGEST_SETTINGS, read_text, write_text
 from ballbot.report.page import page_of
 from ballbot.report.provenance import Provenance
-from ballbot.report.study_page import study_report
+from ballbot.report.study import study_report
 from ballbot.report.validation import validation_results
 from ballbot.results import to_results
 from ballbot.robot.file import write_robot

@@ -15,14 +15,16 @@ from typing import TYPE_CHECKING, TypedDict, TypeVar, cast
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
+from ballbot.log.columns import unit_of
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
-from ballbot.report.narrow import NARROW, make_narrow
 from ballbot.report.palette import AXIS, BLUE, GRID, INK, MUTED, ORANGE, PALE
 
 if TYPE_CHECKING:  # of matplotlib 3.10
@@ -45,34 +47,13 @@ REFERENCE: LineStyle = {"color": PALE, "linestyle": "-", "linewidth": 2.4}
 
 T = TypeVar("T")
 
+_LETTERS = {"x": "x", "y": "y", "theta": r"\theta", "phi": r"\varphi", "psi": r"\psi"}
 #: the symbols of the states as the thesis prints them, and their units
 STATE_SYMBOLS: Mapping[str, str] = MappingProxyType(
-    dict(
-        zip(
-            STATE_NAMES,
-            (
-                "$x$",
-                "$y$",
-                r"$\theta$",
-                r"$\varphi$",
-                r"$\psi$",
-                r"$\dot{x}$",
-                r"$\dot{y}$",
-                r"$\dot{\theta}$",
-                r"$\dot{\varphi}$",
-                r"$\dot{\psi}$",
-            ),
-            strict=True,
-        )
-    )
+    {name: f"${letter}$" for name, letter in _LETTERS.items()}
+    | {f"{name}_dot": rf"$\dot{{{letter}}}$" for name, letter in _LETTERS.items()}
 )
-STATE_UNITS: Mapping[str, str] = MappingProxyType(
-    dict(
-        zip(
-            STATE_NAMES, ("m", "m", "rad", "rad", "rad", "m/s", "m/s", "rad/s", "rad/s", "rad/s"), strict=True
-        )
-    )
-)
+STATE_UNITS: Mapping[str, str] = MappingProxyType({name: str(unit_of(name)) for name in STATE_NAMES})
 
 #: a figure of 7.4 inches is as wide as the page's text, 46 rem
 _POINTS_ON_PAGE = 552.0 / (7.4 * 72.0)
@@ -128,11 +109,6 @@ def drawn(draw: Callable[[], Figure], *, name: str) -> str:
     name : str
         Different for each figure of a page; it keeps the figures' inner names apart.
     """
-    return _drawn(draw, name)[1]
-
-
-def _drawn(draw: Callable[[], Figure], name: str) -> tuple[Figure, str]:
-    """Return the figure, and the element of `drawn`."""
     with mpl.rc_context(_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
         figure = draw()
@@ -150,7 +126,7 @@ def _drawn(draw: Callable[[], Figure], name: str) -> tuple[Figure, str]:
     svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
     # the width in the page's own measure; the view box keeps the proportions
     svg = re.sub(r' width="([\d.]+)pt" height="[\d.]+pt"', _width_on_page, svg, count=1)
-    return figure, re.sub(r"\s*\n\s*", "\n", svg)
+    return re.sub(r"\s*\n\s*", "\n", svg)
 
 
 def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
@@ -163,19 +139,8 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 
 
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
-    """Draw a figure for a page, and a second time for a phone if it is too wide for one; see `drawn`.
-
-    The second has the panels of the first one below another.
-    """
-    figure, markup = _drawn(draw, name)
-    if figure.get_figwidth() <= NARROW:
-        return Picture(markup=markup, caption=caption)
-
-    def narrowed() -> Figure:
-        make_narrow(figure)
-        return figure
-
-    return Picture(markup=markup, narrow=drawn(narrowed, name=f"{name}-narrow"), caption=caption)
+    """Return a figure for a page; see `drawn`."""
+    return Picture(markup=partial(drawn, draw, name=name), caption=caption)
 
 
 def _svg(figure: Figure) -> str:
@@ -200,6 +165,14 @@ def label_of(name: str) -> str:
 def _width_on_page(size: re.Match[str]) -> str:
     width = f"{float(size[1]) * _POINTS_ON_PAGE:.0f}pt"
     return f' width="{width}" style="--natural:{width}"'  # the attribute for viewers of the file alone
+
+
+def plain_log_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis 1, 2, 5, 10 where it has less than two decades, else by its decades."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def thinned(*columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:

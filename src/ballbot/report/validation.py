@@ -1,4 +1,4 @@
-"""A validation's results.json, and its tables as text.
+"""A validation's results.json and its page, whose sections the page of a study has as well.
 
 In results.json a model's numbers stand under its name, with_friction and without_friction where these are compared.
 """
@@ -7,20 +7,35 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.findings import finding_results
-from ballbot.fitting.comparison import verdicts
+from ballbot.fitting.comparison import LEAST_RUNS, verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Sheet, table
-from ballbot.rounding import digits
-from ballbot.validation import ErrorPair, ModelPair, Validation, findings
+from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Section, Sheet, section
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import Line, Panel, TimeSeries
+from ballbot.report.style import STATE_UNITS, drawn_picture
+from ballbot.report.validation_figures import (
+    correlation_figure,
+    horizon_figure,
+    ratio_figure,
+    spectrum_figure,
+    symbols,
+    wheels_figure,
+    whole_log_figure,
+)
+from ballbot.report.words import state_mark, with_symbols
+from ballbot.rounding import digits, unit_heading
+from ballbot.summary import counted
+from ballbot.validation import ErrorPair, ModelPair, StateErrors, Validation, findings
+from ballbot.validation.models import Trajectories
 from ballbot.validation.prediction import HorizonComparison, Prediction
-from ballbot.validation.residuals import ResidualAnalysis
+from ballbot.validation.residuals import ResidualAnalysis, residual_findings
+from ballbot.validation.result import model_findings, whole_log_verdict
 from ballbot.validation.whole_log import QUANTITIES, RUNS, WholeLog
 
 
@@ -94,6 +109,7 @@ def _error_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
 
 def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
     """Return RMS, amplitude and period of the log, and least, median and largest of each model's runs."""
+    log_is = np.array(["below", "inside", "above"])[whole.places + 1]  # the range of each model's runs
     return {
         "duration": whole.duration,
         "runs": RUNS,
@@ -104,7 +120,7 @@ def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
                     key_of(name): {
                         "range_95": dict(zip(STATE_NAMES, whole.ranges[::2, model, k].T, strict=True)),
                         "median": by_state(whole.ranges[1, model, k]),
-                        "log_is": dict(zip(STATE_NAMES, whole_log_words(whole)[model][k], strict=True)),
+                        "log_is": dict(zip(STATE_NAMES, log_is[model, k].tolist(), strict=True)),
                     }
                     for model, name in enumerate(models.names)
                 },
@@ -114,12 +130,6 @@ def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
         "ended_early": dict(zip(map(key_of, models.names), whole.fell, strict=True)),
         "errors": _error_results(whole.errors, models),
     }
-
-
-def whole_log_words(whole: WholeLog) -> list[list[list[str]]]:
-    """Return for each model, quantity and state whether the log is below, inside or above the range of its runs."""
-    words = np.array(["below", "inside", "above"])
-    return words[whole.places + 1].tolist()
 
 
 def _horizon_results(horizon: HorizonComparison, models: ModelPair) -> dict[str, object]:
@@ -188,66 +198,214 @@ def _columns(values: NDArray[np.float64]) -> dict[str, list[float]]:
     return {name: values[:, index].tolist() for index, name in enumerate(STATE_NAMES)}
 
 
-def validation_parts(validation: Validation) -> Iterator[RenderableType]:
-    """Yield the errors in open and in closed loop, where whole logs lie among runs of the models, and the findings."""
-    if validation.no_evidence is not None:
-        yield Text(validation.no_evidence)
-        return
-    loops = {
-        "open loop": validation.open_loop and validation.open_loop.errors,
-        "closed loop": validation.closed_loop and validation.closed_loop.restarted,
-    }
-    for what, errors in loops.items():
-        if errors is not None:
-            yield _error_table(what, errors, validation.models)
-    for whole in validation.closed_loop.whole if validation.closed_loop else ():
-        yield _whole_log_table(whole, validation.models)
-    for finding in findings(validation):
-        yield Text(finding.text)
-
-
-def _error_table(what: str, pair: ErrorPair, models: ModelPair) -> Sheet:
-    lower, upper = pair.ratio_interval()
-    verdicts = pair.verdicts()
-    rows = [
-        (
-            name,
-            digits(pair.first.error[i]),
-            digits(pair.second.error[i]),
-            digits(pair.ratio[i]),
-            f"{digits(lower[i])} to {digits(upper[i])}" if np.isfinite(lower[i]) else "too few runs",
-            verdicts[i] if np.isfinite(lower[i]) else "",
-            digits(pair.first.rmse[i]),
-            digits(pair.second.rmse[i]),
-        )
-        for i, name in enumerate(STATE_NAMES)
-    ]
-    headings = ("state", "|e|/n A", "B", "B/A", "95 %", "A is", "RMSE A", "B")
-    title = f"{what}, {pair.runs} runs; A {models.first.name}, B {models.second.name}"
-    return table(title, headings, rows)
-
-
-def _whole_log_table(whole: WholeLog, models: ModelPair) -> Sheet:
-    words = whole_log_words(whole)
-    rows = [
-        (
-            name,
-            *(
-                cell
-                for k in range(len(QUANTITIES))
-                for cell in (swing_digits(whole.measured[k, i]), words[0][k][i], words[1][k][i])
-            ),
-        )
-        for i, name in enumerate(STATE_NAMES)
-    ]
-    headings = ("state", "RMS", "A", "B", "amplitude", "A", "B", "period", "A", "B")
-    title = (
-        f"closed loop over {whole.duration:.3g} s: the log's deviation from the reference, and where it lies in the "
-        f"95 % range of {RUNS} runs; A {models.first.name}, B {models.second.name}"
+def validation_report(validation: Validation, *, title: str, lead: str, made: Provenance) -> Report:
+    """Return a validation's own page."""
+    verdict, *others = (finding.text for finding in model_findings(validation))
+    found = (
+        [section("What was found", Bullets(items=[with_symbols(one) for one in others]))] if others else []
     )
-    return table(title, headings, rows)
+    return Report(
+        title=title,
+        lead=lead,
+        verdict=[("", verdict)],
+        sections=[*found, *validation_sections(validation)],
+        undecided=undecided_by(validation),
+        made=made,
+        findings=validation.log_findings,
+    )
 
 
-def swing_digits(value: float) -> str:
-    """Return a number of a whole log; a dash for one that a run without swings, or one that fell, does not have."""
-    return digits(value) if 0.0 < value < np.inf else "–"
+def undecided_by(validation: Validation) -> list[str]:
+    """Return what the logs cannot show of the two models."""
+    first, second = validation.models.names
+    if validation.no_evidence is not None:
+        return [validation.no_evidence]
+    sentences = []
+    loop, closed = validation.open_loop, validation.closed_loop
+    for where, refused, errors in (
+        ("open loop", validation.no_open_loop, loop and loop.errors),
+        ("closed loop", validation.no_closed_loop, closed and closed.restarted),
+    ):
+        if errors is None:
+            sentences.append(f"Which model is better in {where}: {refused}")
+        elif not np.isfinite(errors.ratio_interval()).any():
+            sentences.append(
+                f"Which model is better in {where}: intervals need {LEAST_RUNS} runs, and there "
+                f"{'is one' if errors.runs == 1 else f'are {errors.runs}'}."
+            )
+        else:
+            verdicts_of = zip(STATE_NAMES, errors.verdicts(), strict=True)
+            open_ones = [state_mark(name) for name, verdict in verdicts_of if verdict == "undecided"]
+            if open_ones:
+                sentences.append(
+                    f"Whether the model {first} predicts {', '.join(open_ones)} better than the one {second} in "
+                    f"{where}: the interval of the ratio of errors contains one."
+                )
+    found = validation.residuals
+    if found.no_wheels:
+        sentences.append(f"Whether the wheels' residual torques depend on their speeds: {found.no_wheels}.")
+    return [*sentences, "How well either model predicts motions, floors or loads that are not in these logs."]
+
+
+def validation_sections(validation: Validation) -> list[Section]:
+    """Return the sections on a validation."""
+    if validation.no_evidence is not None:
+        return [section("Which model is better where", Paragraph(text=validation.no_evidence))]
+    return [
+        _ratio_section(validation),
+        section("Open loop", *_open_loop_blocks(validation)),
+        section("Closed loop", *_closed_loop_blocks(validation)),
+        _horizon_section(validation),
+        section("Residuals of the next sample", *_residual_blocks(validation)),
+    ]
+
+
+def _ratio_section(validation: Validation) -> Section:
+    first, second = validation.models.names
+    loop, closed = validation.open_loop, validation.closed_loop
+    heading = "Which model is better where"
+    if loop is None and closed is None:
+        return section(heading, Paragraph(text="Neither loop could be compared; the sections below say why."))
+    caption = (
+        f"Error of the model {second} over the error of the one {first}. Bars: 95 % intervals, from a bootstrap of "
+        f"blocks of runs; below {LEAST_RUNS} runs there are none."
+    )
+    draw = partial(ratio_figure, loop, closed, (first, second))
+    return section(heading, drawn_picture("ratios", draw, caption))
+
+
+def _open_loop_blocks(validation: Validation) -> Iterator[Block]:
+    loop = validation.open_loop
+    if loop is None:
+        yield Paragraph(text=f"Not possible. {validation.no_open_loop}")
+        return
+    caption = (
+        f"Open-loop errors over {counted(loop.errors.runs, 'run')}, each from the measured state under the measured "
+        "torques until the first of the two models leans past recovery. A shaded line: the model "
+        f"{validation.models.first.name} is not shown to be better."
+    )
+    yield error_sheet(validation, loop.errors, caption)
+    yield _trajectories(loop.example, validation, "The open-loop run with the median error.")
+
+
+def _closed_loop_blocks(validation: Validation) -> Iterator[Block]:
+    closed, recovered = validation.closed_loop, validation.recovered
+    if closed is None:
+        yield Paragraph(text=f"Not possible. {validation.no_closed_loop}")
+        return
+    controller = "the controller that drove the robot"
+    if recovered is not None:
+        late = f", {counted(recovered.delay, 'sample')} late" if recovered.delay else ""
+        controller = f"the gain recovered from the log (R² = {float(recovered.r_squared.min()):.4f}{late})"
+    caption = (
+        f"Closed-loop errors over {counted(closed.restarted.runs, 'run')} under {controller}, restarted from the "
+        f"measured state every {closed.restart_every:.2g} s."
+    )
+    yield error_sheet(validation, closed.restarted, caption)
+    for place, whole in enumerate(closed.whole, start=1):
+        yield from _whole_log_blocks(validation, whole, place)
+
+
+def _whole_log_blocks(validation: Validation, whole: WholeLog, place: int) -> Iterator[Block]:
+    """Yield what is shown of both models' runs over a whole log."""
+    yield Paragraph(text=whole_log_verdict(whole, validation.models))
+    caption = (
+        f"{RUNS} runs of each model over the {whole.duration:.3g} s of log {place}, with the noise of a measured state "
+        "drawn: RMS of the deviation from the reference, mean amplitude and period of its swings, over the log's own. "
+        "Dot: the median, bar: 95 % of the runs. A bar that contains one contains the log."
+    )
+    draw = partial(whole_log_figure, whole, validation.models.names)
+    yield drawn_picture(f"whole_log_{place}", draw, caption)
+    caption = (
+        f"Closed-loop errors over the {whole.duration:.3g} s without a restart, the median of {RUNS} runs."
+    )
+    yield error_sheet(validation, whole.errors, caption, folded=True)
+    if place == 1:
+        yield _trajectories(whole.example, validation, "The first seconds without a restart.")
+
+
+def _horizon_section(validation: Validation) -> Section:
+    names = validation.models.names
+    caption = (
+        "Root mean square error of the forecast against how far ahead it looks. Dotted: the error that noise of the "
+        "measured start alone causes in a perfect model. A filled dot: the interval of the ratio is wholly above one, "
+        f"the model {names[0]} is better."
+    )
+    draw = partial(horizon_figure, validation.horizon, names)
+    return section("Error against horizon", drawn_picture("horizon", draw, caption))
+
+
+def _residual_blocks(validation: Validation) -> Iterator[Block]:
+    found, first = validation.residuals, validation.models.first.name
+    matrix = found.correlations
+    yield Paragraph(text=f"ε: the measured next state less the one that the model {first} predicts.")
+    yield Bullets(items=[with_symbols(finding.text) for finding in residual_findings(found)])
+    draw = partial(correlation_figure, symbols(matrix.labels), matrix.matrix, marked=matrix.significant)
+    caption = (
+        "Correlation of residuals and torques. Framed cells are significant: the memory of both series counted, and "
+        "the chance of any false frame 5 %."
+    )
+    yield drawn_picture("residuals", draw, caption)
+    if found.spectrum:
+        caption = "Power spectral densities of the residuals; arrows and numbers: peaks [Hz]."
+        yield drawn_picture("spectrum", partial(spectrum_figure, found), caption)
+    if found.by_speed:
+        caption = "The residuals as torques that each wheel would have had to push more, against its speed; bars: 95 %."
+        yield drawn_picture("wheels", partial(wheels_figure, found), caption)
+
+
+def error_sheet(validation: Validation, pair: ErrorPair, caption: str, *, folded: bool = False) -> Sheet:
+    """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with what they lack."""
+    both = validation.models.names
+    lower, upper = pair.ratio_interval()
+    verdicts_of, normalised = pair.verdicts(), pair.normalised_rmse
+
+    def shown(errors: StateErrors, place: int) -> tuple[str, str]:
+        """Return 1000 times the error, and the RMSE; no digits of what is only rounding."""
+        rmse = errors.rmse[place]
+        if rmse <= pair.floor[place]:
+            return "≈ 0", "≈ 0"
+        return digits(1e3 * errors.error[place]), digits(rmse)
+
+    rows, shaded = [], set()
+    for i, name in enumerate(STATE_NAMES):
+        known = bool(np.isfinite(lower[i]))
+        (first, rmse_first), (second, rmse_second) = shown(pair.first, i), shown(pair.second, i)
+        interval = f"{digits(lower[i])} – {digits(upper[i])}" if known else "too few"
+        verdict = verdicts_of[i] if known else "–"
+        if verdict != "better":
+            shaded.add(i)
+        rows.append(
+            (
+                unit_heading(state_mark(name), STATE_UNITS[name]),
+                *(first, second, digits(pair.ratio[i]), interval, verdict),
+                *(rmse_first, rmse_second, digits(normalised[0, i], 2), digits(normalised[1, i], 2)),
+            )
+        )
+    return Sheet(
+        groups=(("", 1), ("1000 |x−x̂|/n", 2), ("ratio", 3), ("RMSE", 2), ("RMSE/std.", 2)),
+        headings=("state", *both, "", "95 %", "verdict", *both, *both),
+        rows=rows,
+        caption=caption,
+        shaded=frozenset(shaded),
+        folded=folded,
+    )
+
+
+#: the states that an example shows
+_SHOWN = ("x", "y", "theta", "phi", "psi", "psi_dot")
+
+
+def _trajectories(shown: Trajectories, validation: Validation, caption: str) -> TimeSeries:
+    """Return the measured states beside those of both models."""
+    first, second = validation.models.names
+    panels = []
+    for name in _SHOWN:
+        place = STATE_NAMES.index(name)
+        lines = (
+            Line(name="measured", values=shown.measured[:, place], look="measured"),
+            Line(name=f"model {first}", values=shown.first[:, place], look="first"),
+            Line(name=f"model {second}", values=shown.second[:, place], look="second"),
+        )
+        panels.append(Panel(label=unit_heading(state_mark(name), STATE_UNITS[name]), lines=lines))
+    return TimeSeries(t=shown.t, panels=panels, caption=caption, across="time of the log [s]")

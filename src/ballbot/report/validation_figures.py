@@ -24,6 +24,7 @@ from ballbot.report.style import (
     WITH_FRICTION,
     WITHOUT_FRICTION,
     label_of,
+    plain_log_ticks,
 )
 from ballbot.validation.closed_loop import ClosedLoop
 from ballbot.validation.models import ErrorPair
@@ -52,7 +53,9 @@ def ratio_figure(
     axes.set_yscale("log")
     axes.set_xticks(places, [STATE_SYMBOLS[name] for name in STATE_NAMES], fontsize=10)
     axes.set_ylabel(f"error {label_of(names[1])}\nover error {label_of(names[0])}")
-    _plain_log_ticks(axes, (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100))
+    lower, upper = axes.get_ylim()
+    axes.set_ylim(min(lower, 0.7), max(upper, 2.0))
+    plain_log_ticks(axes.yaxis)
     better = f"above the line: better {label_of(names[0])}"
     axes.annotate(better, (places[-1] + 0.5, 1.0), (0, -3), textcoords="offset points",
                   ha="right", va="top", fontsize=7, color=MUTED)  # fmt: skip
@@ -68,15 +71,6 @@ def _draw_ratios(
     lower, upper = errors.ratio_interval()
     axes.vlines(places, lower, upper, color=color, linewidth=1.2)
     axes.plot(places, errors.ratio, marker, color=color, markersize=5, label=label)
-
-
-def _plain_log_ticks(axes: Axes, ticks: Sequence[float]) -> None:
-    lower, upper = axes.get_ylim()
-    lower, upper = min(lower, 0.7), max(upper, 2.0)
-    shown = [tick for tick in ticks if lower <= tick <= upper]
-    axes.set_yticks(shown, [f"{tick:g}" for tick in shown])
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_ylim(lower, upper)
 
 
 def whole_log_figure(whole: WholeLog, names: tuple[str, str]) -> Figure:

@@ -34,7 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ballbot.errors import InputError, nearest, suggest
 from ballbot.file_formats import format_line, take_format
-from ballbot.files import parse_toml, read_toml, write_text
+from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
 from ballbot.robot.components import BY_NAME, PARAMETERS, InertiaPoint, RobotValues
@@ -195,15 +195,7 @@ def read_robot(path: str | Path, kind: type[R]) -> R:
     InputError
         If the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
     """
-    return _robot_of(read_toml(path), kind, source=str(path))
-
-
-def parse_robot(text: str, kind: type[R], *, source: str) -> R:
-    """Return the robot that a text in TOML describes, as `read_robot`; a refusal names `source`."""
-    return _robot_of(parse_toml(text, source=source), kind, source=source)
-
-
-def _robot_of(tree: dict[str, object], kind: type[R], *, source: str) -> R:
+    tree = read_toml(path)
     try:
         tree = take_format(tree, "robot")
         stated = _identification(
@@ -211,7 +203,7 @@ def _robot_of(tree: dict[str, object], kind: type[R], *, source: str) -> R:
         )
         return build(kind, _fields(dict(_leaves(tree)), stated))
     except InputError as error:
-        raise InputError(f"{source}: {error}") from None
+        raise InputError(f"{path}: {error}") from None
 
 
 def write_robot(robot: RobotValues, path: str | Path) -> None:

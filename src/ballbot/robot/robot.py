@@ -11,7 +11,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballbot.arguments import checked_arguments
 from ballbot.errors import InputError, nearest
 from ballbot.files import nearest_file
 from ballbot.robot.checks import check_correlation, check_deviations, check_robot
@@ -56,7 +55,6 @@ class Robot(RobotValues):
         check_deviations(self)
         check_correlation(self)
 
-    @checked_arguments
     def replace(
         self,
         *,
@@ -100,7 +98,6 @@ class Robot(RobotValues):
             identified_from=self.identified_from,
         )
 
-    @checked_arguments
     def annotated(
         self,
         *,

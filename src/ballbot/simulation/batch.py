@@ -15,7 +15,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
 from ballbot.control.law import LAW_TYPE, law_code
@@ -105,7 +104,6 @@ def _compiled_controllers(
     return [controller]
 
 
-@checked_arguments
 def simulate_batch(
     model: ModelLike | Sequence[ModelLike],
     controller: Controller | str | Path | Sequence[Controller | str | Path],

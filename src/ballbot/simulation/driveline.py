@@ -3,10 +3,6 @@
 Many drivelines run at once, each with its own inertia, friction, speed limit and torques. Torques are held over a
 sample. The supply's speed limit is a torque-speed curve, or the thesis's clamp (3.2) as it stands, for comparison:
 it limits the output x_1 and not the state x_2, which winds up and leaves the limit late.
-
-The classical law is the one that identification runs by the thousand. Its lanes are stepped side by side with the
-signs of their start, in a loop that becomes vector instructions; a lane that rests, or whose speed would pass zero,
-takes the law's own step instead. Other laws are stepped one lane after another.
 """
 
 from __future__ import annotations
@@ -18,35 +14,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import index_array, positive_number, real_array, whole_number
+from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.engine.lanes import LANES, entry
-from ballbot.mechanics.engine.run import over_threads
-from ballbot.mechanics.friction import WheelTerms, friction_terms, sign
-from ballbot.mechanics.friction_laws.classical import Classical, ClassicalNumbers
+from ballbot.mechanics.engine.compiled import compiled
+from ballbot.mechanics.friction import WheelTerms, friction_terms
+from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.mechanics.friction_laws.interface import (
     UNLIMITED,
     FrictionLaw,
     Inertia,
     clamped,
     move,
-    slide,
 )
 from ballbot.mechanics.friction_laws.smoothed import Smoothed
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 
-# Rows of a block: five numbers of the law, four of the inertia, then
-_SPEED, _ANGLE, _TORQUE, _END, _TRAVEL, _KEPT = 9, 10, 11, 12, 13, 14
-_ROWS = 15
-
-_VECTOR = 8  # lanes are filled up to whole vectors, so that a lane rounds alike in every company
-
 
 @compiled
-def run_lane(law, inertia, state, speed, torques, sample_time, steps, every, out):
-    """Turn one driveline; `out` (3, records) takes speed, angle and integrated speed.
+def run_lane(law, inertia, state, speed, torques, sample_time, steps, out):
+    """Turn one driveline; `out` (3, samples) takes speed, angle and integrated speed.
 
     Parameters
     ----------
@@ -59,104 +46,16 @@ def run_lane(law, inertia, state, speed, torques, sample_time, steps, every, out
     sample_time : float
     steps : int
         Inner steps a sample.
-    every : int
-    out : ndarray (3, samples // every)
+    out : ndarray (3, samples)
     """
     h, angle = sample_time / steps, 0.0
     for sample in range(len(torques)):
         for _ in range(steps):
             speed, travel = move(law, inertia, torques[sample], state, speed, h)
             angle += travel
-        if (sample + 1) % every == 0:
-            record = (sample + 1) // every - 1
-            out[0, record] = clamped(inertia, speed)
-            out[1, record] = angle
-            out[2, record] = speed
-
-
-@inlined
-def _law(work, lane):
-    return ClassicalNumbers(
-        entry(work, 0, lane),
-        entry(work, 1, lane),
-        entry(work, 2, lane),
-        entry(work, 3, lane),
-        entry(work, 4, lane),
-    )
-
-
-@inlined
-def _inertia(work, lane):
-    return Inertia(entry(work, 5, lane), entry(work, 6, lane), entry(work, 7, lane), entry(work, 8, lane))
-
-
-@inlined
-def _try_sliding(work, filled, h):
-    """Step every lane with the sign of its start, and note whether the speed has kept it."""
-    for lane in range(filled):
-        speed = entry(work, _SPEED, lane)
-        direction = sign(speed)
-        torque = entry(work, _TORQUE, lane)
-        end, travel = slide(_law(work, lane), _inertia(work, lane), torque, speed, direction, h)
-        work[_END * LANES + lane] = end
-        work[_TRAVEL * LANES + lane] = travel
-        work[_KEPT * LANES + lane] = direction * end
-
-
-@inlined
-def _take_step(work, state, width, filled, h):
-    _try_sliding(work, filled, h)
-    for lane in range(width):
-        if not entry(work, _KEPT, lane) > 0.0:
-            speed, torque = entry(work, _SPEED, lane), entry(work, _TORQUE, lane)
-            end, travel = move(_law(work, lane), _inertia(work, lane), torque, state, speed, h)
-            work[_END * LANES + lane] = end
-            work[_TRAVEL * LANES + lane] = travel
-    for lane in range(width):
-        work[_SPEED * LANES + lane] = entry(work, _END, lane)
-        work[_ANGLE * LANES + lane] += entry(work, _TRAVEL, lane)
-
-
-@compiled
-def run_classical_block(laws, inertias, speeds, torques, torque_of, sample_time, steps, every, out):
-    """Turn up to `LANES` drivelines under the classical law side by side.
-
-    Parameters
-    ----------
-    laws, inertias : ndarray (width, 5), (width, 4)
-        Rows of `ClassicalNumbers` and `Inertia`.
-    speeds : ndarray (width,)
-        At the start [rad/s].
-    torques : ndarray (inputs, samples)
-    torque_of : ndarray (width,)
-        Row of torques of each lane.
-    sample_time : float
-    steps : int
-    every : int
-    out : ndarray (3, width, samples // every)
-        Visible speed, angle and integrated speed.
-    """
-    width, h = len(laws), sample_time / steps
-    filled = (width + _VECTOR - 1) // _VECTOR * _VECTOR
-    work = np.zeros(_ROWS * LANES)
-    state = np.empty(0)
-    for lane in range(width):
-        for i in range(5):
-            work[i * LANES + lane] = laws[lane, i]
-        for i in range(4):
-            work[(5 + i) * LANES + lane] = inertias[lane, i]
-        work[_SPEED * LANES + lane] = speeds[lane]
-    for sample in range(torques.shape[1]):
-        for lane in range(width):
-            work[_TORQUE * LANES + lane] = torques[torque_of[lane], sample]
-        for _ in range(steps):
-            _take_step(work, state, width, filled, h)
-        if (sample + 1) % every == 0:
-            record = (sample + 1) // every - 1
-            for lane in range(width):
-                out[0, lane, record] = clamped(_inertia(work, lane), entry(work, _SPEED, lane))
-                out[1, lane, record] = entry(work, _ANGLE, lane)
-                out[2, lane, record] = entry(work, _SPEED, lane)
+        out[0, sample] = clamped(inertia, speed)
+        out[1, sample] = angle
+        out[2, sample] = speed
 
 
 _LARGEST_RATE_STEP = 0.5  # explicit steps are at most this part of the driveline's fastest time constant
@@ -272,12 +171,12 @@ class Driveline:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivelineMotion:
-    """The result of `simulate_drivelines`: a row for each lane, a column after every recorded sample."""
+    """The result of `simulate_drivelines`: a row for each lane, a column after every sample."""
 
-    t: NDArray[np.float64]  #: (records,) [s]
-    speeds: NDArray[np.float64]  #: (lanes, records) as an encoder has them, the thesis's x_1_dot [rad/s]
-    angles: NDArray[np.float64]  #: (lanes, records) [rad], 0 at the start
-    integrated_speeds: NDArray[np.float64]  #: (lanes, records) x_2, which (3.2) lets run on [rad/s]
+    t: NDArray[np.float64]  #: (samples,) [s]
+    speeds: NDArray[np.float64]  #: (lanes, samples) as an encoder has them, the thesis's x_1_dot [rad/s]
+    angles: NDArray[np.float64]  #: (lanes, samples) [rad], 0 at the start
+    integrated_speeds: NDArray[np.float64]  #: (lanes, samples) x_2, which (3.2) lets run on [rad/s]
 
 
 def simulate_drivelines(
@@ -287,17 +186,14 @@ def simulate_drivelines(
     sample_time: float,
     step: float = 1e-3,
     initial_speeds: ArrayLike = 0.0,
-    torque_of: ArrayLike | None = None,
-    every: int = 1,
-    threads: int | None = None,
 ) -> DrivelineMotion:
-    """Turn many drivelines by torques held over each sample.
+    """Turn drivelines by torques held over each sample.
 
     Parameters
     ----------
     drivelines : Driveline or sequence of Driveline
-        One for each lane, or one for all; their friction laws are of one kind.
-    torques : array_like (samples,) or (inputs, samples)
+        One for each lane, or one for all.
+    torques : array_like (samples,) or (lanes, samples)
         u [N m].
     sample_time : float
         [s]
@@ -305,95 +201,29 @@ def simulate_drivelines(
         Longest inner step [s]; a lane takes shorter ones where its fastest rate asks for that.
     initial_speeds : array_like () or (lanes,)
         [rad/s]; the friction starts as after a long rest.
-    torque_of : array_like of int, optional
-        The row of `torques` that each lane takes; without it lane i takes row i, or the only one.
-    every : int
-        Record every so many samples.
-    threads : int, optional
-        All cores by default. The result does not depend on it.
 
     Raises
     ------
     InputError
-        If numbers of lanes disagree, laws are of different kinds, or a time is not allowed.
+        If numbers of lanes disagree, or a time is not allowed.
     """
     lines = [drivelines] if isinstance(drivelines, Driveline) else list(drivelines)
     inputs = np.atleast_2d(real_array(torques, ("...", "samples"), "The array of torques"))
     starts = np.atleast_1d(real_array(initial_speeds, ("...",), "The array of initial speeds"))
-    _check(lines, inputs, starts)
+    _check(inputs, starts)
     sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
-    every = whole_number(every, "every", least=1)
-    rows = np.arange(len(inputs)) if torque_of is None else np.atleast_1d(torque_of)
-    rows = index_array(rows, "torque_of", count=len(inputs), length=rows.size)
-    lanes = _lane_count(len(lines), len(starts), len(rows))
-    batch = _Batch(
-        lines=lines * (lanes // len(lines)),
-        starts=np.broadcast_to(starts, lanes),
-        torques=inputs,
-        torque_of=np.ascontiguousarray(np.broadcast_to(rows, lanes)),
-        sample_time=sample_time,
-        every=every,
-        out=np.empty((3, lanes, inputs.shape[1] // every)),
-    )
-    steps = np.array([_steps(line, sample_time, step) for line in batch.lines])
-    plain = all(isinstance(line.friction, Classical) and line.friction.is_plain for line in lines)
-    run = _run_classical if plain else _run_one_by_one
-    run(batch, steps, threads)
-    speeds, angles, integrated = batch.out
-    t = np.arange(1.0, speeds.shape[1] + 1.0) * (every * sample_time)
+    lanes = _lane_count(len(lines), len(starts), len(inputs))
+    starts, inputs = np.broadcast_to(starts, lanes), np.broadcast_to(inputs, (lanes, inputs.shape[1]))
+    out = np.empty((lanes, 3, inputs.shape[1]))
+    for line, speed, held, found in zip(lines * (lanes // len(lines)), starts, inputs, out, strict=True):
+        steps = _steps(line, sample_time, step)
+        state = line.friction.initial_state(sample_time / steps)
+        run_lane(
+            line.friction.numbers(), line.numbers(), state, speed, held.copy(), sample_time, steps, found
+        )
+    speeds, angles, integrated = np.swapaxes(out, 0, 1)
+    t = np.arange(1.0, inputs.shape[1] + 1.0) * sample_time
     return DrivelineMotion(t=t, speeds=speeds, angles=angles, integrated_speeds=integrated)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Batch:
-    """The checked inputs of all lanes, one row or entry for each, and the array for their results."""
-
-    lines: list[Driveline]
-    starts: NDArray[np.float64]
-    torques: NDArray[np.float64]
-    torque_of: NDArray[np.int64]
-    sample_time: float
-    every: int
-    out: NDArray[np.float64]
-
-
-def _run_classical(batch: _Batch, steps: NDArray[np.int64], threads: int | None) -> None:
-    """Run lanes of equal inner steps in blocks."""
-    laws = np.array([line.friction.numbers() for line in batch.lines])
-    inertias = np.array([line.numbers() for line in batch.lines])
-    for count in np.unique(steps):
-        alike = np.flatnonzero(steps == count)
-
-        def run(first: int, alike: NDArray[np.intp] = alike, count: int = count) -> None:
-            lanes = alike[first : first + LANES]
-            part = np.empty((3, len(lanes), batch.out.shape[2]))
-            inputs = (batch.starts[lanes], batch.torques, batch.torque_of[lanes])
-            run_classical_block(
-                laws[lanes], inertias[lanes], *inputs, batch.sample_time, count, batch.every, part
-            )
-            batch.out[:, lanes] = part
-
-        over_threads(run, len(alike), threads)
-
-
-def _run_one_by_one(batch: _Batch, steps: NDArray[np.int64], threads: int | None) -> None:
-    def run(first: int) -> None:
-        for lane in range(first, min(first + LANES, len(batch.lines))):
-            line, count = batch.lines[lane], steps[lane]
-            law, inertia = line.friction.numbers(), line.numbers()
-            run_lane(
-                law,
-                inertia,
-                line.friction.initial_state(batch.sample_time / count),
-                batch.starts[lane],
-                batch.torques[batch.torque_of[lane]],
-                batch.sample_time,
-                count,
-                batch.every,
-                batch.out[:, lane],
-            )
-
-    over_threads(run, len(batch.lines), threads)
 
 
 def _steps(line: Driveline, sample_time: float, step: float) -> int:
@@ -408,20 +238,10 @@ def _steps(line: Driveline, sample_time: float, step: float) -> int:
     return math.ceil(wanted * (1.0 - 1e-9))
 
 
-def _check(
-    lines: Sequence[Driveline],
-    inputs: NDArray[np.float64],
-    starts: NDArray[np.float64],
-) -> None:
-    kinds = sorted({type(line.friction).__name__ for line in lines})
-    if len(kinds) != 1:
-        raise InputError(
-            f"The drivelines have the friction laws {kinds}; all drivelines of one call must have the same "
-            "law."
-        )
+def _check(inputs: NDArray[np.float64], starts: NDArray[np.float64]) -> None:
     if inputs.ndim != 2 or inputs.size == 0:
         raise InputError(
-            f"The torque array has the shape {inputs.shape}; it must be a row of numbers, or one for each input."
+            f"The torque array has the shape {inputs.shape}; it must be a row of numbers, or one for each lane."
         )
     if starts.ndim != 1:
         raise InputError(

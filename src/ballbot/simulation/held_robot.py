@@ -151,7 +151,7 @@ class HeldRobot:
             limit = self._robot.drive.torque_limit
             acting = np.clip(torques + noise, -limit, limit)
             motion = simulate_drivelines(
-                self._lines, acting[:, None], sample_time=h, initial_speeds=self._speeds, threads=1
+                self._lines, acting[:, None], sample_time=h, initial_speeds=self._speeds
             )
             self._speeds = motion.speeds[:, 0].copy()
             self._angles = self._angles + motion.angles[:, 0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.arrays import MOST_CELLS, format_duration, real_array
 from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.references import ReferenceLike, as_reference
@@ -37,7 +36,6 @@ def initial_state_of(seed: int) -> NDArray[np.float64]:
     return state
 
 
-@checked_arguments
 def simulate(
     plant: Plant | ModelLike,
     controller: ControllerLike,

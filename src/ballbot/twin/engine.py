@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,37 +124,8 @@ def _compiled(mujoco, document: str, *, refusal: str):  # its classes have no ty
         raise InputError(f"{refusal}: {reason}.") from None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mechanism:
-    """The bodies (b), joints (j) and shapes (g) of a model in the pose of its document, in the world's frame."""
-
-    names: tuple[str, ...]  #: of the bodies; the first is the world
-    parents: NDArray[np.intp]  #: (b,)
-    masses: NDArray[np.float64]  #: (b,) [kg]
-    centers: NDArray[np.float64]  #: (b, 3) of mass [m]
-    inertias: NDArray[np.float64]  #: (b, 3, 3) about the centre of mass [kg m^2]
-    joint_names: tuple[str, ...]
-    hinges: NDArray[np.bool_]  #: (j,) whether it turns about one axis
-    joint_bodies: NDArray[np.intp]  #: (j,) the body that it moves
-    anchors: NDArray[np.float64]  #: (j, 3) [m]
-    axes: NDArray[np.float64]  #: (j, 3)
-    damping: NDArray[np.float64]  #: (j,) [N m s/rad]
-    dry_friction: NDArray[np.float64]  #: (j,) [N m]
-    armatures: NDArray[np.float64]  #: (j,) reflected inertia [kg m^2]
-    torque_limits: NDArray[np.float64]  #: (j,) [N m]; infinite if not stated
-    shapes: tuple[str, ...]  #: kinds of the shapes: sphere, capsule, ellipsoid, cylinder, box ..
-    shape_bodies: NDArray[np.intp]  #: (g,)
-    shape_sizes: NDArray[np.float64]  #: (g, 3) [m]
-    gravity: float  #: [m/s^2]
-
-
-#: kinds of shapes by MuJoCo's number
-_SHAPES = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh")
-_HINGE, _OF_JOINT = 3, 0  # MuJoCo's numbers of a hinge, and of an actuator on a joint
-
-
-def mechanism_of(document: str, *, source: str) -> Mechanism:
-    """Return what a document in MJCF or URDF describes; a refusal names `source`.
+def foreign_model(document: str, *, source: str):  # MjModel and MjData have no types
+    """Return a document in MJCF or URDF compiled, and its data in the document's pose; a refusal names `source`.
 
     Meshes and what they need are left out, so that no file beside the document is needed.
 
@@ -165,80 +135,39 @@ def mechanism_of(document: str, *, source: str) -> Mechanism:
         If MuJoCo is not installed, or refuses the document, or a mass comes from a mesh.
     """
     mujoco = _mujoco()
-    refusal = f"{source} is not a model that MuJoCo reads"
     heard: list[str] = []
     # else MuJoCo writes warnings into a file in the user's folder
     mujoco.set_mju_user_warning(heard.append)  # pyright: ignore[reportAttributeAccessIssue]
     try:
         with warnings.catch_warnings(action="error"):
             spec = mujoco.MjSpec.from_string(document)  # pyright: ignore[reportAttributeAccessIssue]
-            _leave_out_files(spec, source=source)
+            _leave_out_files(spec)
             model = spec.compile()
-    except InputError:
-        raise
+        data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
+        mujoco.mj_forward(model, data)  # pyright: ignore[reportAttributeAccessIssue]
+        if heard:
+            raise InputError(heard[0])
     except (ValueError, UserWarning) as error:
-        raise InputError(f"{refusal}: {' '.join(str(error).split())}.") from None
+        reason = " ".join(str(error).split())
+        raise InputError(f"{source} is not a model that MuJoCo reads: {reason}") from None
     finally:
         mujoco.set_mju_user_warning(None)  # pyright: ignore[reportAttributeAccessIssue]
-    if heard:
-        raise InputError(f"{refusal}: {' '.join(heard[0].split())}")
-    data = mujoco.MjData(model)  # pyright: ignore[reportAttributeAccessIssue]
-    mujoco.mj_kinematics(model, data)  # pyright: ignore[reportAttributeAccessIssue]
-    mujoco.mj_comPos(model, data)  # pyright: ignore[reportAttributeAccessIssue]
-    frames = data.ximat.reshape(-1, 3, 3)
-    velocity = model.jnt_dofadr
-    return Mechanism(
-        names=tuple(model.body(k).name for k in range(model.nbody)),
-        parents=model.body_parentid.astype(np.intp),
-        masses=model.body_mass.copy(),
-        centers=data.xipos.copy(),
-        inertias=np.einsum("bij,bj,bkj->bik", frames, model.body_inertia, frames),
-        joint_names=tuple(model.joint(k).name for k in range(model.njnt)),
-        hinges=model.jnt_type == _HINGE,
-        joint_bodies=model.jnt_bodyid.astype(np.intp),
-        anchors=data.xanchor.copy(),
-        axes=data.xaxis.copy(),
-        damping=model.dof_damping[velocity],
-        dry_friction=model.dof_frictionloss[velocity],
-        armatures=model.dof_armature[velocity],
-        torque_limits=_torque_limits(model),
-        shapes=tuple(_SHAPES[kind] if kind < len(_SHAPES) else "other" for kind in model.geom_type.tolist()),
-        shape_bodies=model.geom_bodyid.astype(np.intp),
-        shape_sizes=model.geom_size.copy(),
-        gravity=float(np.linalg.norm(model.opt.gravity)),
-    )
+    return model, data
 
 
-def _leave_out_files(spec, *, source: str) -> None:  # MjSpec
+def _leave_out_files(spec) -> None:  # MjSpec
     """Take meshes, height fields and textures, which are files of their own, out of a model."""
     for geom in list(spec.geoms):
         if geom.meshname or geom.hfieldname:
-            weighed = not geom.parent.explicitinertial and geom.mass != 0.0 and geom.density != 0.0
-            if weighed:
+            if not geom.parent.explicitinertial and geom.mass != 0.0 and geom.density != 0.0:
                 raise InputError(
-                    f"{source}: the mass of the body {geom.parent.name[:80]!r} comes from a mesh, and meshes are not "
-                    "read; give it an <inertial>, or the mesh mass 0."
+                    f"The mass of the body {geom.parent.name[:80]!r} comes from a mesh, and meshes are not read; give "
+                    "it an <inertial>, or the mesh mass 0."
                 )
             spec.delete(geom)
         geom.material = ""
     for part in (*spec.meshes, *spec.hfields, *spec.skins, *spec.materials, *spec.textures):
         spec.delete(part)
-
-
-def _torque_limits(model) -> NDArray[np.float64]:  # MjModel
-    """Return the largest torque [N m] of each joint that its own limits and those of its motors allow."""
-    stated = np.where(model.jnt_actfrclimited, model.jnt_actfrcrange[:, 1], np.inf)
-    for k in range(model.nu):
-        if model.actuator_trntype[k] != _OF_JOINT:
-            continue
-        joint, gear = model.actuator_trnid[k, 0], abs(model.actuator_gear[k, 0])
-        for limited, span in (
-            (model.actuator_ctrllimited[k], model.actuator_ctrlrange[k]),
-            (model.actuator_forcelimited[k], model.actuator_forcerange[k]),
-        ):
-            if limited:
-                stated[joint] = min(stated[joint], gear * span[1])
-    return stated
 
 
 def _evenly_spaced(first: int, second: int, count: int) -> slice:

@@ -72,6 +72,12 @@ def number_text(values: float | Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
+def add(parent: ET.Element, tag: str, **attributes: str | float | Iterable[float]) -> ET.Element:
+    """Return a new element with attributes that are texts or numbers."""
+    texts = {name: one if isinstance(one, str) else number_text(one) for name, one in attributes.items()}
+    return ET.SubElement(parent, tag, texts)
+
+
 _IMPEDANCE = 0.2  # d
 _IMPEDANCE_RATIO = 100.0  # of friction to normal force; 10 elsewhere
 _LARGEST_STEP = 1.0  # k d h^2 and b h at most: beyond, the contact jumps from step to step
@@ -102,22 +108,22 @@ def add_soft_contacts(root: ET.Element, scenario: Scenario, hard: str) -> None:
         option.set("impratio", number_text(_IMPEDANCE_RATIO))
     pairs = root.find("contact")
     if pairs is None:
-        pairs = ET.SubElement(root, "contact")
+        pairs = add(root, "contact")
     engine = Engine(hard)
     ball = engine.mobility("ball")
     grip = scenario.roller_grip
     names = [body.get("name", "") for body in root.iter("body")]
     for name in (name for name in names if name.startswith("roller ")):
-        ET.SubElement(
+        add(
             pairs,
             "pair",
             geom1="ball",
             geom2=name,
             condim="3",
-            friction=number_text((grip, grip, 0.0, 0.0, 0.0)),
+            friction=(grip, grip, 0.0, 0.0, 0.0),
             solref=_contact_reference(softness, ball + engine.mobility(name), scenario.timestep),
-            solreffriction=number_text((-1.0, -0.5 * _IMPEDANCE / scenario.timestep)),
-            solimp=number_text((_IMPEDANCE, _IMPEDANCE, 0.001)),
+            solreffriction=(-1.0, -0.5 * _IMPEDANCE / scenario.timestep),
+            solimp=(_IMPEDANCE, _IMPEDANCE, 0.001),
         )
 
 
@@ -179,35 +185,23 @@ def add_wheel(
 ) -> None:
     """Add a wheel to the body: its index from 0 on, its frame (3, 3) and its parts."""
     name = f"wheel {index + 1}"
-    element = ET.SubElement(
-        body,
-        "body",
-        name=name,
-        pos=number_text(-parts.center_distance * frame[:, 0]),
-        xyaxes=number_text((*frame[:, 0], *frame[:, 1])),
+    element = add(
+        body, "body", name=name, pos=-parts.center_distance * frame[:, 0], xyaxes=(*frame[:, 0], *frame[:, 1])
     )
-    joint = ET.SubElement(
-        element, "joint", name=name, axis="0 0 1", armature=number_text(rotor_inertia(robot))
-    )
+    joint = add(element, "joint", name=name, axis="0 0 1", armature=rotor_inertia(robot))
     if not scenario.driveline_laws:
         friction = scenario.friction
         joint.set("damping", number_text(friction.viscous[index]))
         joint.set("frictionloss", number_text(friction.coulomb[index] + friction.stribeck[index]))
     if scenario.backlash > 0 or scenario.compliance:
-        play = ET.SubElement(element, "joint", name=f"play {index + 1}", axis="0 0 1")
+        play = add(element, "joint", name=f"play {index + 1}", axis="0 0 1")
         if not scenario.compliance:
             half = scenario.backlash / 2
             play.set("limited", "true")
             play.set("range", number_text((-half, half)))
-    ET.SubElement(
-        element,
-        "inertial",
-        pos="0 0 0",
-        mass=number_text(parts.hub_mass),
-        diaginertia=number_text(parts.hub_inertia),
-    )
+    add(element, "inertial", pos="0 0 0", mass=parts.hub_mass, diaginertia=parts.hub_inertia)
     size = (robot.wheels.radius - 2 * scenario.rollers.radius, scenario.rollers.radius)
-    ET.SubElement(element, "geom", type="cylinder", size=number_text(size), rgba="0.7 0.7 0.7 1")
+    add(element, "geom", type="cylinder", size=size, rgba="0.7 0.7 0.7 1")
     for k, (center, angle) in enumerate(zip(parts.roller_centers, parts.roller_angles, strict=True)):
         _roller(element, f"roller {index + 1}.{k + 1}", center, float(angle), scenario, parts)
 
@@ -218,17 +212,17 @@ def add_shafts(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
         return
     spring = driveline_spring(robot, scenario.compliance)
     half = scenario.backlash / 2
-    tendons = ET.SubElement(root, "tendon")
+    tendons = add(root, "tendon")
     for i in range(robot.wheel_count):
-        shaft = ET.SubElement(
+        shaft = add(
             tendons,
             "fixed",
             name=f"shaft {i + 1}",
-            stiffness=number_text(spring.stiffness),
-            damping=number_text(spring.damping),
-            springlength=number_text((-half, half)),
+            stiffness=spring.stiffness,
+            damping=spring.damping,
+            springlength=(-half, half),
         )
-        ET.SubElement(shaft, "joint", joint=f"play {i + 1}", coef="1")
+        add(shaft, "joint", joint=f"play {i + 1}", coef="1")
 
 
 def _roller(
@@ -240,21 +234,20 @@ def _roller(
     parts: WheelParts,
 ) -> None:
     turn = (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2))
-    element = ET.SubElement(wheel, "body", name=name, pos=number_text(center), quat=number_text(turn))
-    ET.SubElement(element, "joint", name=name, axis="0 1 0")
-    inertia = number_text(parts.roller_inertia)
-    ET.SubElement(element, "inertial", pos="0 0 0", mass=number_text(parts.roller_mass), diaginertia=inertia)
-    ET.SubElement(
+    element = add(wheel, "body", name=name, pos=center, quat=turn)
+    add(element, "joint", name=name, axis="0 1 0")
+    add(element, "inertial", pos="0 0 0", mass=parts.roller_mass, diaginertia=parts.roller_inertia)
+    add(
         element,
         "geom",
         name=name,
         type="ellipsoid" if scenario.wheel_contact == "rollers" else "sphere",
-        size=number_text((scenario.rollers.radius, parts.roller_half_length, scenario.rollers.radius)),
+        size=(scenario.rollers.radius, parts.roller_half_length, scenario.rollers.radius),
         conaffinity="1",
         condim="3",
-        friction=number_text((scenario.roller_grip, 0.0, 0.0)),
+        friction=(scenario.roller_grip, 0.0, 0.0),
         priority="1",  # the rollers' grip and softness, not the ball's
-        solref=number_text((scenario.contact_time, 1.0)),
+        solref=(scenario.contact_time, 1.0),
         rgba="0.1 0.1 0.1 1",
     )
 
@@ -310,8 +303,8 @@ def _document(robot: Robot, scenario: Scenario, mounting: Mounting) -> ET.Elemen
     wheel, rest = split_robot(robot, scenario.rollers, wheel_of=point_wheel_parts if point else wheel_parts)
     root = ET.Element("mujoco", model=f"{robot.name} {scenario.name}")
     _options(root, robot, scenario, mounting)
-    world = ET.SubElement(root, "worldbody")
-    ET.SubElement(world, "light", pos="0 0 3", dir="0 0 -1")
+    world = add(root, "worldbody")
+    add(world, "light", pos="0 0 3", dir="0 0 -1")
     if mounting == "floor":
         _floor(world, scenario)
     if mounting != "stand":
@@ -324,20 +317,20 @@ def _document(robot: Robot, scenario: Scenario, mounting: Mounting) -> ET.Elemen
     if mounting == "floor":
         _floor_contact(root, robot, scenario)
     add_shafts(root, robot, scenario)
-    actuators = ET.SubElement(root, "actuator")
+    actuators = add(root, "actuator")
     for i in range(robot.wheel_count):
-        ET.SubElement(actuators, "motor", name=f"wheel {i + 1}", joint=f"wheel {i + 1}")
+        add(actuators, "motor", name=f"wheel {i + 1}", joint=f"wheel {i + 1}")
     return root
 
 
 def _options(root: ET.Element, robot: Robot, scenario: Scenario, mounting: Mounting) -> None:
-    ET.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
+    add(root, "compiler", angle="radian", inertiafromgeom="false")
     down = 1.0 if mounting == "upside_down" else -1.0
-    option = ET.SubElement(
+    option = add(
         root,
         "option",
-        timestep=number_text(scenario.timestep),
-        gravity=number_text((0.0, 0.0, down * robot.gravity)),
+        timestep=scenario.timestep,
+        gravity=(0.0, 0.0, down * robot.gravity),
         integrator="implicitfast",
         cone="elliptic",
         impratio="10",
@@ -347,14 +340,14 @@ def _options(root: ET.Element, robot: Robot, scenario: Scenario, mounting: Mount
     )
     # without "autoreset" off, MuJoCo silently replaces a state that is not finite by the upright one; the
     # midphase sorts the geoms within a body, of which every body here has one, and takes a sixth of the step
-    ET.SubElement(option, "flag", autoreset="disable", midphase="disable")
-    default = ET.SubElement(root, "default")
-    ET.SubElement(default, "joint", solimpfriction=_HARD, solreffriction="0.002 1", solreflimit="0.002 1")
-    ET.SubElement(default, "geom", contype="0", conaffinity="0")
+    add(option, "flag", autoreset="disable", midphase="disable")
+    default = add(root, "default")
+    add(default, "joint", solimpfriction=_HARD, solreffriction="0.002 1", solreflimit="0.002 1")
+    add(default, "geom", contype="0", conaffinity="0")
 
 
 def _floor(world: ET.Element, scenario: Scenario) -> None:
-    floor = ET.SubElement(world, "geom", name="floor", type="plane", size="5 5 0.1", rgba="0.85 0.85 0.85 1")
+    floor = add(world, "geom", name="floor", type="plane", size="5 5 0.1", rgba="0.85 0.85 0.85 1")
     if any(scenario.floor_tilt):
         floor.set("zaxis", number_text(floor_normal(scenario)))
 
@@ -362,17 +355,17 @@ def _floor(world: ET.Element, scenario: Scenario) -> None:
 def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mounting) -> None:
     ball = robot.ball
     height = ball.radius / floor_normal(scenario)[2] if mounting == "floor" else 0.0
-    element = ET.SubElement(world, "body", name="ball", pos=number_text((0.0, 0.0, height)))
-    ET.SubElement(element, "freejoint", name="ball")
-    inertia = number_text((ball.inertia,) * 3)
-    ET.SubElement(element, "inertial", pos="0 0 0", mass=number_text(ball.mass), diaginertia=inertia)
+    element = add(world, "body", name="ball", pos=(0.0, 0.0, height))
+    add(element, "freejoint", name="ball")
+    inertia = (ball.inertia,) * 3
+    add(element, "inertial", pos="0 0 0", mass=ball.mass, diaginertia=inertia)
     # bit 1: the rollers have it in their conaffinity, nothing else has
-    ET.SubElement(
+    add(
         element,
         "geom",
         name="ball",
         type="sphere",
-        size=number_text(ball.radius),
+        size=ball.radius,
         contype="0" if scenario.softness else "1",
         rgba="0.2 0.3 0.7 1",
     )
@@ -403,15 +396,15 @@ def _check_friction(friction: Friction) -> None:
 def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
     rolling = scenario.friction.rolling * robot.ball.radius  # a force N C_rr at r_b is a moment N C_rr r_b
     grip = scenario.floor_grip
-    pairs = ET.SubElement(root, "contact")
-    ET.SubElement(
+    pairs = add(root, "contact")
+    add(
         pairs,
         "pair",
         geom1="ball",
         geom2="floor",
         condim="6" if rolling > 0 else "4",
-        friction=number_text((grip, grip, scenario.pivoting, rolling, rolling)),
-        solref=number_text((scenario.contact_time, 1.0)),
+        friction=(grip, grip, scenario.pivoting, rolling, rolling),
+        solref=(scenario.contact_time, 1.0),
         solimp=_HARD,
     )
 
@@ -419,26 +412,26 @@ def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
 def _body(world: ET.Element, robot: Robot, parts: BodyParts, mounting: Mounting) -> ET.Element:
     held = mounting != "floor"
     height = 0.0 if held else robot.ball.radius
-    element = ET.SubElement(world, "body", name="body", pos=number_text((0.0, 0.0, height)))
+    element = add(world, "body", name="body", pos=(0.0, 0.0, height))
     if not held:
-        ET.SubElement(element, "freejoint", name="body")
+        add(element, "freejoint", name="body")
     J = parts.inertia
-    ET.SubElement(
+    add(
         element,
         "inertial",
-        pos=number_text(parts.center_of_mass),
-        mass=number_text(parts.mass),
-        fullinertia=number_text((J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])),
+        pos=parts.center_of_mass,
+        mass=parts.mass,
+        fullinertia=(J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]),
     )
     low = robot.ball.radius + 2 * robot.wheels.radius
     high = max(2 * robot.body.center_of_mass, low + 0.05)
-    ET.SubElement(
+    add(
         element,
         "geom",
         name="body",
         type="cylinder",
-        size=number_text((robot.ball.radius,)),
-        fromto=number_text((0.0, 0.0, low, 0.0, 0.0, high)),
+        size=(robot.ball.radius,),
+        fromto=(0.0, 0.0, low, 0.0, 0.0, high),
         rgba="0.6 0.6 0.6 0.5",
     )
     return element
@@ -446,7 +439,7 @@ def _body(world: ET.Element, robot: Robot, parts: BodyParts, mounting: Mounting)
 
 def _payload(body: ET.Element, payload: Payload) -> None:
     radius = (3 * payload.mass / (4 * math.pi * _ALUMINIUM)) ** (1 / 3)
-    element = ET.SubElement(body, "body", name="payload", pos=number_text(payload.position))
-    inertia = number_text((0.4 * payload.mass * radius**2,) * 3)
-    ET.SubElement(element, "inertial", pos="0 0 0", mass=number_text(payload.mass), diaginertia=inertia)
-    ET.SubElement(element, "geom", type="sphere", size=number_text(radius), rgba="0.8 0.5 0.2 1")
+    element = add(body, "body", name="payload", pos=payload.position)
+    inertia = (0.4 * payload.mass * radius**2,) * 3
+    add(element, "inertial", pos="0 0 0", mass=payload.mass, diaginertia=inertia)
+    add(element, "geom", type="sphere", size=radius, rgba="0.8 0.5 0.2 1")

@@ -1,46 +1,55 @@
-"""Robots to and from the model files of others: MJCF (.xml, .mjcf) and URDF (.urdf).
+"""Robots as URDF, and from the models of others in MJCF or URDF, as MuJoCo compiles them.
 
-A model that is written has the twin's parts: each roller is a body of its own with one contact, an ellipsoid in MJCF
-and a cylinder in URDF, and a comment in the file says so. It also holds the robot file, since a model has no place for
-gears, motors, sensors and sources.
+A model that is read must show a ball, a body and omni-wheels. The ball is the one body that stands apart from the
+robot, has no parts and has a sphere as its shape. A wheel is a hinge on the robot whose axis a passes the ball's
+centre c at right angles and along the ball's meridian:
 
-A model that MuJoCo reads gives the parameters that it states (`ballbot.twin.recognition`). Of a file that Ballbot
-wrote, a parameter that still has its value keeps its source and its last digit. What a model does not state is taken
-from another robot and marked as assumed.
+    n = (p - c - ((p - c) . a) a) / |..|     towards the wheel, p on the axis a
+    |a . (z x n)| small                      the axle lies in the plane of n and the vertical
+
+Rollers are hinges on a wheel; without them the wheel's radius is its axle's distance from the ball. Everything else
+that moves with the body, such as an arm, counts as part of it, in the pose of the document.
+
+URDF has no ellipsoid: a roller is a cylinder of its radius, as long as fits between its neighbours without touching
+them, so that the wheel's outline has corners. Nor has URDF a rotor's reflected inertia, or friction by speed.
 """
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from ballbot.errors import InputError, either
-from ballbot.files import read_text, write_text
+from ballbot.errors import InputError
+from ballbot.files import read_text
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
-from ballbot.robot.components import BY_NAME, PARAMETERS
-from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.robot.file import parse_robot, robot_text
+from ballbot.robot.components import PARAMETERS
 from ballbot.robot.parameters import Value, build, value_of
-from ballbot.robot.robot import MODEL_SUFFIXES, is_model_file
-from ballbot.twin.engine import mechanism_of
-from ballbot.twin.mjcf import twin_mjcf
-from ballbot.twin.recognition import Recognized, recognize
+from ballbot.twin.engine import Engine, foreign_model
+from ballbot.twin.mjcf import add, twin_mjcf
 from ballbot.twin.scenario import Scenario
-from ballbot.twin.urdf import robot_urdf
 
 #: bytes of a document
 LARGEST_MODEL = 10_000_000
-_URDF = ".urdf"
-#: relative difference below which a number of a model is the one that was written: sums over a hundred parts
-_SAME = 1e-7
-#: a component below this, or below this share of the largest, is the error of a sum or a sine: a few bits of one
-_ROUNDING = 1e-15
+#: largest sine of the angle between an axle and the plane that it must lie in
+_ASLANT = 0.02
+#: how much distances and tilts of one robot's wheels may differ [m, rad]
+_UNEQUAL, _UNEQUAL_TILT = 1e-3, 0.02
+#: how much a wheel's radius by its rollers or shape may differ from the distance to the ball, over the radius
+_GAP = 0.05
+#: offset of the centre of mass from the ball's axis that is worth a note [m]
+_OFF_AXIS = 0.002
+#: MuJoCo's numbers of joints and of round shapes, with the half size that is their radius
+_FREE, _HINGE = 0, 3
+_SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER = 2, 3, 4, 5
+_FEWEST_ROLLERS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,65 +58,8 @@ class ReadModel:
 
     robot: Robot
     stated: tuple[str, ...]  #: parameters that the model states, by their dotted names
-    assumed: tuple[str, ...]  #: parameters that are assumed as in another robot
+    assumed: tuple[str, ...]  #: parameters that are assumed as in another robot, or zero friction
     notes: tuple[str, ...]  #: what a robot file cannot hold, as sentences
-
-
-def write_model(robot: Robot, path: str | Path) -> None:
-    """Write a robot as MJCF or URDF, by the suffix of `path`.
-
-    Raises
-    ------
-    InputError
-        If the suffix is another, the robot's wheels do not fit its body, or the file cannot be written.
-    """
-    if not is_model_file(path):
-        raise InputError(f"{path} is no name of a model file; it must end in {either(MODEL_SUFFIXES)}.")
-    if Path(path).suffix.lower() == _URDF:
-        root = robot_urdf(robot)
-        ET.SubElement(root, "ballbot").text = robot_text(robot)
-    else:
-        scenario = replace(Scenario.ideal(robot), name="model", friction=robot.friction)
-        root = ET.fromstring(twin_mjcf(robot, scenario))
-        root.insert(0, ET.Comment(_ABOUT_MJCF))
-        ET.SubElement(ET.SubElement(root, "custom"), "text", name="ballbot", data=robot_text(robot))
-    write_text(path, model_text(root))
-
-
-def model_text(root: ET.Element) -> str:
-    """Return a model as the text of a file: indented, and with zero where a vector has a rounding error of sums.
-
-    A simulation of the twin keeps such errors (1e-18 m), as its results depend on every bit; to a reader they say
-    nothing.
-    """
-    for element in root.iter():
-        if element.tag == "inertia":  # of URDF, one tensor in six attributes
-            components = _without_rounding_errors(" ".join(element.attrib.values())).split()
-            element.attrib.update(zip(element.attrib, components, strict=True))
-        for name, text in element.items():
-            element.set(name, _without_rounding_errors(text))
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
-
-
-def _without_rounding_errors(text: str) -> str:
-    """Return the text of a vector with zeros for its rounding errors; another text as it is."""
-    words = text.split()
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        return text
-    if len(values) < 2 or not all(map(math.isfinite, values)):
-        return text
-    least = _ROUNDING * max(1.0, *map(abs, values))
-    return " ".join("0.0" if abs(value) < least else word for word, value in zip(words, values, strict=True))
-
-
-_ABOUT_MJCF = """
-Each roller of an omni-wheel is a body of its own with one contact: an ellipsoid, which curves along the wheel's rim in
-its middle. Dry friction is that at rest; friction that depends on speed is only in the text ballbot, which holds the
-whole robot file.
-"""
 
 
 def read_model(path: str | Path, *, like: Robot) -> ReadModel:
@@ -125,132 +77,300 @@ def read_model(path: str | Path, *, like: Robot) -> ReadModel:
     InputError
         If the file cannot be read, is refused, or is not that of a ball-balancing robot.
     """
-    source = str(path)
     text = read_text(path, largest=LARGEST_MODEL)
-    mechanism = mechanism_of(text, source=source)
-    root = ET.fromstring(text)
-    texts = {one.get("name"): one.get("data") for one in root.iterfind("custom/text")}
+    model, data = foreign_model(text, source=str(path))
     try:
-        found = recognize(mechanism)
-        states_gravity = any(one.get("gravity") for one in root.iterfind("option"))
-        values = found.values | ({"gravity": mechanism.gravity} if states_gravity else {})
-        written = _written_robot(texts.get("ballbot", root.findtext("ballbot")), values, source=source)
-        if written is not None:
-            return _changed(written, replace(found, values=values), source)
-        return _assumed_like(like, replace(found, values=values), source)
+        stated, notes = _recognized(model, data, gear_ratio=like.drive.gear_ratio)
+        return _completed(like, stated, notes, Path(path).name)
     except InputError as error:
-        text = str(error)
-        raise InputError(text if text.startswith(source) else f"{source}: {text}") from None
+        raise InputError(f"{path}: {error}") from None
 
 
-def _written_robot(text: str | None, values: Mapping[str, Value], *, source: str) -> Robot | None:
-    """Return the robot whose file Ballbot wrote into a model; None if there is none or the wheels are others."""
-    if text is None:
-        return None
-    robot = parse_robot(text, Robot, source=f"the robot file in {source}")
-    azimuths = values["wheels.azimuths"]
-    return robot if isinstance(azimuths, tuple) and len(azimuths) == robot.wheel_count else None
-
-
-def _as_model(robot: Robot) -> dict[str, Value]:
-    """Return a robot's parameters as a model states them: its inertia about the ball's centre, friction at rest."""
-    inertia = robot.body.inertia_about_ball_center()
-    places = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-    friction = robot.friction
-    at_rest = tuple(c + s for c, s in zip(friction.coulomb, friction.stribeck, strict=True))
-    return {
-        **{one.name: value_of(robot, one) for one in PARAMETERS},
-        **{f"body.inertia.{name}": float(inertia[place]) for name, place in places.items()},
-        "friction.coulomb": at_rest,
-        # a model has them from 0 to below a turn
-        "wheels.azimuths": tuple(one % (2.0 * math.pi) for one in robot.wheels.azimuths),
+def _completed(like: Robot, stated: dict[str, Value], notes: tuple[str, ...], source: str) -> ReadModel:
+    """Return the robot with what a model states, and the rest as in another one."""
+    count = np.size(stated["wheels.azimuths"])
+    friction = {
+        "friction.viscous": (0.0,) * count,
+        "friction.coulomb": (0.0,) * count,
+        "friction.stribeck": (0.0,) * count,
+        "friction.rolling": 0.0,
+        **{f"friction.{name}": () for name in ("coulomb_asymmetry", "stribeck_asymmetry", "load")},
     }
-
-
-def _same(one: Value, other: Value, *, scale: float) -> bool:
-    """Return whether values are equal up to rounding, of their own size or of `scale`."""
-    a, b = np.atleast_1d(np.asarray(one, float)), np.atleast_1d(np.asarray(other, float))
-    return a.shape == b.shape and bool((np.abs(a - b) <= _SAME * np.maximum(np.abs(b), scale)).all())
-
-
-def _changed(robot: Robot, found: Recognized, source: str) -> ReadModel:
-    """Return the robot that Ballbot wrote, with what was changed in the model since."""
-    before = _as_model(robot)
-    largest = max(
-        abs(float(value))
-        for name, value in before.items()
-        if "inertia." in name and not isinstance(value, tuple)
-    )
-    changes = {
-        name: value
-        for name, value in found.values.items()
-        if not _same(value, before[name], scale=largest if name.startswith("body.inertia") else 1e-6)
+    none = {name: value for name, value in friction.items() if name not in stated}
+    rest = [one for one in PARAMETERS if one.name not in stated and one.name not in none]
+    sources = {
+        **dict.fromkeys(stated, f"calculated: from the model {printable_line(source)}"),
+        **dict.fromkeys(none, "assumed: the model does not state it"),
+        **{one.name: f"assumed: as in {printable_line(like.name)}" for one in rest},
     }
-    drive = robot.drive
-    reflected = reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    values = {one.name: value_of(like, one) for one in rest} | none | stated
+    robot = build(
+        Robot, {**values, "name": like.name, "body.inertia_about": "ball_center", "sources": sources}
     )
-    if found.reflected_inertia and not _same(found.reflected_inertia, reflected, scale=0.0):
-        changes |= _rotor(robot, found.reflected_inertia)
-    if any(name.startswith("body.inertia") for name in changes):  # all of them about one point
-        changes |= {name: value for name, value in found.values.items() if name.startswith("body.inertia")}
-    if "friction.coulomb" in changes:
-        changes["friction.stribeck"] = (0.0,) * robot.wheel_count
-    changed = _with(robot, changes, dict.fromkeys(changes, _source(source))) if changes else robot
-    return ReadModel(robot=changed, stated=tuple(changes), assumed=(), notes=found.notes)
+    assumed = (*none, *(one.name for one in rest))
+    return ReadModel(robot=robot, stated=tuple(stated), assumed=assumed, notes=notes)
 
 
-def _assumed_like(like: Robot, found: Recognized, source: str) -> ReadModel:
-    """Return the robot of another's model."""
-    values, assumed = dict(found.values), {}
-    count = len(values["wheels.azimuths"]) if isinstance(values["wheels.azimuths"], tuple) else 0
-    if found.reflected_inertia:
-        values |= _rotor(like, found.reflected_inertia)
-    stated = dict.fromkeys(values, _source(source))
-    if not np.any([values["friction.viscous"], values["friction.coulomb"]]):
-        assumed |= dict.fromkeys(
-            ("friction.viscous", "friction.coulomb"), "assumed: the model states no friction"
+def _recognized(model, data, *, gear_ratio: float) -> tuple[dict[str, Value], tuple[str, ...]]:
+    """Return the parameters that a compiled model (MjModel, with its MjData) states, and notes."""
+    ball, radius = _ball(model)
+    center = data.xipos[ball]
+    wheels = _wheels(model, data, center, radius)
+    joints = [wheel.joint for wheel in wheels]
+    root = int(model.body_rootid[model.jnt_bodyid[joints[0]]])
+    mass = float(model.body_subtreemass[root])
+    middle = data.subtree_com[root] - center
+    J = _inertia_about(model, data, root, center)
+    axles = [
+        float(
+            wheel.axis
+            @ _inertia_about(model, data, model.jnt_bodyid[wheel.joint], center + wheel.place)
+            @ wheel.axis
         )
-    none = {"friction.stribeck": (0.0,) * count, "friction.rolling": 0.0}
-    none |= {f"friction.{name}": () for name in ("coulomb_asymmetry", "stribeck_asymmetry", "load")}
-    assumed |= dict.fromkeys(none, "assumed: the model does not state it")
-    name = printable_line(like.name)
-    rest = [one.name for one in PARAMETERS if one.name not in values and one.name not in none]
-    assumed |= dict.fromkeys(rest, f"assumed: as in {name}")
-    robot = _with(like, values | none, stated | assumed)
-    return ReadModel(
-        robot=robot,
-        stated=tuple(key for key in values if key not in assumed),
-        assumed=tuple(assumed),
-        notes=found.notes,
-    )
-
-
-def _source(path: str) -> str:
-    return f"calculated: from the model {printable_line(Path(path).name)}"
-
-
-def _rotor(robot: Robot, reflected: float) -> dict[str, Value]:
-    """Return the inertias of motor and gear that give a reflected inertia [kg m^2] with the robot's gear ratio."""
-    return {"drive.motor_inertia": reflected / robot.drive.gear_ratio**2, "drive.gear_inertia": 0.0}
-
-
-def _with(robot: Robot, changes: Mapping[str, Value], sources: Mapping[str, str]) -> Robot:
-    """Return a robot with other values and their sources; what stays keeps its source and standard deviation."""
-    values = {one.name: value_of(robot, one) for one in PARAMETERS} | dict(changes)
-    about = (
-        "ball_center"
-        if any(name.startswith("body.inertia") for name in changes)
-        else robot.body.inertia_about
-    )
-    kept = {name: value for name, value in robot.sources.items() if name not in sources}
-    changed = build(
-        Robot,
-        {**values, "name": robot.name, "body.inertia_about": about, "sources": {**kept, **sources}},
-    )
-    deviations = {
-        name: value
-        for name, value in robot.standard_deviations.items()
-        if name not in sources and name in BY_NAME
+        for wheel in wheels
+    ]
+    velocities = model.jnt_dofadr[joints]
+    sizes = [_size(model, data, wheel, center, radius) for wheel in wheels]
+    values: dict[str, Value] = {
+        "gravity": float(np.linalg.norm(model.opt.gravity)),
+        "ball.radius": radius,
+        "ball.mass": float(model.body_mass[ball]),
+        "ball.inertia": float(model.body_inertia[ball].mean()),
+        "body.mass": mass,
+        "body.center_of_mass": float(middle[2]),
+        **{f"body.inertia.{a}{b}": float(J["xyz".index(a), "xyz".index(b)]) for a, b in _ELEMENTS},
+        "wheels.radius": float(np.mean([size["wheels.radius"] for size in sizes])),
+        "wheels.inertia": float(np.mean(axles)),
+        "wheels.tilt": float(np.mean([wheel.tilt for wheel in wheels])),
+        # from 0 to below a turn, but for rounding
+        "wheels.azimuths": tuple(
+            (math.atan2(wheel.place[1], wheel.place[0]) + 1e-9) % (2.0 * math.pi) - 1e-9 for wheel in wheels
+        ),
+        **{name: value for name, value in sizes[0].items() if name != "wheels.radius"},
     }
-    return changed.annotated(standard_deviations=deviations, correlation=robot.correlation)
+    friction = {"viscous": model.dof_damping[velocities], "coulomb": model.dof_frictionloss[velocities]}
+    values |= {f"friction.{name}": tuple(one.tolist()) for name, one in friction.items() if one.any()}
+    if (limit := min(_torque_limit(model, joint) for joint in joints)) < math.inf:
+        values["drive.torque_limit"] = limit
+    if (reflected := float(model.dof_armature[velocities].mean())) > 0.0:
+        values |= {"drive.motor_inertia": reflected / gear_ratio**2, "drive.gear_inertia": 0.0}
+    off = float(np.hypot(middle[0], middle[1]))
+    note = (
+        f"The body's centre of mass lies {1e3 * off:.3g} mm beside the vertical through the ball's centre; a robot "
+        "file has it on that line."
+    )
+    return values, (note,) if off > _OFF_AXIS else ()
+
+
+_ELEMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+def _inertia_about(model, data, body: int, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inertia (3, 3) of a body with all that it carries about a point, in the world's axes."""
+    xx, yy, zz, xy, xz, yz, *moment, mass = data.crb[body].tolist()
+    about = data.subtree_com[model.body_rootid[body]]  # MuJoCo's own point
+    place = np.array(moment) / mass if mass > 0.0 else np.zeros(3)
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * _of_point(place)
+    return inertia + mass * _of_point(about + place - point)
+
+
+def _of_point(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    return place @ place * np.eye(3) - np.outer(place, place)
+
+
+def _ball(model) -> tuple[int, float]:
+    """Return the ball's body and radius."""
+    carried = set(model.body_parentid[1:].tolist())
+    found = {
+        int(owner): float(size[0])
+        for owner, kind, size in zip(model.geom_bodyid, model.geom_type, model.geom_size, strict=True)
+        if kind == _SPHERE and owner and model.body_parentid[owner] == 0 and int(owner) not in carried
+    }
+    if len(found) != 1:
+        raise InputError(
+            f"It has {len(found) or 'no'} bodies that could be the ball: a robot's ball is the one body in the world, "
+            "apart from the robot, with a sphere as its shape and without parts."
+        )
+    return next(iter(found.items()))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Wheel:
+    joint: int
+    axis: NDArray[np.float64]  #: (3,)
+    place: NDArray[np.float64]  #: (3,) of its middle from the ball's centre [m]
+
+    @property
+    def distance(self) -> float:
+        return float(np.linalg.norm(self.place))
+
+    @property
+    def tilt(self) -> float:
+        return math.acos(float(self.place[2]) / self.distance)
+
+
+def _wheels(model, data, center: NDArray[np.float64], ball_radius: float) -> list[_Wheel]:
+    """Return three or four wheels, in the document's order."""
+    hinges = np.flatnonzero(model.jnt_type == _HINGE).tolist()
+    turning = set(model.jnt_bodyid[hinges].tolist())
+    found: dict[int, _Wheel] = {}  # by the body; a second hinge of a wheel is its gear's play
+    for joint in hinges:
+        body = int(model.jnt_bodyid[joint])
+        if not _ancestors(model, body) & turning:
+            axis, arm = data.xaxis[joint], data.xanchor[joint] - center
+            found.setdefault(body, _Wheel(joint=joint, axis=axis, place=arm - (arm @ axis) * axis))
+    wheels = [one for one in found.values() if one.distance > ball_radius and _is_along_meridian(one)]
+    spread = [np.ptp([getattr(one, name) for one in wheels] or [0.0]) for name in ("distance", "tilt")]
+    if len(wheels) not in (3, 4) or spread[0] > _UNEQUAL or spread[1] > _UNEQUAL_TILT:
+        names = ", ".join(model.joint(one.joint).name[:40] or "?" for one in list(found.values())[:8])
+        raise InputError(
+            f"It has {len(wheels)} wheels on the ball, and a robot has three or four of the same tilt: hinges on the "
+            "body whose axles lie at right angles to the line from the ball's centre, in the plane of that line and "
+            f"the vertical (hinges on the body: {names or 'none'})."
+        )
+    return wheels
+
+
+def _ancestors(model, body: int) -> set[int]:
+    """Return the bodies that carry a body."""
+    found = set[int]()
+    while body := int(model.body_parentid[body]):
+        found.add(body)
+    return found
+
+
+def _is_along_meridian(wheel: _Wheel) -> bool:
+    across = np.array([-wheel.place[1], wheel.place[0], 0.0]) / wheel.distance
+    size = float(np.linalg.norm(across))
+    return size > _ASLANT and abs(float(wheel.axis @ across)) < _ASLANT * size
+
+
+def _size(model, data, wheel: _Wheel, center: NDArray[np.float64], ball_radius: float) -> dict[str, Value]:
+    """Return the radius of a wheel, and its rollers if it has any."""
+    body, gap = int(model.jnt_bodyid[wheel.joint]), wheel.distance - ball_radius
+    rollers = [
+        one
+        for one, kind in zip(model.jnt_bodyid.tolist(), model.jnt_type, strict=True)
+        if kind == _HINGE and model.body_parentid[one] == body
+    ]
+    found: dict[str, Value] = {}
+    radius = max(_radii(model, [body]), default=gap)
+    if len(rollers) >= _FEWEST_ROLLERS and (radii := _radii(model, rollers)):
+        places = data.xipos[rollers] - center - wheel.place
+        along = places @ wheel.axis
+        rows = len(np.unique(np.round(along, 4)))
+        found = {
+            "wheels.rollers.rows": rows,
+            "wheels.rollers.per_row": len(rollers) // rows,
+            "wheels.rollers.radius": float(np.mean(radii)),
+        }
+        if rows > 1:
+            found["wheels.rollers.row_spacing"] = float(np.ptp(along) / (rows - 1))
+        ring = np.linalg.norm(places - np.outer(along, wheel.axis), axis=1)
+        radius = float(ring.mean() + np.mean(radii))
+    if abs(radius - gap) > _GAP * gap:
+        raise InputError(
+            f"The wheel {model.joint(wheel.joint).name[:40]!r} has a radius of {1e3 * radius:.4g} mm by its rollers "
+            f"or shape, but {1e3 * gap:.4g} mm lie between its axle and the ball."
+        )
+    return {"wheels.radius": radius if found else gap, **found}
+
+
+def _radii(model, bodies: Iterable[int]) -> list[float]:
+    """Return the radii of the round shapes of bodies [m]; of an ellipsoid, the smallest half axis."""
+    return [
+        float(size.min() if kind == _ELLIPSOID else size[0])
+        for owner, kind, size in zip(model.geom_bodyid, model.geom_type, model.geom_size, strict=True)
+        if owner in bodies and kind in (_SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER)
+    ]
+
+
+def _torque_limit(model, joint: int) -> float:
+    """Return the largest torque [N m] that a joint's own limits and those of its motors allow; inf if none."""
+    limits = [float(model.jnt_actfrcrange[joint, 1])] if model.jnt_actfrclimited[joint] else []
+    for k in range(model.nu):
+        if model.actuator_trntype[k] == 0 and model.actuator_trnid[k, 0] == joint:  # 0: it drives a joint
+            gear = abs(float(model.actuator_gear[k, 0]))
+            for limited, span in (
+                (model.actuator_ctrllimited[k], model.actuator_ctrlrange[k]),
+                (model.actuator_forcelimited[k], model.actuator_forcerange[k]),
+            ):
+                limits += [gear * float(span[1])] if limited else []
+    return min(limits, default=math.inf)
+
+
+_ABOUT = """
+Each roller of an omni-wheel is a link of its own with one contact: a cylinder. With them the robot can move in all
+directions; the outline of a wheel has corners, which a real wheel has not. The twin of Ballbot has rounded rollers
+(MJCF). Friction is that at rest; the rotors' inertia is left out.
+"""
+#: of the length at which rollers touch
+_CLEAR = 0.98
+
+
+def robot_urdf(robot: Robot) -> str:
+    """Return a robot with its own friction as URDF: the twin's bodies, as MuJoCo compiles them.
+
+    Raises
+    ------
+    InputError
+        If MuJoCo is not installed, or the robot's wheels do not fit its body.
+    """
+    scenario = replace(Scenario.ideal(robot), name="model", friction=robot.friction)
+    model, rollers, drive = Engine(twin_mjcf(robot, scenario)).model, robot.wheels.rollers, robot.drive
+    # its inner edge stays within the roller's part of a turn
+    turn = math.pi / (rollers.per_row * rollers.rows)
+    half = _CLEAR * (robot.wheels.radius - 2.0 * rollers.radius) * math.tan(turn)
+    root = ET.Element("robot", name=robot.name)
+    root.append(ET.Comment(_ABOUT))
+    names = ["world", *(model.body(k).name.replace(" ", "_") for k in range(1, model.nbody))]
+    for name in names:
+        add(root, "link", name=name)
+    links = dict(zip(names, root.iterfind("link"), strict=True))
+    for k in range(1, model.nbody):
+        inertial = add(links[names[k]], "inertial")
+        _origin(inertial, model.body_ipos[k], Rotation.identity())
+        add(inertial, "mass", value=float(model.body_mass[k]))
+        R = _rotation(model.body_iquat[k]).as_matrix()
+        inertia = R @ np.diag(model.body_inertia[k]) @ R.T
+        elements = {f"i{a}{b}": float(inertia["xyz".index(a), "xyz".index(b)]) for a, b in _ELEMENTS}
+        add(inertial, "inertia", **elements)
+        first = int(model.body_jntadr[k])
+        kind = "floating" if model.jnt_type[first] == _FREE else "continuous"
+        joint = add(root, "joint", name=names[k], type=kind)
+        add(joint, "parent", link=names[model.body_parentid[k]])
+        add(joint, "child", link=names[k])
+        _origin(joint, model.body_pos[k], _rotation(model.body_quat[k]))
+        if kind == "continuous":
+            add(joint, "axis", xyz=model.jnt_axis[first])
+        if names[k].startswith("wheel"):
+            fastest = drive.supply_voltage * drive.speed_constant / drive.gear_ratio
+            add(joint, "limit", effort=drive.torque_limit, velocity=fastest)
+            place = int(model.jnt_dofadr[first])
+            damping, friction = float(model.dof_damping[place]), float(model.dof_frictionloss[place])
+            add(joint, "dynamics", damping=damping, friction=friction)
+    for k in np.flatnonzero(model.geom_bodyid).tolist():
+        touches = model.geom_contype[k] or model.geom_conaffinity[k]
+        for use in ("visual", "collision")[: 2 if touches else 1]:
+            shape = add(links[names[model.geom_bodyid[k]]], use)
+            kind, (radius, length, _) = model.geom_type[k], model.geom_size[k].tolist()
+            turn = _rotation(model.geom_quat[k])
+            if kind == _ELLIPSOID:  # of a roller; its own axis is y, a cylinder's is z
+                turn, length = turn * Rotation.from_euler("x", -0.5 * math.pi), half
+            _origin(shape, model.geom_pos[k], turn)
+            geometry = add(shape, "geometry")
+            if kind == _SPHERE:
+                add(geometry, "sphere", radius=radius)
+            else:
+                add(geometry, "cylinder", radius=radius, length=2.0 * length)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _rotation(quaternion_wxyz: NDArray[np.float64]) -> Rotation:
+    return Rotation.from_quat(np.roll(quaternion_wxyz, -1))
+
+
+def _origin(element: ET.Element, place: NDArray[np.float64], turn: Rotation) -> None:
+    angles = turn.as_euler("xyz")
+    add(element, "origin", xyz=place, rpy=angles)

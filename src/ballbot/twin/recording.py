@@ -10,7 +10,7 @@ Motion capture has a frame, a clock and noise of its own, which follow from a se
     p_camera = R_camera_world p + origin
     q_camera_body = q_camera_world q_world_body
 
-The columns are NaN while too few cameras see the robot. An alignment of log and cameras is tested against the setup.
+An alignment of log and cameras is tested against the setup.
 
 `twin_findings` checks whether the twin can simulate a robot and the nominal controller can balance it.
 """
@@ -56,17 +56,6 @@ class MotionCapture:
     clock_rate: float  #: how much faster the cameras' clock runs [s/s]
     position_noise: float  #: standard deviation of each coordinate [m]
     orientation_noise: float  #: standard deviation about each axis [rad]
-    gap_rate: float = 0.0  #: gaps in which the cameras do not see the robot [1/s]
-    gap_duration: float = 0.3  #: mean duration of a gap [s]
-
-    def __post_init__(self) -> None:
-        for name, least in (("rate", "above 0 Hz"), ("gap_duration", "above 0 s")):
-            if not getattr(self, name) > 0:
-                raise InputError(
-                    f"{name} of the motion capture is {getattr(self, name)}; it must be {least}."
-                )
-        if not self.gap_rate >= 0:
-            raise InputError(f"gap_rate of the motion capture is {self.gap_rate}; it must be 0/s or more.")
 
     @staticmethod
     def drawn(seed: int) -> MotionCapture:
@@ -100,8 +89,7 @@ class MotionCapture:
         Returns
         -------
         Log
-            t [s]; x y z [m], the ball's centre; qw qx qy qz, body to cameras' frame, without jumps of sign. Except
-            for t, NaN while the robot is out of view.
+            t [s]; x y z [m], the ball's centre; qw qx qy qz, body to cameras' frame, without jumps of sign.
         """
         truth.require("x", "y", "theta", "phi", "psi")
         start, end = float(truth.t[0]), float(truth.t[-1])
@@ -119,25 +107,7 @@ class MotionCapture:
         columns = {"t": (1.0 + self.clock_rate) * t + self.clock_offset}
         columns |= dict(zip("xyz", centers.T, strict=True))
         columns |= {name: quaternions[:, i] for name, i in (("qw", 3), ("qx", 0), ("qy", 1), ("qz", 2))}
-        unseen = self._unseen(t)
-        return Log(
-            {
-                name: values if name == "t" else np.where(unseen, np.nan, values)
-                for name, values in columns.items()
-            }
-        )
-
-    def _unseen(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return at which times (N,) the robot is out of view."""
-        unseen = np.zeros(len(t), dtype=bool)
-        random = np.random.default_rng([self.seed, 122])
-        begin = t[0]
-        while self.gap_rate > 0 and begin <= t[-1]:
-            begin += random.exponential(1.0 / self.gap_rate)  # from one gap to the next: Exp(gap_rate)
-            unseen |= (t >= begin) & (
-                t < begin + random.exponential(self.gap_duration)
-            )  # Exp(1 / gap_duration)
-        return unseen
+        return Log(columns)
 
 
 def _wxyz(rotation: Rotation) -> tuple[float, float, float, float]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict
@@ -232,39 +232,6 @@ class Scenario:
         return replace(quiet, name="ideal", friction=friction)
 
     @staticmethod
-    def wide_rows(robot: RobotLike) -> Scenario:
-        """Return `nominal` with the rows of rollers 22 mm apart, as on the wheels of a cheap robot."""
-        nominal = Scenario.nominal(robot)
-        return replace(nominal, name="wide_rows", rollers=replace(nominal.rollers, row_spacing=0.022))
-
-    @staticmethod
-    def single_row(robot: RobotLike) -> Scenario:
-        """Return `nominal` with single-row wheels of twice as many rollers, as the thesis recommends."""
-        nominal = Scenario.nominal(robot)
-        rollers = replace(nominal.rollers, rows=1, per_row=2 * nominal.rollers.per_row)
-        return replace(nominal, name="single_row", rollers=rollers)
-
-    @staticmethod
-    def single_point(robot: RobotLike) -> Scenario:
-        """Return `nominal` with wheels that touch the ball in a single point, as in the equations of motion."""
-        return replace(Scenario.nominal(robot), name="single_point", wheel_contact="point")
-
-    @staticmethod
-    def resonant(robot: RobotLike) -> Scenario:
-        """Return `nominal` with drivelines that twist: a lightly damped resonance at 40 Hz.
-
-        The nominal gain still balances it; at 30 Hz or with half the damping it oscillates until it falls.
-        """
-        compliance = Compliance(frequency=40.0, damping_ratio=0.1)
-        return replace(Scenario.nominal(robot), name="resonant", compliance=compliance)
-
-    @staticmethod
-    def soft_ball(robot: RobotLike) -> Scenario:
-        """Return `nominal` with a ball that deforms by 30 um for each newton of a wheel, like an inflated one."""
-        softness = Softness(stiffness=3e4, damping=200.0)
-        return replace(Scenario.nominal(robot), name="soft_ball", softness=softness)
-
-    @staticmethod
     def names() -> list[str]:
         """Return the names of the named scenarios."""
         return list(_NAMED)
@@ -275,7 +242,10 @@ class Scenario:
         if name not in _NAMED:
             hint = suggest(name, _NAMED, otherwise="there are")
             raise InputError(f"There is no scenario {name!r}; {hint}")
-        return _NAMED[name](robot)
+        if name == "ideal":
+            return Scenario.ideal(robot)
+        nominal = Scenario.nominal(robot)
+        return replace(nominal, name=name, **_NAMED[name](nominal.rollers))
 
 
 def _sizes(value: object, name: str) -> str:
@@ -298,14 +268,21 @@ def _repeated(values: tuple[float, ...], robot: Robot) -> tuple[float, ...]:
     return tuple(values[i % len(values)] for i in range(robot.wheel_count))
 
 
-_NAMED: dict[str, Callable[[RobotLike], Scenario]] = {
-    "nominal": Scenario.nominal,
-    "ideal": Scenario.ideal,
-    "wide_rows": Scenario.wide_rows,
-    "single_row": Scenario.single_row,
-    "single_point": Scenario.single_point,
-    "resonant": Scenario.resonant,
-    "soft_ball": Scenario.soft_ball,
+#: the named scenarios: what they have other than `nominal`, which depends on its rollers
+_NAMED: dict[str, Callable[[Rollers], dict[str, Any]]] = {
+    "nominal": lambda _: {},
+    "ideal": lambda _: {},
+    # rows of rollers 22 mm apart, as on the wheels of a cheap robot
+    "wide_rows": lambda rollers: {"rollers": replace(rollers, row_spacing=0.022)},
+    # single-row wheels of twice as many rollers, as the thesis recommends
+    "single_row": lambda rollers: {"rollers": replace(rollers, rows=1, per_row=2 * rollers.per_row)},
+    # wheels that touch the ball in a single point, as in the equations of motion
+    "single_point": lambda _: {"wheel_contact": "point"},
+    # drivelines that twist, lightly damped. The nominal gain still balances them; at 30 Hz or with half the damping the
+    # robot oscillates until it falls
+    "resonant": lambda _: {"compliance": Compliance(frequency=40.0, damping_ratio=0.1)},
+    # a ball that deforms by 30 um for each newton of a wheel, like an inflated one
+    "soft_ball": lambda _: {"softness": Softness(stiffness=3e4, damping=200.0)},
 }
 
 #: pushes in a run

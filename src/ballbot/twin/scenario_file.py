@@ -15,25 +15,21 @@ and, commented out, an example of every other one; it reads back as the same sce
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 from types import NoneType
 from typing import get_args, get_type_hints
 
-from ballbot.errors import InputError, OldFileFormat, suggest
+from ballbot.errors import InputError, suggest
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.mechanics.friction_laws import BRISTLE_LAWS
 from ballbot.robot import RobotLike, as_robot
 from ballbot.robot.parameters import DIMENSIONLESS, parameters_of
-from ballbot.schema import renamed_keys, toml_line, validate_table
+from ballbot.schema import toml_line, validate_table
 from ballbot.twin.faults import read_laws
 from ballbot.twin.scenario import Scenario, check_scenario
-
-#: keys of earlier versions, by table
-_RENAMED = {"load_dependence": {"share": "fraction"}}
 
 #: a fault of each kind, of a size that a robot like the thesis's could have
 EXAMPLES: dict[str, object] = {
@@ -52,8 +48,6 @@ base = "nominal"
 def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
     """Return the scenario of that name, or the one in that TOML file, for a robot.
 
-    Warns with `OldFileFormat` if an earlier version wrote the file.
-
     Raises
     ------
     InputError
@@ -67,14 +61,12 @@ def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
         raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
     tree = read_toml(path)
     try:
-        return scenario_of(take_format(tree, "scenario"), robot, default_name=path.stem, source=str(path))
+        return scenario_of(take_format(tree, "scenario"), robot, default_name=path.stem)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def scenario_of(
-    tree: Mapping[str, object], robot: RobotLike, *, default_name: str, source: str = "The scenario"
-) -> Scenario:
+def scenario_of(tree: Mapping[str, object], robot: RobotLike, *, default_name: str) -> Scenario:
     """Return the scenario that the tables of a scenario file describe, for a robot.
 
     Parameters
@@ -84,15 +76,13 @@ def scenario_of(
     robot : Robot
     default_name : str
         Name of the scenario if the tables have none.
-    source : str
-        Source of the tables, for the warning `OldFileFormat` if an earlier version wrote them.
 
     Raises
     ------
     InputError
         If they misspell a key or describe no scenario of that robot.
     """
-    changes, hints = renamed_keys(tree, _RENAMED)
+    changes = dict(tree)
     base = changes.pop("base", "nominal")
     if not isinstance(base, str):
         raise InputError(f"base is {base!r}; it must be a text in quotes, such as {Scenario.names()[0]!r}.")
@@ -102,10 +92,6 @@ def scenario_of(
     scenario = validate_table(Scenario, values, of="a scenario file")
     scenario = replace(scenario, driveline_laws=start.driveline_laws if laws is None else read_laws(laws))
     check_scenario(scenario, as_robot(robot))
-    if hints:
-        warnings.warn(
-            f"{source} was written by an earlier version: {'; '.join(hints)}.", OldFileFormat, stacklevel=2
-        )
     return scenario
 
 

@@ -3,7 +3,7 @@
 It is a plant (`ballbot.simulation.plant`): torques in, measurements out. Beyond the exact model it has wheels that
 touch with one of two rows of rollers, slip, soft contacts, gearbox play and the other faults of its scenario, and
 sensors with quantisation, noise and drift. Delayed torques and sampling jitter (`TimingModel`), pushes on the body and
-bumps of the floor (`Disturbance`) are applied here, once a sample.
+bumps of the floor (`Disturbances`) are applied here, once a sample.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +20,6 @@ from ballbot.estimation.interface import Estimator
 from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.geometry import angle_rates, quaternion_of, transforms
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.simulation.imperfections import Push
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.twin.driveline import Driveline, Shafts
@@ -75,26 +73,6 @@ class TimingModel:
 _WAVES = 24
 
 
-class Disturbance(Protocol):
-    """External forces."""
-
-    def prepare_sample(self, t: float) -> None:
-        """Set the forces for the sample that begins at t [s]."""
-        ...
-
-
-def disturbances(robot: Robot, scenario: Scenario, engine: Engine) -> list[Disturbance]:
-    """Return the disturbances of a scenario."""
-    found: list[Disturbance] = []
-    if scenario.pushes:
-        found.append(Pushes(scenario.pushes, engine))
-    if scenario.roughness:
-        carried = scenario.payload.mass if scenario.payload else 0.0
-        weight = (robot.ball.mass + robot.body.mass + carried) * robot.gravity
-        found.append(Bumps(scenario.roughness, weight, engine))
-    return found
-
-
 class BodyForce:
     """Forces on the body at heights above the ball's centre, until they are changed."""
 
@@ -116,34 +94,31 @@ class BodyForce:
         self._wrench[3:] += np.cross(arm, newtons)
 
 
-class Pushes:
-    """Forces on the body, each during its interval."""
+class Disturbances:
+    """The pushes and the bumps of a scenario.
 
-    def __init__(self, pushes: tuple[Push, ...], engine: Engine) -> None:
-        self._pushes = pushes
-        self._force = BodyForce(engine)
+    A push is a force on the body during its interval. A bump is the force of the slope of an uneven floor, at the
+    ball's centre.
+    """
 
-    def prepare_sample(self, t: float) -> None:
-        """Set the sum of the pushes that act at t [s], within half a microsecond of rounding."""
-        self._force.clear()
-        for push in self._pushes:
-            if push.time - 5e-7 <= t < push.time + push.duration - 5e-7:
-                self._force.add(push.force, push.height)
-
-
-class Bumps:
-    """The force of the slope of an uneven floor, at the ball's centre."""
-
-    def __init__(self, roughness: Roughness, weight: float, engine: Engine) -> None:
-        self._wrench = engine.external_force("ball")
+    def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
+        self._pushes, self._body = scenario.pushes, BodyForce(engine)
+        self._floor = UnevenFloor(scenario.roughness) if scenario.roughness else None
+        carried = scenario.payload.mass if scenario.payload else 0.0
+        self._weight = (robot.ball.mass + robot.body.mass + carried) * robot.gravity  # of all that rolls [N]
+        self._on_ball = engine.external_force("ball")
         ball = engine.first_position("ball")
         self._place = engine.qpos[ball : ball + 2]
-        self._weight = weight  # of all that rolls [N]
-        self._floor = UnevenFloor(roughness)
 
-    def prepare_sample(self, t: float) -> None:  # noqa: ARG002 (the interface's)
-        """Set the force at the ball's position."""
-        self._wrench[:2] = -self._weight * self._floor.slope(self._place)
+    def prepare_sample(self, t: float) -> None:
+        """Set the forces for the sample that begins at t [s], within half a microsecond of rounding."""
+        if self._pushes:
+            self._body.clear()
+        for push in self._pushes:
+            if push.time - 5e-7 <= t < push.time + push.duration - 5e-7:
+                self._body.add(push.force, push.height)
+        if self._floor is not None:
+            self._on_ball[:2] = -self._weight * self._floor.slope(self._place)
 
 
 class UnevenFloor:
@@ -209,7 +184,7 @@ class Twin:
         self._substeps = round(sensors.sample_time / self.scenario.timestep)
         self._driveline = Driveline(robot, self.scenario, self.engine)
         self._shafts = Shafts(robot, self.scenario, self.engine)
-        self._disturbances = disturbances(robot, self.scenario, self.engine)
+        self._disturbances = Disturbances(robot, self.scenario, self.engine)
         self._timing: TimingModel | None = None
         self._sensors = SensorSuite(
             robot,
@@ -327,8 +302,7 @@ class Twin:
         steps = self._substeps
         if self._timing:
             torques, steps = self._timing.acting(torques), self._timing.next_steps()
-        for disturbance in self._disturbances:
-            disturbance.prepare_sample(self._t)
+        self._disturbances.prepare_sample(self._t)
         self._driveline.command(torques + noise)
         prepare, step = self._driveline.prepare_step, self.engine.step
         for _ in range(steps):

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.presets import ControllerLike, as_controller
@@ -45,7 +44,6 @@ from ballbot.validation.resolution import no_evidence
 from ballbot.validation.result import Validation
 
 
-@checked_arguments
 def validate(
     robot: RobotLike,
     logs: LogsLike,

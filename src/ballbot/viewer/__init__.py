@@ -2,7 +2,6 @@
 
 motion     what a log shows, at even times: pose, the ball's rotation, wheels, friction, signals to plot
 packing    columns as few bytes of text
-foxglove   the same motion as topics of an MCAP file
 page       the page with picture, controls and plots, whole or as a part of another page
 
 `web/` has the page's own code: `linear`, `meshes`, `renderer` (WebGL 2), `runs`, `camera`, `scene`, `plots` and

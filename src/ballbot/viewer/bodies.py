@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,35 +50,11 @@ def push_force(force: tuple[float, float], height: float, attitude: Sequence[flo
     return np.array([f_x, f_y, about_theta, about_phi, 0.0])
 
 
-class Body(Protocol):
-    """A plant that can be pushed, and whose friction and floor can change."""
-
-    robot: Robot  #: with the friction that acts now
-
-    def reset(self, state: NDArray[np.float64]) -> Measurement:
-        """Start from a state (10,)."""
-        ...
-
-    def change(self, friction: Friction, slope: tuple[float, float]) -> None:
-        """Go on with other friction and another slope of the floor."""
-        ...
-
-    def step(
-        self, torques: NDArray[np.float64], duration: float, force: tuple[float, float], height: float
-    ) -> Measurement:
-        """Hold torques (n,) and a push for a duration [s]."""
-        ...
-
-    def ball(self) -> NDArray[np.float64]:
-        """Return the ball's orientation (4,), world from ball, wxyz."""
-        ...
-
-
 class ModelBody:
     """The exact model with perfect sensors."""
 
     def __init__(self, robot: Robot) -> None:
-        self.robot = robot
+        self.robot = robot  #: with the friction that acts now
         self._plant = ModelPlant(Model(robot))
         self._slope = (0.0, 0.0)
 
@@ -174,3 +149,7 @@ class TwinBody:
     def ball(self) -> NDArray[np.float64]:
         """Return the ball's orientation (4,), world from ball, wxyz."""
         return np.array(quaternion_product(self._quaternion.tolist(), self._turned.tolist()))
+
+
+#: a plant that can be pushed, and whose friction and floor can change
+Body = ModelBody | TwinBody

@@ -2,11 +2,14 @@
 
     every 20 ms of real time:  requests -> friction, floor, reference, push -> samples of each robot -> one frame
 
+A page may ask for what `Request` has: numbers and names of settings, in their ranges.
+
 Each robot is the exact model or the twin (`bodies`), with a controller of its own behind the safety layer.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -31,7 +34,7 @@ from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.viewer.bodies import Body, ModelBody, TwinBody
 from ballbot.viewer.motion import INTERVAL
-from ballbot.viewer.page import LiveLayout, LivePage, live_page
+from ballbot.viewer.page import LivePage, live_page
 from ballbot.workflows.candidates import Candidate
 from ballbot.workflows.courses import PlantName
 
@@ -94,6 +97,35 @@ class LivePush:
     height: Annotated[float, Field(ge=-1.0, le=10.0)]  #: above the ball's centre along the body's axis [m]
     duration: Annotated[float, Field(gt=0.0, le=0.5)] = 0.1  #: simulated time [s]; a new push takes its place
     robot: Annotated[int, Field(ge=0)] | None = None  #: all, if not given
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What a page may ask for: other settings, a push, a reset."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    change: dict[str, float | str | bool] | None = None
+    push: LivePush | None = None
+    reset: bool = False
+
+
+def read_request(text: str) -> Request:
+    """Return the request in a page's message.
+
+    Raises
+    ------
+    InputError
+        If it is no JSON, or asks for anything else or for a value out of its range.
+    """
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError):
+        raise InputError("The request is not valid JSON.") from None
+    request = validate_table(Request, tree, of="a request to a live view")
+    if request.change is not None:
+        Settings().changed(dict(request.change))
+    return request
 
 
 #: ready-made controllers whose names on the command line say too little on the page
@@ -246,11 +278,6 @@ def robot_names(wheel_count: int) -> tuple[str, ...]:
     )
 
 
-def frame_size(entries: Sequence[Entry]) -> int:
-    """Return how many values a frame has."""
-    return len(WORLD_NAMES) + sum(len(robot_names(one.robot.wheel_count)) for one in entries)
-
-
 def homes(entries: Sequence[Entry]) -> list[tuple[float, float]]:
     """Return where the robots start [m], beside one another along y."""
     apart = 6.0 * max(one.robot.ball.radius for one in entries)
@@ -278,9 +305,14 @@ def live_view_page(entries: Sequence[Entry]) -> LivePage:
             f"{first.scenario or 'nominal'}, and its controller knows it."
         )
     names = tuple(robot_names(one.robot.wheel_count) for one in entries)
-    layout = LiveLayout(world=WORLD_NAMES, robots=names, homes=tuple(homes(entries)), notes=tuple(notes))
-    title = every(dict.fromkeys(one.robot.name for one in entries))
-    return live_page({one.name: one.robot for one in entries}, layout, title=title)
+    return live_page(
+        {one.name: one.robot for one in entries},
+        world=WORLD_NAMES,
+        names=names,
+        homes=homes(entries),
+        notes=notes,
+        title=every(dict.fromkeys(one.robot.name for one in entries)),
+    )
 
 
 class World:
@@ -290,7 +322,39 @@ class World:
         self.robots = [RobotOnFloor(*one) for one in zip(entries, homes(entries), strict=True)]
         self.settings = Settings(rolling=min(0.1, self.robots[0].friction.rolling))
         self.t = 0.0
+        self._message = ""  # why a change was not made
+        self._changes: dict[str, object] = {}  # that the next tick makes: to change a world may take a while
         self._reset_reference()
+
+    def prepare(self) -> None:
+        """Compile what every sample needs."""
+        self.push(LivePush(force=(1.0, 0.0), height=0.1))
+        self.tick()
+        self.frame(1.0)
+        self.reset()
+
+    def take(self, request: Request) -> None:
+        """Do what a page asks for."""
+        self._changes |= request.change or {}
+        if request.reset:
+            self._make_changes()
+            self.reset()
+        if request.push is not None:
+            self.push(request.push)
+
+    def _make_changes(self) -> None:
+        changes, self._changes = self._changes, {}
+        if changes:
+            try:
+                self._message = ""
+                self.change(changes)
+            except InputError as error:
+                self._message = str(error)
+
+    def status(self) -> str:
+        """Return as JSON what changes seldom: settings, why robots' runs ended, why a change was not made."""
+        ended = [one.ended for one in self.robots]
+        return json.dumps({"message": self._message, "settings": asdict(self.settings), "ended": ended})
 
     def _reset_reference(self) -> None:
         chosen = self.settings
@@ -326,7 +390,10 @@ class World:
             robot.reset()
 
     def tick(self) -> None:
-        """Advance by what passes in one interval of real time."""
+        """Make the changes that were asked for, and advance by what passes in one interval of real time."""
+        self._make_changes()
+        if self.settings.paused:
+            return
         duration = INTERVAL * self.settings.pace
         wanted = np.array([self.settings.x, self.settings.y, self.settings.psi])
         step = wanted - self._place

@@ -144,26 +144,27 @@ class LivePage:
     policy: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class LiveLayout:
-    """What the page of a live view knows before the first frame."""
-
-    world: tuple[str, ...]  #: names of a frame's first values
-    robots: tuple[tuple[str, ...], ...]  #: names of each robot's values
-    homes: tuple[tuple[float, float], ...]  #: where each robot starts [m]
-    notes: tuple[str, ...]  #: what is shown, in sentences
-    monitor: bool = False  #: whether the page only shows
-
-
-def live_page(robots: Mapping[str, Robot], layout: LiveLayout, *, title: str) -> LivePage:
+def live_page(
+    robots: Mapping[str, Robot],
+    *,
+    world: Sequence[str],
+    names: Sequence[Sequence[str]],
+    homes: Sequence[tuple[float, float]],
+    notes: Sequence[str],
+    title: str,
+) -> LivePage:
     """Return the page of a live view, which shows the robots at rest until the first frame comes.
 
     Parameters
     ----------
     robots : mapping of str to Robot
         By name, at most `MOST_RUNS`.
-    layout : LiveLayout
-        In the same order.
+    world : sequence of str
+        Names of a frame's first values.
+    names, homes : sequence
+        The names of each robot's values in a frame, and where it starts [m].
+    notes : sequence of str
+        What is shown, in sentences.
     title : str
 
     Raises
@@ -180,21 +181,20 @@ def live_page(robots: Mapping[str, Robot], layout: LiveLayout, *, title: str) ->
             "color": color,
             "robot": robot_shape(robot),
             "interval": INTERVAL,
-            "names": names,
+            "names": own,
             "home": home,
             "mass": robot.ball.mass + robot.body.mass,
             "center": robot.body.center_of_mass,
         }
-        for (name, robot), names, home, color in zip(
-            robots.items(), layout.robots, layout.homes, RUN_COLORS[: len(robots)], strict=True
+        for (name, robot), own, home, color in zip(
+            robots.items(), names, homes, RUN_COLORS[: len(robots)], strict=True
         )
     ]
     data: dict[str, object] = {
-        "world": layout.world,
-        "monitor": layout.monitor,
+        "world": world,
         "arrow": {"newtons": newtons, "metres": _ARROW * first.ball.radius},
         "runs": runs,
-        "notes": [printable_line(note) for note in (*layout.notes, BODY_NOTE)],
+        "notes": [printable_line(note) for note in (*notes, BODY_NOTE)],
     }
     style, script = (
         web_file("replay.css") + web_file("live.css") + web_file("page.css"),

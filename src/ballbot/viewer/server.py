@@ -1,12 +1,13 @@
 """The server of a live view: one page and one web socket, for whoever has the address with the token.
 
+One loop simulates and serves: a frame each 20 ms to every page, and requests in between.
+
     GET /?token=...          the page; it is one file, and loads nothing
     GET /live?token=...      the web socket: frames (binary) and statuses (JSON) to the page, requests (JSON) from it
 
 Every request needs the random token of the address, and a Host header that names this machine: a name that somebody
 else's DNS lets point here (DNS rebinding) is refused. The web socket also needs the page's own Origin, so that no other
-page that is open in the same browser reaches it. What a page may ask for is in `live_process.Request`: numbers and
-names of settings, in their ranges. There is nothing here that a robot could be armed with.
+page that is open in the same browser reaches it.
 """
 
 from __future__ import annotations
@@ -16,20 +17,21 @@ import ipaddress
 import logging
 import secrets
 import socket
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Protocol
 from urllib.parse import parse_qs, urlsplit
 
-from websockets.asyncio.server import Server, ServerConnection, serve
+import numpy as np
+from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from ballbot.errors import InputError
-from ballbot.viewer.live_process import Request, Status, read_request
+from ballbot.viewer.live import World, read_request
 from ballbot.viewer.motion import INTERVAL
 from ballbot.viewer.page import LivePage
 
@@ -37,6 +39,8 @@ LOOPBACK = "127.0.0.1"
 _LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
 #: of a message from a page [bytes]; messages that a page may send in a second; pages at a time
 _LARGEST_MESSAGE, _MOST_MESSAGES, _MOST_PAGES = 2_000, 200, 8
+#: real time [s] by which the simulation may be late before it gives up catching up
+_LATEST = 0.2
 _SECURITY_HEADERS = {
     "Cache-Control": "no-store",
     "Content-Type": "text/html; charset=utf-8",
@@ -46,24 +50,6 @@ _SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-
-
-class Source(Protocol):
-    """What is shown: `LiveProcess`, or something like it."""
-
-    status: Status
-
-    def poll(self) -> None:
-        """Take the newest status."""
-        ...
-
-    def frames_after(self, number: int) -> tuple[bytes, int]:
-        """Return the frames after one, and the newest one's number."""
-        ...
-
-    def send(self, request: Request) -> bool:
-        """Pass a request on; return whether it was."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,19 +106,19 @@ def address_of(access: Access, port: int) -> str:
 
 async def serve_live(
     page: LivePage,
-    source: Source,
+    world: World,
     *,
     access: Access,
     port: int = 0,
     ready: Callable[[str], None],
     until: asyncio.Event | None = None,
 ) -> None:
-    """Serve a page and a simulation's frames until the simulation ends.
+    """Simulate a world in real time, and serve its page and its frames.
 
     Parameters
     ----------
     page : LivePage
-    source : Source
+    world : World
     access : Access
     port : int
         To listen on; a free one by default.
@@ -144,9 +130,9 @@ async def serve_live(
     Raises
     ------
     InputError
-        If the port cannot be listened on, or the simulation cannot start or ends by itself.
+        If the port cannot be listened on.
     """
-    pages = _Pages(source)
+    pages = _Pages(world)
 
     def answer(connection: ServerConnection, request: HttpRequest) -> Response | None:
         refused = access.refusal(request.path, request.headers)
@@ -177,9 +163,7 @@ async def serve_live(
         raise InputError(f"The live view cannot listen on {where}: {error.strerror or error}.") from None
     async with server:
         ready(address_of(access, _port_of(server)))
-        await pages.watch(until)
-    if source.status.phase in ("failed", "ended"):
-        raise InputError(source.status.message)
+        await pages.simulate(until)
 
 
 def _port_of(server: Server) -> int:
@@ -202,48 +186,39 @@ def _is_own_mistake(record: logging.LogRecord) -> bool:
 class _Pages:
     """The pages that are connected."""
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
-        self._count = 0
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._open: set[ServerConnection] = set()
 
-    async def watch(self, until: asyncio.Event | None) -> None:
-        """Take statuses until the simulation or the view ends; a page hears the last one."""
+    async def simulate(self, until: asyncio.Event | None) -> None:
+        """Simulate in real time until the view ends; every page gets each frame, and each status that is new."""
+        world, status, rate = self._world, "", 1.0
+        due = last = time.monotonic()
         while until is None or not until.is_set():
-            self._source.poll()
-            if self._source.status.phase in ("failed", "ended"):
-                await asyncio.sleep(5 * INTERVAL)
-                return
-            await asyncio.sleep(INTERVAL)
+            world.tick()
+            if world.status() != status:
+                status = world.status()
+                broadcast(self._open, status)
+            broadcast(self._open, np.array(world.frame(rate), dtype="<f4").tobytes())
+            due = max(due + INTERVAL, time.monotonic() - _LATEST)
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+            now = time.monotonic()
+            # what the last second or so should have taken, over what it took
+            rate += INTERVAL * (INTERVAL / (now - last) - rate)
+            last = now
 
     async def handle(self, connection: ServerConnection) -> None:
         """Serve one page."""
-        if self._count >= _MOST_PAGES:
+        if len(self._open) >= _MOST_PAGES:
             await connection.close(1013, f"{_MOST_PAGES} pages are open already")
             return
-        self._count += 1
-        sender = asyncio.create_task(self._send(connection))
-        try:
-            await self._receive(connection)
-        except ConnectionClosed:
-            pass
-        finally:
-            self._count -= 1
-            sender.cancel()
-            with suppress(asyncio.CancelledError, ConnectionClosed):
-                await sender
-
-    async def _send(self, connection: ServerConnection) -> None:
-        """Send what is new; a page that is slow misses frames."""
-        shown: Status | None = None
-        number = 0
-        while True:
-            if self._source.status is not shown:
-                shown = self._source.status
-                await connection.send(shown.text())
-            rows, number = self._source.frames_after(number)
-            if rows:
-                await connection.send(rows)
-            await asyncio.sleep(INTERVAL)
+        with suppress(ConnectionClosed):
+            await connection.send(self._world.status())
+            self._open.add(connection)
+            try:
+                await self._receive(connection)
+            finally:
+                self._open.discard(connection)
 
     async def _receive(self, connection: ServerConnection) -> None:
         loop = asyncio.get_running_loop()
@@ -259,7 +234,7 @@ class _Pages:
                 await connection.close(1003, "requests are JSON")
                 return
             try:
-                self._source.send(read_request(message))
+                self._world.take(read_request(message))
             except InputError:
                 await connection.close(1008, "an invalid request")
                 return

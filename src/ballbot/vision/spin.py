@@ -15,7 +15,6 @@ The findings say how well the ball was followed, how it was seen, and whether th
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -30,9 +29,8 @@ from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Robot
-from ballbot.validation.alignment import Clock, MotionFit
-from ballbot.validation.alignment.clock import Turning, candidate_clocks
-from ballbot.validation.alignment.motion import fit_in_blocks, fit_motion, wahba
+from ballbot.validation.alignment import Clock
+from ballbot.validation.alignment.turning import Turning, fit_in_blocks, match_turning
 from ballbot.vision.calibration import Calibration, calibrated_view
 from ballbot.vision.seam import Seam, seam_table, thesis_seam
 from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder
@@ -244,8 +242,6 @@ def _line(
 
 #: fraction of the rotation that video and log must have in common to be of the same run
 _LEAST_SHARE = 0.8
-#: and the least time [s]
-_LEAST_TIME = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -302,12 +298,13 @@ def compare_with_wheels(
             f"The log has the speeds of {speeds.shape[1]} wheels; {robot.name} has {robot.wheel_count} wheels."
         )
     by_wheels = speeds @ transforms(robot).T_obw.T
-    logged, seen = _turning(log.t, by_wheels), _turning(spin.t, spin.velocity.omega)
-    motion = _best(logged, seen)
+    logged, seen = Turning.of_rates(log.t, by_wheels), Turning.of_rates(spin.t, spin.velocity.omega)
+    motion, _ = match_turning(logged, seen, least_share=_LEAST_SHARE)
     used = known or motion.body_marker
     at = motion.clock.to_log(spin.t)
     inside = (at >= log.t[0]) & (at <= log.t[-1])
-    wheels = np.where(inside[:, None], logged.rate_at(at), np.nan)
+    wheels = np.column_stack([np.interp(at, log.t, column) for column in by_wheels.T])
+    wheels = np.where(inside[:, None], wheels, np.nan)
     by_video = spin.velocity.omega @ used.as_matrix().T
     difference = by_video - wheels
     both = np.isfinite(difference).all(axis=1)
@@ -341,46 +338,6 @@ def log_with_spin(log: Log, spin: Spin, clock: Clock) -> Log:
         for axis, name in enumerate("xyz")
     }
     return log.with_columns(columns)
-
-
-def _turning(t: NDArray[np.float64], omega: NDArray[np.float64]) -> Turning:
-    """Return the running totals of an angular velocity (n, 3); what is NaN is counted as missing."""
-    known = np.asarray(np.isfinite(omega).all(axis=1))
-    rate = np.where(known[:, None], omega, 0.0)
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)[:, None]
-    missing = np.concatenate([[0.0], np.cumsum(~(known[1:] & known[:-1]))])
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-    return Turning(t=t, total=total, rate=rate, missing=missing)
-
-
-def _best(logged: Turning, seen: Turning) -> MotionFit:
-    if min(seen.t[-1] - seen.t[0], logged.t[-1] - logged.t[0]) < _LEAST_TIME:
-        raise InputError(
-            f"Video and log must both be at least {_LEAST_TIME:g} s long for their clocks to be aligned."
-        )
-    try:
-        clocks = candidate_clocks(logged, seen)
-    except InputError:
-        clocks = []
-    found = [fit for clock in clocks if (fit := _fit(logged, seen, clock)) is not None]
-    best = max(found, key=lambda one: one.increments * np.log(one.motion / one.error), default=None)
-    share = 0.0 if best is None else 1.0 - (best.error / best.motion) ** 2
-    if best is None or share < _LEAST_SHARE:
-        raise InputError(
-            f"The rotations in video and log differ: with the best clock only {100 * share:.0f} % of "
-            f"the turning is common to both; for the same run it is over {100 * _LEAST_SHARE:.0f} "
-            "%. Check that both are of one run, and the order and signs of the wheels."
-        )
-    return best
-
-
-def _fit(logged: Turning, seen: Turning, clock: Clock) -> MotionFit | None:
-    """Return the fit that starts from a clock; None if they overlap too little under it, or the fit diverges."""
-    try:
-        fit = fit_motion(logged, seen, clock, wahba(logged, seen, clock))
-    except InputError:
-        return None
-    return fit if math.isfinite(fit.error) else None
 
 
 #: tilts below this are the usual [rad]

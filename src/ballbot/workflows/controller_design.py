@@ -27,8 +27,6 @@ from ballbot.control.presets import (
     NOMINAL_STATE_WEIGHTS,
     NOMINAL_TORQUE_WEIGHT,
     PRECISE_STATE_WEIGHTS,
-    IntegralDesign,
-    adaptive,
     design_gain,
     design_integral_gain,
     precise_controller,
@@ -80,9 +78,6 @@ class PartOptions:
     """Time from a measurement until the torque computed from it acts [s]. The controller feeds back the state
     predicted for that time. `ballbot identify --estimate delays` estimates it."""
 
-    adaptive: bool = False
-    """Adapt the precise kind to the floor's friction, within limits."""
-
     allow_overcompensation: bool = False
     """Write the controller even if it compensates more friction than is certain."""
 
@@ -102,7 +97,7 @@ class ControllerDesign:
     """A controller and how it was designed."""
 
     controller: Controller
-    gain: LqrDesign | IntegralDesign
+    gain: LqrDesign
     uncertainty: Propagated  #: of the gain, from the standard deviations of the robot's parameters
     stated: Friction  #: the robot's friction
     certain: Friction  #: the part of it that is present with 95 % confidence
@@ -124,7 +119,7 @@ class ControllerDesign:
         return Summary(title=f"Controller designed for the robot {self.controller.robot.name}", rows=rows)
 
     def plot(self) -> Figure:
-        """Return a figure of the loop's Bode diagram and of its step response."""
+        """Return a figure of the loop's Bode diagram."""
         return plotted(self)
 
     def results(self) -> dict[str, object]:
@@ -159,8 +154,8 @@ def design_controller(
     Raises
     ------
     InputError
-        If a weight or a part is not possible, an adaptation has no integral action to adapt, more friction is
-        compensated than is certain and this is not allowed, or the loop has no stability margin.
+        If a weight or a part is not possible, more friction is compensated than is certain and this is not allowed, or
+        the loop has no stability margin.
     """
     robot = as_robot(robot)
     found = _design(robot, gain)
@@ -183,7 +178,7 @@ def design_controller(
     )
 
 
-def _design(robot: Robot, options: GainOptions) -> LqrDesign | IntegralDesign:
+def _design(robot: Robot, options: GainOptions) -> LqrDesign:
     """Return the gain for a robot, with the kind's own weights if none are given."""
     if options.kind == "precise":
         return design_integral_gain(
@@ -200,23 +195,15 @@ def _design(robot: Robot, options: GainOptions) -> LqrDesign | IntegralDesign:
     )
 
 
-def _controller(
-    robot: Robot, found: LqrDesign | IntegralDesign, compensation: Compensation | None
-) -> Controller:
+def _controller(robot: Robot, found: LqrDesign, compensation: Compensation | None) -> Controller:
     """Return the controller of a gain, with its kind's own compensation if none is given."""
-    if isinstance(found, IntegralDesign):
+    if found.integral_gain is not None:
         return precise_controller(robot, compensation=compensation or "full", design=found)
     return Controller(robot, found.gain, sample_time=found.sample_time, compensation=compensation or "none")
 
 
 def _with_parts(controller: Controller, options: PartOptions) -> Controller:
     """Return the controller with the requested parts."""
-    if options.adaptive:
-        plain, controller = controller, adaptive(controller)
-        if controller.parts == plain.parts:
-            raise InputError(
-                "--adaptive has nothing to adapt: the nominal kind has no integral action. Add --kind precise."
-            )
     parts = controller.parts
     if options.notch is not None:
         parts = replace(parts, notch=Notch(frequency=options.notch))

@@ -32,7 +32,7 @@ from ballbot.identification.initial_states import linearize
 from ballbot.identification.parameters import Bounds, Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem
 from ballbot.identification.quantities import with_friction
-from ballbot.identification.stages import EVOLUTION_STEP, windows_for
+from ballbot.identification.stages import INNER_STEP, windows_for
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
@@ -249,7 +249,7 @@ def task(
     point = _believed(robot, coordinates)
     question = InformationProblem(
         predictor=Predictor(
-            robot=robot, formulation="exact", step=EVOLUTION_STEP, layout=coordinates.layout, threads=1
+            robot=robot, formulation="exact", step=INNER_STEP, layout=coordinates.layout, threads=1
         ),
         coordinates=coordinates,
         point=point,

@@ -31,7 +31,6 @@ from ballbot.estimation import named_estimator
 from ballbot.file_formats import read_results, results_text, without_format
 from ballbot.files import write_bytes, write_text
 from ballbot.fitting.sweep import ALL_CORES, HEADER, RunFolder, Workers, identity
-from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.result_folder import read_manifest, result_folder
@@ -90,21 +89,11 @@ class RecordOutcome:
     was_there: bool = False  #: whole on disk from before
 
 
-#: writes a robot's log into a file
-LogWriter = Callable[[Path, Log, Robot], object]
-
-
-def write_plainly(path: Path, log: Log, _: Robot) -> None:
-    """Write a log as `Log.write` does."""
-    log.write(path)
-
-
 def record_run(
     job: RecordJob,
     seed: int,
     folder: Path,
     *,
-    write_log: LogWriter = write_plainly,
     page: Callable[[Recording], str] | None = None,
     progress: ProgressCallback = ignore_progress,
 ) -> RecordOutcome:
@@ -117,8 +106,6 @@ def record_run(
         Of all that is random.
     folder : Path
         Made if it is not there; a run that is in it is replaced.
-    write_log : callable, optional
-        Writes each log.
     page : callable, optional
         Makes the page of the run, which is written if this is given.
     progress : callable, optional
@@ -135,7 +122,7 @@ def record_run(
         recording = _record(job, seed, progress)
         with held.replaced() as new:
             for name, log in recording.logs.items():
-                write_log(new / f"{name}.{job.log_format}", log, job.robot)
+                log.write(new / f"{name}.{job.log_format}")
             write_text(new / "results.json", results_text(_results(job, recording)))
             if page is not None:
                 write_text(new / PAGE, page(recording))
@@ -156,7 +143,6 @@ def record_runs(
     folder: Path,
     *,
     workers: Workers = ALL_CORES,
-    write_log: LogWriter = write_plainly,
     page: Callable[[list[RecordOutcome]], str] | None = None,
     progress: ProgressCallback = ignore_progress,
 ) -> list[RecordOutcome]:
@@ -169,8 +155,6 @@ def record_runs(
     folder : Path
     workers : Workers, optional
         Who make the runs; by default a process for each core.
-    write_log : callable, optional
-        Writes each log; a function of a module, for the workers.
     page : callable, optional
         Makes the page of all runs, which is written if this is given.
     progress : callable, optional
@@ -191,7 +175,7 @@ def record_runs(
         runs = RunFolder(path=folder, made_from=_made_from(job), write=_write_run, read=_finished)
         named = {f"seed_{seed:04d}": seed for seed in seeds}
         found, before = runs.complete(
-            partial(_made, job, write_log), named, workers=workers, stage="recording", progress=progress
+            partial(_made, job), named, workers=workers, stage="recording", progress=progress
         )
         outcomes = [replace(one, was_there=name in before) for name, one in found.items()]
         if page is not None:
@@ -208,10 +192,10 @@ def _made_from(job: RecordJob) -> dict[str, str]:
     return identity({name: [without_format(text)] for name, text in texts.items()}, options)
 
 
-def _made(job: RecordJob, write_log: LogWriter, seed: int) -> dict[str, bytes]:
+def _made(job: RecordJob, seed: int) -> dict[str, bytes]:
     """Return the files of a run; a worker need not see the folder that they are for."""
     with TemporaryDirectory() as name:
-        record_run(job, seed, Path(name), write_log=write_log)
+        record_run(job, seed, Path(name))
         return {
             path.name: path.read_bytes() for path in Path(name).iterdir() if not path.name.startswith(".")
         }

@@ -32,7 +32,7 @@ from ballbot.identification.inertia import (
 )
 from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
 from ballbot.log import Log
-from ballbot.log.checks.time_and_rates import check_gaps, check_jitter
+from ballbot.log.checks.values import check_intervals
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.log.formats import is_log_file
 from ballbot.mechanics.geometry import transforms
@@ -163,7 +163,7 @@ def check_swing(
     of_log: list[Finding] = []
     if is_log_file(file):  # every other is a video
         log = Log.read(file)
-        of_log = [*check_gaps(log), *check_jitter(log)]
+        of_log = check_intervals(log)
         swing = swing_in_log(log, column=column)
     else:
         from ballbot.vision.swing import swing_in_video  # only a video needs OpenCV

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arguments import checked_arguments
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import design_gain
 from ballbot.errors import InputError
@@ -163,7 +162,6 @@ def _controller_rows(choice: ControllerChoice) -> tuple[tuple[str, str], ...]:
     return tuple(rows)
 
 
-@checked_arguments
 def study(
     robot: RobotLike,
     logs: LogsLike | CheckedLogs,

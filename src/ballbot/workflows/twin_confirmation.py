@@ -34,7 +34,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Identification
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.quantities import FRICTION
-from ballbot.identification.stages import EVOLUTION_STEP, IdentificationOptions, prepare, refine
+from ballbot.identification.stages import INNER_STEP, IdentificationOptions, prepare, refine
 from ballbot.progress import ignore_progress
 from ballbot.robot import Friction
 from ballbot.simulation.run import simulate
@@ -98,7 +98,7 @@ def _added(found: Identification, scenario: Scenario, run: Run) -> float:
     ).without_truth()
     options = IdentificationOptions(excluded_states=found.excluded_states)
     coordinates = scale_between(robot, free=FRICTION)
-    predictor = replace(found.predictor, step=EVOLUTION_STEP, layout=coordinates.layout)
+    predictor = replace(found.predictor, step=INNER_STEP, layout=coordinates.layout)
     try:
         prepared = prepare(predictor, coordinates, [log], window=found.window, options=options, run=run)
     except InputError:  # the twin fell, or hardly moved

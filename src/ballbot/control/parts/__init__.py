@@ -11,7 +11,6 @@ from typing import get_args, get_type_hints
 
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
-from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.notch import Notch
@@ -38,7 +37,6 @@ class Parts:
     feed_forward: FeedForward | None = None  #: lean and torques that a shaped motion needs
     integral: IntegralAction | None = None  #: works against errors that stay
     disturbance_observer: DisturbanceObserver | None = None  #: estimates the torque that is lost, and adds it
-    floor_adaptation: FloorAdaptation | None = None  #: follows what the floor takes
     lean_limit: LeanLimit | None = None  #: keeps errors of position and speed from asking for too much
     notch: Notch | None = None  #: takes a resonance's band out of the torques
     prediction: DelayPrediction | None = None  #: of the state in which late torques will act

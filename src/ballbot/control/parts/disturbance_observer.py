@@ -14,16 +14,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, Steps, clipped
+from ballbot.control.parts.part import LawSettings, Part, clipped
 from ballbot.control.parts.prediction import over_last_sample
-from ballbot.control.records import MAX_WHEELS, number, setting, whole
+from ballbot.control.records import MAX_WHEELS, Setting, number, whole
 from ballbot.mechanics.engine.compiled import inlined
-from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,15 +48,8 @@ class ObserverState:
     estimate: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
 
 
-def torque_balance(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the torques (n, 5) for the rates' change and (n, 2) for theta, phi, of the model without friction."""
-    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
-    back = np.asarray(np.linalg.pinv(np.asarray(linear.B)), dtype=np.float64)
-    return back[:, 5:], -(back @ np.asarray(linear.A))[:, 2:4]
-
-
 @inlined
-def _observe(law, memory, seen, n):
+def observe(law, memory, seen, n):
     """Estimate the torque lost in the sample that has passed, and step the torque added."""
     a, measured = seen
     own, state, past = law.disturbance_observer, memory.disturbance_observer, memory.history
@@ -107,7 +99,7 @@ def _torque_needed(own, i, changes, lean):
 
 
 @inlined
-def _add_estimate(law, memory, torque, i):
+def add_estimate(law, memory, torque, i):
     """Add the torque lost by a wheel, and report it; zero without an observer."""
     estimate = memory.disturbance_observer.estimate[i]
     memory.history.disturbance_compensation[0, i] += estimate
@@ -132,19 +124,16 @@ class DisturbanceObserver(Part):
     comment = "The torque that is lost is estimated and added."
     record = ObserverRecord
     state = ObserverState
-    steps = Steps(observe=_observe, filter=_add_estimate)
 
-    frequency: float = field(default=10.0, metadata=setting("rad/s", "w of the lag", above=0.0, example=3.0))
-    limit: float = field(
-        default=0.5, metadata=setting("N m", "largest torque added to a wheel", above=0.0, example=0.4)
-    )
+    frequency: Annotated[float, Setting("rad/s", "w of the lag", above=0.0, example=3.0)] = 10.0
+    limit: Annotated[float, Setting("N m", "largest torque added to a wheel", above=0.0, example=0.4)] = 0.5
 
     def numbers(self, settings: LawSettings) -> ObserverRecord:
         """Return the sampled observer for the robot."""
-        by_acceleration, by_lean = torque_balance(settings.robot)
+        back = np.asarray(np.linalg.pinv(settings.linear.B), dtype=np.float64)
         return ObserverRecord(
             fraction=-math.expm1(-self.frequency * settings.sample_time),
             limit=self.limit,
-            by_acceleration=by_acceleration,
-            by_lean=by_lean,
+            by_acceleration=back[:, 5:],
+            by_lean=-(back @ settings.linear.A)[:, 2:4],
         )

@@ -23,12 +23,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.parts.part import LawSettings, Part
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
-from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
 
 #: largest torque on the flat output, relative to that on the position, that counts as none
 _ROUNDING = 1e-9
@@ -48,50 +46,15 @@ class FeedForwardRecord:
     by_turning: NDArray[np.float64] = field(metadata=number("N m s^2/rad", MAX_WHEELS))
 
 
-def feed_forward_record(robot: Robot) -> FeedForwardRecord:
-    """Return what the robot's exact model without friction asks for.
-
-    Raises
-    ------
-    InputError
-        If the robot has no flat output, because its wheels do not reach all three axes.
-    """
-    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
-    A, B = np.asarray(linear.A), np.asarray(linear.B)
-    C = -B[5:7] @ np.linalg.pinv(B[7:])
-    if np.abs(B[5:7] + C @ B[7:]).max() > _ROUNDING * np.abs(B[5:7]).max():
-        raise InputError(
-            f"The robot {robot.name!r} cannot have feed-forward: its wheels cannot turn it in every direction."
-        )
-    G = (A[5:7] + C @ A[7:])[:, 2:4]
-    lean = np.asarray(np.linalg.inv(G), dtype=np.float64)
-    offset = C[:, :2] @ lean
-    motions = np.zeros((3, 10, 2)), np.zeros((3, 10, 2))  # r and r' for s'', s'''' and psi''
-    (r_2, r_4, _), (d_2, d_4, d_psi) = motions
-    r_2[:2], r_2[2:4] = -offset, lean
-    d_2[5:7] = np.eye(2)
-    d_4[5:7], d_4[7:9] = -offset, lean
-    d_psi[9, 0] = 1.0
-    back = np.linalg.pinv(B)
-    return FeedForwardRecord(
-        lean=lean,
-        offset=offset,
-        by_second=back @ (d_2 - A @ r_2),
-        by_fourth=back @ (d_4 - A @ r_4),
-        by_turning=(back @ d_psi)[:, 0],
-    )
-
-
 @inlined
-def _lean_error(law, memory, error, a, wanted):
+def lean_error(law, e, a, wanted):
     """Return the error to the lean, and from the position, that the motion asks for; see the module's docstring."""
-    e, limited = error
     own = law.feed_forward
     x, y, _ = wanted
     second, third = _turned(a, x.second, y.second), _turned(a, x.third, y.third)
     lean, lean_rate = _times(own.lean, second), _times(own.lean, third)
     ahead, ahead_rate = _times(own.offset, second), _times(own.offset, third)
-    moved = (
+    return (
         e[0] - ahead[0],
         e[1] - ahead[1],
         e[2] + lean[0],
@@ -103,11 +66,10 @@ def _lean_error(law, memory, error, a, wanted):
         e[8] + lean_rate[1],
         e[9],
     )
-    return moved, limited
 
 
 @inlined
-def _add_torque(law, memory, torque, now, i):
+def add_feed_forward(law, torque, now, i):
     """Add a wheel's torque for s'', s'''' (heading frame) and psi''."""
     own = law.feed_forward
     x, y, psi = now.wanted
@@ -149,9 +111,31 @@ class FeedForward(Part):
     label = "feed-forward"
     comment = "A shaped motion is given the lean and the torques that it needs."
     record = FeedForwardRecord
-    steps = Steps(error=_lean_error, torque=_add_torque)
     needs: ClassVar[Mapping[str, str]] = {"shaping": "it uses the derivatives of the shaped reference"}
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:
         """Return what the robot's exact model asks for."""
-        return feed_forward_record(settings.robot)
+        A, B = settings.linear.A, settings.linear.B
+        C = -B[5:7] @ np.linalg.pinv(B[7:])
+        if np.abs(B[5:7] + C @ B[7:]).max() > _ROUNDING * np.abs(B[5:7]).max():
+            raise InputError(
+                f"The robot {settings.robot.name!r} cannot have feed-forward: its wheels cannot turn it in every "
+                "direction."
+            )
+        G = (A[5:7] + C @ A[7:])[:, 2:4]
+        lean = np.asarray(np.linalg.inv(G), dtype=np.float64)
+        offset = C[:, :2] @ lean
+        motions = np.zeros((3, 10, 2)), np.zeros((3, 10, 2))  # r and r' for s'', s'''' and psi''
+        (r_2, r_4, _), (d_2, d_4, d_psi) = motions
+        r_2[:2], r_2[2:4] = -offset, lean
+        d_2[5:7] = np.eye(2)
+        d_4[5:7], d_4[7:9] = -offset, lean
+        d_psi[9, 0] = 1.0
+        back = np.linalg.pinv(B)
+        return FeedForwardRecord(
+            lean=lean,
+            offset=offset,
+            by_second=back @ (d_2 - A @ r_2),
+            by_fourth=back @ (d_4 - A @ r_4),
+            by_turning=(back @ d_psi)[:, 0],
+        )

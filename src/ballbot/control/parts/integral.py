@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.floor_adaptation import direction
-from ballbot.control.parts.part import LawSettings, Part, Steps
-from ballbot.control.records import MAX_WHEELS, number, setting, whole
+from ballbot.control.parts.part import LawSettings, Part
+from ballbot.control.records import MAX_WHEELS, Setting, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 
@@ -46,18 +46,15 @@ class IntegralState:
 
 
 @inlined
-def _add_torque(law, memory, torque, now, i):
-    """Add a wheel's torque for the integrals, with the drag that turns with the motion."""
-    gain, sums, drag = law.integral.gain, memory.integral.sums, memory.floor_adaptation.drag
-    x, y, _ = now.wanted
-    d_x, d_y = direction(law.floor_adaptation, x.rate, y.rate)
-    v_x, v_y = sums[0] + drag * d_x, sums[1] + drag * d_y
-    I_x, I_y = now.a.cos_psi * v_x + now.a.sin_psi * v_y, now.a.cos_psi * v_y - now.a.sin_psi * v_x
+def add_integral(law, memory, torque, now, i):
+    """Add a wheel's torque for the integrals."""
+    gain, sums, c, s = law.integral.gain, memory.integral.sums, now.a.cos_psi, now.a.sin_psi
+    I_x, I_y = c * sums[0] + s * sums[1], c * sums[1] - s * sums[0]
     return torque + (gain[i, 0] * I_x + gain[i, 1] * I_y + gain[i, 2] * sums[2])
 
 
 @inlined
-def _learn(law, memory, now, limited):
+def learn_integral(law, memory, now, limited):
     """Step the integrals by a sample's error; while something is `limited` they may only shrink."""
     own, sums, a, e = law.integral, memory.integral.sums, now.a, now.e
     if own.on == 0:
@@ -94,31 +91,23 @@ class IntegralAction(Part):
     comment = "The error's integral is fed back, a row of `gain` for each wheel [N m per m s, m s, rad s]."
     record = IntegralRecord
     state = IntegralState
-    steps = Steps(torque=_add_torque, learn=_learn)
 
-    gain: NDArray[np.float64] = field(
-        metadata=setting(
-            "N m/(m s)", "K_I for the integrals of x, y and psi", columns=3, example=(0.5, 0.3, 0.2)
-        )
-    )
-    limit: float = field(
-        default=0.3, metadata=setting("m s", "of the integral of x, and of y", above=0.0, example=0.2)
-    )
-    yaw_limit: float = field(
-        default=0.5, metadata=setting("rad s", "of the integral of psi", above=0.0, example=0.4)
-    )
-    memory: float = field(
-        default=60.0, metadata=setting("s", "time T over which it forgets", above=0.0, example=40.0)
-    )
-    dead_band: float = field(
-        default=0.0,
-        metadata=setting(
+    gain: Annotated[
+        NDArray[np.float64],
+        Setting("N m/(m s)", "K_I for the integrals of x, y and psi", columns=3, example=(0.5, 0.3, 0.2)),
+    ]
+    limit: Annotated[float, Setting("m s", "of the integral of x, and of y", above=0.0, example=0.2)] = 0.3
+    yaw_limit: Annotated[float, Setting("rad s", "of the integral of psi", above=0.0, example=0.4)] = 0.5
+    memory: Annotated[float, Setting("s", "time T over which it forgets", above=0.0, example=40.0)] = 60.0
+    dead_band: Annotated[
+        float,
+        Setting(
             "m, rad",
             "error of x and y, and of psi, below which the integrals rest",
             at_least=0.0,
             example=0.001,
         ),
-    )
+    ] = 0.0
 
     def numbers(self, settings: LawSettings) -> IntegralRecord:
         """Return the sampled integral."""

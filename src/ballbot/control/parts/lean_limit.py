@@ -11,12 +11,13 @@ its rate are limited by the turn that they command. Within the limits nothing ch
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, Steps
-from ballbot.control.records import number, setting, whole
+from ballbot.control.parts.part import LawSettings, Part
+from ballbot.control.records import Setting, number, whole
 from ballbot.mechanics.engine.compiled import inlined
 
 #: where x, y and their rates are in the state
@@ -34,27 +35,15 @@ class LeanLimitRecord:
     turn_rate: float = field(metadata=number("s"))
 
 
-def commanded_lean(gain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the lean (2, 4) [rad] that errors of x, y [m] and of their rates [m/s] command under a gain (n, 10)."""
-    return np.asarray(np.linalg.pinv(gain[:, 2:4]) @ gain[:, _POSITION_PLACES], dtype=np.float64)
-
-
-def commanded_turn(gain: NDArray[np.float64]) -> float:
-    """Return the heading's error [rad] that is worth one of its rate [rad/s] under a gain (n, 10)."""
-    heading = gain[:, 4]
-    return float(heading @ gain[:, 9] / max(float(heading @ heading), 1e-300))
-
-
 @inlined
-def _limit_error(law, memory, error, a, wanted):
+def limit_error(law, e):
     """Return the error with position, speed and heading within the limits, and whether it is reduced."""
-    e, limited = error
     own = law.lean_limit
     if own.on == 0:
-        return error
+        return e, False
     near, p, h = _fractions(own, e)
     less = (near * p * e[0], near * p * e[1], e[2], e[3], h * e[4], p * e[5], p * e[6], e[7], e[8], h * e[9])
-    return less, limited or near * p * h < 1.0
+    return less, near * p * h < 1.0
 
 
 @inlined
@@ -100,21 +89,20 @@ class LeanLimit(Part):
         "Errors of position and speed command at most this lean, errors of the heading at most this turn."
     )
     record = LeanLimitRecord
-    steps = Steps(error=_limit_error)
 
-    lean: float = field(
-        default=0.1, metadata=setting("rad", "largest commanded lean", above=0.0, example=0.6)
-    )
-    turn: float = field(
-        default=0.5,
-        metadata=setting(
-            "rad", "largest commanded turn, with the contribution of its rate", above=0.0, example=2.0
-        ),
-    )
+    lean: Annotated[float, Setting("rad", "largest commanded lean", above=0.0, example=0.6)] = 0.1
+    turn: Annotated[
+        float,
+        Setting("rad", "largest commanded turn, with the contribution of its rate", above=0.0, example=2.0),
+    ] = 0.5
 
     def numbers(self, settings: LawSettings) -> LeanLimitRecord:
         """Return the limits with the lean that the gain commands."""
-        gain = settings.gain
+        gain, heading = settings.gain, settings.gain[:, 4]
         return LeanLimitRecord(
-            lean=self.lean, asked=commanded_lean(gain), turn=self.turn, turn_rate=commanded_turn(gain)
+            lean=self.lean,
+            asked=np.asarray(np.linalg.pinv(gain[:, 2:4]) @ gain[:, _POSITION_PLACES], dtype=np.float64),
+            turn=self.turn,
+            # the heading's error that is worth one of its rate
+            turn_rate=float(heading @ gain[:, 9] / max(float(heading @ heading), 1e-300)),
         )

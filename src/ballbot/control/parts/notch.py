@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, Steps
-from ballbot.control.records import MAX_WHEELS, number, setting, whole
+from ballbot.control.parts.part import LawSettings, Part
+from ballbot.control.records import MAX_WHEELS, Setting, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 
@@ -41,7 +42,7 @@ class NotchState:
 
 
 @inlined
-def _filter(law, memory, torque, i):
+def notched(law, memory, torque, i):
     """Return a wheel's torque through the notch, and step its state."""
     own, delayed = law.notch, memory.notch.delayed
     if own.on == 0:
@@ -69,20 +70,14 @@ class Notch(Part):
     comment = "Torques pass a notch."
     record = NotchRecord
     state = NotchState
-    steps = Steps(filter=_filter)
 
-    frequency: float = field(
-        metadata=setting("Hz", "centre of the band, such as a resonance", above=0.0, example=33.0)
-    )
-    width: float = field(
-        default=1.4, metadata=setting("1", "of the band, over its frequency", above=0.0, example=0.5)
-    )
-    depth: float = field(
-        default=0.15,
-        metadata=setting(
-            "1", "fraction of the torque left at its centre", at_least=0.0, below=1.0, example=0.2
-        ),
-    )
+    frequency: Annotated[
+        float, Setting("Hz", "centre of the band, such as a resonance", above=0.0, example=33.0)
+    ]
+    width: Annotated[float, Setting("1", "of the band, over its frequency", above=0.0, example=0.5)] = 1.4
+    depth: Annotated[
+        float, Setting("1", "fraction of the torque left at its centre", at_least=0.0, below=1.0, example=0.2)
+    ] = 0.15
 
     def numbers(self, settings: LawSettings) -> NotchRecord:
         """Return the sampled filter."""

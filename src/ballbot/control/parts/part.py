@@ -5,30 +5,28 @@ A part is one file with
     settings    a frozen dataclass, a `Part`; its table in a controller file follows from it
     record      a dataclass of the numbers that compiled code reads, computed from the settings by `Part.numbers`
     state       a dataclass of its memory from update to update, all zero at the start; none by default
-    steps       compiled functions, each for one stage of the law (`Steps`)
+    steps       compiled functions that the law calls
 
-and joins the law by a line in `ballbot.control.parts.Parts`. In compiled code `law.NAME` is its record and
-`memory.NAME` its state, NAME being its field in `Parts`. To add a part:
+and joins the law by a line in `ballbot.control.parts.Parts` and the calls of its steps in `ballbot.control.law`. In
+compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being its field in `Parts`. To add a part:
 
-1. Copy `notch.py`. Give each field of the settings its `setting`: unit, meaning, range and an example. `eq=False` only
+1. Copy `notch.py`. Give each field of the settings its `Setting`: unit, meaning, range and an example. `eq=False` only
    if a setting is a matrix; records and states always have it. A constant of the robot's hardware is no setting: take
    it from `settings.robot` in `numbers`.
 2. Begin the record with `on`. If the controller lacks the part, its record is all zeros, so that `on` is 0. Every step
    must then do nothing, or return its value unchanged: because it asks for `on`, or because it only adds products with
    numbers of the record or the state.
 3. Choose a state in which all zeros mean rest: this is the memory at the start and after `reset`. If a value does not
-   rest at zero, keep its difference from the start, or a flag `started` (`FloorState`, `ShapingState`).
-4. Choose stages from `Steps`. Stages run in the order of its fields, and within a stage parts run in the order of the
-   fields of `Parts`: put the line there accordingly, and look at `ballbot.control.law.STAGES`. Steps of `observe` and
-   `learn` return nothing. In each other stage a step must return its value, which the next one receives.
-5. Leave the torque limit to the law, which clips after the stage `filter`. If a torque exceeded the limit, or a step of
-   `error` reduced the error, `learn` receives `limited` as true: a slow state may then shrink but not grow.
-6. Read any record and any memory, but write your own state only. Two exceptions: a torque added against an estimated
-   disturbance is also added to `disturbance_compensation` of the `TorqueHistory`, and the floor adaptation moves a part
-   of the integrals into its own state. Name the parts that yours cannot work without in `needs`.
-7. The disturbance observer takes `acting` of the history for the torque that the motors gave; the prediction takes it
-   less both compensations. `acting` is the command, filtered and limited. If motors give another torque for a command,
-   return it in the stage `act`.
+   rest at zero, keep its difference from the start, or a flag `started` (`ShapingState`).
+4. Call its steps where they belong in the law: the sample that has passed, the state, the reference, the error, the
+   torques, and at the end what is learnt.
+5. Leave the torque limit to the law, which clips what the filters leave. If a torque exceeded the limit, or the error
+   was reduced, the steps at the end receive `limited` as true: a slow state may then shrink but not grow.
+6. Read any record and any memory, but write your own state only. One exception: a torque added against an estimated
+   disturbance is also added to `disturbance_compensation` of the `TorqueHistory`. Name the parts that yours cannot work
+   without in `needs`.
+7. The disturbance observer takes `acting` of the history for the torque that the motors gave, which is the command,
+   filtered and limited; the prediction takes it less both compensations.
 8. Write the part in C: the recipe is in `docs/architecture.md`, the test that asks for it `tests/firmware/test_law.py`.
 9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
    missing samples, and the fuzzing of controller files, run with its `example`.
@@ -37,45 +35,22 @@ and joins the law by a line in `ballbot.control.parts.Parts`. In compiled code `
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.lqr import frictionless_model
 from ballbot.control.records import MAX_WHEELS, check_settings, example_settings, number
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.model import LinearModel
 from ballbot.robot import Robot
 
 #: updates that the law remembers
 MAX_PAST = 22
-
-
-@dataclass(frozen=True, kw_only=True)
-class Steps:
-    """A part's functions by stage of the law, in the order of the stages; see `ballbot.control.law`.
-
-    `law` and `memory` are the whole records, `n` the number of wheels, `i` a wheel, `now` a `Sample`. A step with a
-    result receives the value of the step before it and returns its own.
-    """
-
-    #: (law, memory, seen, n): evaluate the sample that has passed; `seen` is a `Measured`
-    observe: Callable | None = None
-    #: (law, memory, seen, n) -> `Measured`: the state to be fed back
-    predict: Callable | None = None
-    #: (law, memory, wanted, state) -> wanted: three `Smooth`, of x, y and psi
-    shape: Callable | None = None
-    #: (law, memory, (e, limited), a, wanted) -> (e, limited): error (10,) in the heading frame, and if it is limited
-    error: Callable | None = None
-    #: (law, memory, torque, now, i) -> torque [N m]: the feedback's, with the part's summand
-    torque: Callable | None = None
-    #: (law, memory, torque, i) -> torque [N m]: after friction compensation, before the torque limit
-    filter: Callable | None = None
-    #: (law, memory, torque, i) -> torque [N m]: the mean over the coming sample that a motor gives for the command
-    act: Callable | None = None
-    #: (law, memory, now, limited): update slow states; `limited` if a torque or the error was at its limit
-    learn: Callable | None = None
 
 
 class Smooth(NamedTuple):
@@ -111,7 +86,7 @@ class TorqueHistory:
     Without a prediction only the newest are kept.
     """
 
-    #: what acts on the wheel: the command, unless a part's stage `act` gives another torque
+    #: what acts on the wheel: the command
     acting: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
     #: the summand against the friction of the robot's model
     friction_compensation: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
@@ -138,6 +113,11 @@ class LawSettings:
     speed_band: float  #: [rad/s]
     delay: float  #: from a measurement to the action of its torque if the state is predicted; otherwise 0 [s]
 
+    @cached_property
+    def linear(self) -> LinearModel:
+        """The robot's exact model without friction, linearised about upright."""
+        return frictionless_model(self.robot).linearize()
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoState:
@@ -160,7 +140,6 @@ class Part(ABC):
     comment: ClassVar[str]  #: stands above its table in a controller file
     record: ClassVar[type]
     state: ClassVar[type] = NoState
-    steps: ClassVar[Steps]
     needs: ClassVar[Mapping[str, str]] = {}  #: parts that it cannot work without, and why
 
     @classmethod

@@ -17,18 +17,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import held
-from ballbot.control.parts.part import MAX_PAST, LawSettings, Measured, Part, Steps
-from ballbot.control.records import MAX_WHEELS, number, setting, whole
+from ballbot.control.parts.part import MAX_PAST, LawSettings, Measured, Part
+from ballbot.control.records import MAX_WHEELS, Setting, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, inlined
 from ballbot.mechanics.equations import attitude
-from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
 
 #: torques that may be under way; the past must have the sample before them as well, and room for one
 MAX_DELAY_SAMPLES = MAX_PAST - 2
@@ -61,37 +60,6 @@ class PredictionState:
     after: NDArray[np.float64] = field(metadata=number("1", 10))
 
 
-def prediction_record(robot: Robot, *, delay: float, sample_time: float) -> PredictionRecord:
-    """Return the prediction with a robot's exact model without friction, linearised about upright.
-
-    Parameters
-    ----------
-    robot : Robot
-    delay : float
-        From a measurement to the action of the torque computed from it [s].
-    sample_time : float
-        [s]
-
-    Raises
-    ------
-    InputError
-        If the delay is not positive, or longer than the torques that a controller remembers.
-    """
-    count = _updates_within(delay, sample_time)
-    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
-    A, B = np.asarray(linear.A), np.asarray(linear.B)
-    effects = np.array([_effect(A, B, ago * sample_time, sample_time, delay) for ago in range(1, count + 1)])
-    samples = delay / sample_time
-    complete = math.floor(samples + _ROUNDING)
-    return PredictionRecord(
-        count=count,
-        samples=complete,
-        fraction=max(0.0, samples - complete),
-        transition=held(A, B, delay)[0],
-        by_torque=effects.transpose(2, 0, 1),
-    )
-
-
 def _updates_within(delay: float, sample_time: float) -> int:
     """Return how many updates' torques are under way."""
     count = max(1, math.ceil(min(delay / sample_time, 2.0 * MAX_DELAY_SAMPLES) - _ROUNDING))
@@ -114,7 +82,7 @@ def _effect(
 
 
 @inlined
-def _predict(law, memory, seen, n):
+def predict(law, memory, seen, n):
     """Return the state in which the torques will act, and make room for them in the history."""
     own = law.prediction
     if own.on == 0:
@@ -197,12 +165,22 @@ class DelayPrediction(Part):
     comment = "Torques act late; the state fed back is the one predicted for when they act."
     record = PredictionRecord
     state = PredictionState
-    steps = Steps(predict=_predict)
 
-    delay: float = field(
-        metadata=setting("s", "from a measurement to the action of its torque", above=0.0, example=0.012)
-    )
+    delay: Annotated[
+        float, Setting("s", "from a measurement to the action of its torque", above=0.0, example=0.012)
+    ]
 
     def numbers(self, settings: LawSettings) -> PredictionRecord:
         """Return the prediction for the robot."""
-        return prediction_record(settings.robot, delay=self.delay, sample_time=settings.sample_time)
+        A, B, sample_time = settings.linear.A, settings.linear.B, settings.sample_time
+        count = _updates_within(self.delay, sample_time)
+        effects = [_effect(A, B, ago * sample_time, sample_time, self.delay) for ago in range(1, count + 1)]
+        samples = self.delay / sample_time
+        complete = math.floor(samples + _ROUNDING)
+        return PredictionRecord(
+            count=count,
+            samples=complete,
+            fraction=max(0.0, samples - complete),
+            transition=held(A, B, self.delay)[0],
+            by_torque=np.array(effects).transpose(2, 0, 1),
+        )

@@ -22,15 +22,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ballbot.arrays import positive_number, real_array
-from ballbot.control.parts.part import LawSettings, Part, Smooth, Steps
-from ballbot.control.records import fill_record, number, schema_of, setting, whole
-from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.control.parts.part import LawSettings, Part, Smooth
+from ballbot.control.records import Setting, number, whole
+from ballbot.mechanics.engine.compiled import inlined
 
 #: settings of a shaping beyond which its derivatives are lost in rounding or overflow
 _LEAST, _MOST = 1e-12, 1e12
@@ -90,7 +89,7 @@ class _Lags(NamedTuple):
 
 
 @inlined
-def _shape(law, memory, wanted, state):
+def shape(law, memory, wanted, state):
     """Return the shaped reference, or the reference itself without shaping."""
     if law.shaping.on == 0:
         return wanted
@@ -207,50 +206,40 @@ class ReferenceShaping(Part):
     )
     record = ShapingRecord
     state = ShapingState
-    steps = Steps(shape=_shape)
 
-    frequency: float = field(
-        default=3.0,
-        metadata=setting(
+    frequency: Annotated[
+        float,
+        Setting(
             "rad/s", "w of each of the four lags of x and y", at_least=_LEAST, at_most=_MOST, example=4.0
         ),
-    )
-    speed_limit: float = field(
-        default=0.5,
-        metadata=setting(
-            "m/s", "speed of a jump over the floor", at_least=_LEAST, at_most=_MOST, example=0.4
-        ),
-    )
-    yaw_frequency: float = field(
-        default=3.0,
-        metadata=setting(
-            "rad/s", "w of each of the four lags of psi", at_least=_LEAST, at_most=_MOST, example=2.5
-        ),
-    )
-    yaw_rate_limit: float = field(
-        default=1.0, metadata=setting("rad/s", "rate of a turn", at_least=_LEAST, at_most=_MOST, example=0.8)
-    )
-    acceleration_limit: float = field(
-        default=0.2,
-        metadata=setting(
+    ] = 3.0
+    speed_limit: Annotated[
+        float, Setting("m/s", "speed of a jump over the floor", at_least=_LEAST, at_most=_MOST, example=0.4)
+    ] = 0.5
+    yaw_frequency: Annotated[
+        float,
+        Setting("rad/s", "w of each of the four lags of psi", at_least=_LEAST, at_most=_MOST, example=2.5),
+    ] = 3.0
+    yaw_rate_limit: Annotated[
+        float, Setting("rad/s", "rate of a turn", at_least=_LEAST, at_most=_MOST, example=0.8)
+    ] = 1.0
+    acceleration_limit: Annotated[
+        float,
+        Setting(
             "m/s^2",
             "beyond which a change of the reference's speed counts ever less as a bend",
             at_least=_LEAST,
             at_most=_MOST,
             example=0.25,
         ),
-    )
-    yaw_acceleration_limit: float = field(
-        default=0.4,
-        metadata=setting("rad/s^2", "the same of a turn", at_least=_LEAST, at_most=_MOST, example=0.5),
-    )
+    ] = 0.2
+    yaw_acceleration_limit: Annotated[
+        float, Setting("rad/s^2", "the same of a turn", at_least=_LEAST, at_most=_MOST, example=0.5)
+    ] = 0.4
 
     def numbers(self, settings: LawSettings) -> ShapingRecord:
         """Return the sampled shaping; the lead makes up for a delay that is predicted over."""
-        return self.sampled(settings.sample_time, delay=settings.delay)
-
-    def sampled(self, sample_time: float, *, delay: float = 0.0) -> ShapingRecord:
-        """Return the shaping for a sample time [s] and a delay [s] that is predicted over."""
+        sample_time = settings.sample_time
         return ShapingRecord(
             frequency=self.frequency,
             decay=math.exp(-self.frequency * sample_time),
@@ -263,43 +252,6 @@ class ReferenceShaping(Part):
             kink=self.acceleration_limit * sample_time**2,
             turning_kink=self.yaw_acceleration_limit * sample_time**2,
             rate=1.0 / sample_time,
-            delay=delay,
+            delay=settings.delay,
             late=-math.expm1(-sample_time / _BEND_LAG),
         )
-
-
-def shape_references(
-    shaping: ReferenceShaping, references: ArrayLike, sample_time: float
-) -> NDArray[np.float64]:
-    """Return x, y and psi of references (N, 10), shaped, each with four derivatives (N, 3, 5), from the first on.
-
-    Raises
-    ------
-    InputError
-        If the references are not rows of ten finite numbers, or the sample time [s] is not above zero.
-    """
-    rows = real_array(references, ("N", 10), "The array of references")
-    smooth = np.empty((len(rows), 3, 5))
-    record = schema_of(ShapingRecord).zeros()
-    fill_record(record, shaping.sampled(positive_number(sample_time, "The sample time")))
-    memory = schema_of(ShapingState).zeros()
-    _shape_all(record.view(np.float64), memory.view(np.float64), rows, smooth)
-    return smooth
-
-
-_RECORD, _STATE = schema_of(ShapingRecord).dtype(), schema_of(ShapingState).dtype()
-
-
-@compiled
-def _shape_all(record, memory, references, smooth):
-    own, state = record.view(_RECORD)[0], memory.view(_STATE)[0]
-    for k in range(len(references)):
-        row = references[k]
-        wanted = (
-            Smooth(row[0], 0.0, 0.0, 0.0, 0.0),
-            Smooth(row[1], 0.0, 0.0, 0.0, 0.0),
-            Smooth(row[4], 0.0, 0.0, 0.0, 0.0),
-        )
-        x, y, psi = _shaped(own, state, references[0], wanted)
-        for i in range(5):
-            smooth[k, 0, i], smooth[k, 1, i], smooth[k, 2, i] = x[i], y[i], psi[i]

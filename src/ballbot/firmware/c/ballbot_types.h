@@ -14,9 +14,9 @@
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "62c1a4efba42ff7fe3627ad266e822a1ac410e439dc2bb6f556aa08aa6134b9e"
+#define BALLBOT_SCHEMA_DIGEST "c097c4b2e6b48e2382b101ccf43c0f854de130246f1811e3ea7b57092e774f6d"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1656857839, 977469311, 1667398354, 1726489249, 742460995, 499301231, 1433051274, 638798750 }
+#define BALLBOT_SCHEMA_WORDS { 1083688114, 1723108899, 45154764, 1950093189, 1306603556, 1863848419, 1786468105, 779571053 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -95,19 +95,6 @@ struct ballbot_observer_record {
 };
 typedef char ballbot_observer_record_has_no_padding[(sizeof(struct ballbot_observer_record) == 31u * sizeof(float)) ? 1 : -1];
 
-/* R, then h Q and P at the start of b and of kappa, and the bounds. */
-struct ballbot_floor_record {
-    int32_t on;
-    float noise; /* [1/s] */
-    float slope_walk; /* [1/s] */
-    float slope_start; /* [1/s] */
-    float drag_walk; /* [1/s] */
-    float drag_start; /* [1/s] */
-    float highest; /* [m s] */
-    float steepness; /* [s/m] */
-};
-typedef char ballbot_floor_record_has_no_padding[(sizeof(struct ballbot_floor_record) == 8u * sizeof(float)) ? 1 : -1];
-
 /* The limits, and the lean that errors command. */
 struct ballbot_lean_limit_record {
     int32_t on;
@@ -149,12 +136,11 @@ struct ballbot_law {
     struct ballbot_feed_forward_record feed_forward;
     struct ballbot_integral_record integral;
     struct ballbot_observer_record disturbance_observer;
-    struct ballbot_floor_record floor_adaptation;
     struct ballbot_lean_limit_record lean_limit;
     struct ballbot_notch_record notch;
     struct ballbot_prediction_record prediction;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1117u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1109u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -206,7 +192,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1214u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1206u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -306,19 +292,6 @@ struct ballbot_observer_state {
 };
 typedef char ballbot_observer_state_has_no_padding[(sizeof(struct ballbot_observer_state) == 10u * sizeof(float)) ? 1 : -1];
 
-/* kappa, b, and P less what it was at the start. */
-struct ballbot_floor_state {
-    float drag; /* [m s] */
-    float slope[2]; /* [m s] */
-    float P_xx; /* [1/s] */
-    float P_yy; /* [1/s] */
-    float P_kk; /* [1/s] */
-    float P_xy; /* [1/s] */
-    float P_xk; /* [1/s] */
-    float P_yk; /* [1/s] */
-};
-typedef char ballbot_floor_state_has_no_padding[(sizeof(struct ballbot_floor_state) == 9u * sizeof(float)) ? 1 : -1];
-
 /* Of each wheel's filter. */
 struct ballbot_notch_state {
     float delayed[BALLBOT_MAX_WHEELS][2]; /* [N m] */
@@ -341,12 +314,11 @@ struct ballbot_memory {
     struct ballbot_no_state feed_forward;
     struct ballbot_integral_state integral;
     struct ballbot_observer_state disturbance_observer;
-    struct ballbot_floor_state floor_adaptation;
     struct ballbot_no_state lean_limit;
     struct ballbot_notch_state notch;
     struct ballbot_prediction_state prediction;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 460u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 451u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -385,7 +357,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 782u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 773u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -141,7 +141,6 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     const bool limited = filter_and_limit(law, memory, torques, n) || now.error_limited;
 
     ballbot_integral_learn(law, memory, &now, limited);
-    ballbot_floor_adaptation_learn(law, memory, &now, limited);
 }
 
 int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, int32_t n,

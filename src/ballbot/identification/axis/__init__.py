@@ -2,7 +2,7 @@
 
 from ballbot.identification.axis.identify import AxisIdentification, AxisOptions, identify_axis
 from ballbot.identification.axis.model import AXIS_LAWS
-from ballbot.identification.axis.record import AxisRecord, KnownLoad, PositionVelocityLoop
+from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.regression import InverseFit, inverse_fit
 
 __all__ = [
@@ -11,8 +11,6 @@ __all__ = [
     "AxisOptions",
     "AxisRecord",
     "InverseFit",
-    "KnownLoad",
-    "PositionVelocityLoop",
     "identify_axis",
     "inverse_fit",
 ]

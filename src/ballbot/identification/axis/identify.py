@@ -13,13 +13,13 @@ An asymmetry is not selected: blocks of the same record share whatever made it, 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, note, warning
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import (
@@ -35,29 +35,21 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import resamples
 from ballbot.identification.axis.model import (
     AXIS_LAWS,
-    LOADS,
-    NO_LOAD_FRICTION,
-    PARAMETERS,
-    TURN,
     Axis,
     AxisLaw,
     AxisModel,
-    axis_law_named,
-    base_name,
+    check_law,
     harmonic,
-    load_named,
-    position_columns,
-    terms_of,
+    parameter_named,
     unit_for,
 )
-from ballbot.identification.axis.motion import Decimation, default_bandwidth, speed_at_start
+from ballbot.identification.axis.motion import default_bandwidth, speed_at_start
 from ballbot.identification.axis.output_error import (
     FOLDS,
     OutputError,
     OutputErrorFit,
     Sighting,
     blocks_of,
-    cut,
     fit_output_error,
     held_out_squares,
     sighting,
@@ -74,21 +66,15 @@ if TYPE_CHECKING:
 
 #: a force or a law that lowers the error on held-out blocks by less than this share is not worth its parameters
 USEFUL_GAIN = 0.02
-#: largest p-value of the coefficients of a force that is selected; divided by the number of harmonics searched
+#: largest p-value of the coefficients of a force that is selected
 _LARGEST_CHANCE = 1e-3
-#: forces selected at most, and the highest harmonic searched; gravity over fewer periods of travel resembles it
-_MOST_TERMS, _HIGHEST_HARMONIC, _PERIODS = 6, 120, 1.5
-#: harmonics tried in a round, and the phase [rad] that they move between rows at most
-_TRIED, _FASTEST_PHASE = 3, 1.5
 #: gravity comes before a spring, which resembles it over a small travel, and before friction under a load, which
 #: contains a gravity not yet found
-_WORTH = {"spring": 0.3, "load": 0.3}
+_WORTH = {"gravity": 1.0, "spring": 0.3, "load": 0.3}
 #: coefficients within so many standard errors of zero by output error are those of no force
 _REFUTED = 2.0
 #: of the columns of a wider model, each of length one
 _LARGEST_CONDITION = 300.0
-#: a fit begins at a mass of at least this share of a known load's
-_LEAST_MASS = 0.01
 #: Stribeck speeds that a fit begins at, over the fastest speed
 _STRIBECK_STARTS = (0.03, 0.15)
 #: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
@@ -102,6 +88,8 @@ _FAR = 10.0
 _KNOWN = 2.0
 #: standard errors that a difference or an effect is beyond, where chance makes one in 1,000 cases
 _CLEAR = 3.3
+#: least share of the residual force's variance that a dependence explains
+_LEAST_SHARE = 0.05
 _DRAWS, _SEED = 2000, 0
 
 
@@ -112,34 +100,25 @@ class AxisOptions:
     Raises
     ------
     InputError
-        If there is no such law, harmonic or parameter, or a bandwidth or a period is not above zero.
+        If there is no such law or harmonic, or the bandwidth is not above zero.
     """
 
     law: str | None = None  #: see `AXIS_LAWS`
     bandwidth: float | None = None  #: of the motion [Hz], which sets the filters
     harmonics: tuple[int, ...] | None = None  #: of the force over position
     spring: bool | None = None
-    load_friction: str | None = None  #: see `LOADS`, or "none"
-    period: float | None = None  #: of the first harmonic [m]; one turn if None
-    separate: tuple[str, ...] = ()  #: parameters of which each record has its own
+    load_friction: bool | None = None
+    known: Mapping[str, float] = field(default_factory=dict)  #: parameters that are not estimated, by name
 
     def __post_init__(self) -> None:
         if self.law is not None:
-            axis_law_named(self.law)
-        if self.load_friction not in (None, NO_LOAD_FRICTION):
-            load_named(self.load_friction)
-        for name, meaning in (
-            ("bandwidth", "the bandwidth of the motion [Hz]"),
-            ("period", "the travel of the first harmonic"),
-        ):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < np.inf:
-                raise InputError(f"--{name} is {value:g}; {meaning} must be a finite number above zero.")
-        known = (*PARAMETERS, *terms_of(spring=False, harmonics=self.harmonics or ()))
-        for name in self.separate:
-            if name not in known:
-                hint = suggest(name, known, otherwise="the parameters are")
-                raise InputError(f"--separate names no parameter: {name!r}; {hint}")
+            check_law(self.law)
+        if self.bandwidth is not None and not 0.0 < self.bandwidth < np.inf:
+            raise InputError(
+                f"--bandwidth is {self.bandwidth:g}; it must be a finite number above zero [Hz]."
+            )
+        for number in self.harmonics or ():
+            harmonic(number)
 
 
 DEFAULT_OPTIONS = AxisOptions()
@@ -152,9 +131,6 @@ class AxisErrors:
     record: str
     window_rmse: float  #: of the position over windows from their best starts [m]
     open_loop_rmse: float  #: of the position over the whole record, from its start [m]; NaN if it has gaps
-    inverse_force: float  #: |F - F_hat| / |F| of the force that the recorded motion requires, filtered
-    closed_loop_force: float | None  #: the same in closed loop; None if the loop is not known
-    closed_loop_position: float | None  #: the same for the position
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,9 +139,10 @@ class Estimate:
 
     method: str  #: "inverse" or "output error"
     model: AxisModel
-    values: dict[str, float]  #: by label, SI units
-    standard_errors: dict[str, float]  #: by label, of the whole interval; NaN for a parameter at a bound
-    half_widths: dict[str, float]  #: of the 95 % intervals, by label
+    values: dict[str, float]  #: by name, SI units
+    standard_errors: dict[str, float]  #: by name, of the whole interval; NaN for a parameter at a bound
+    half_widths: dict[str, float]  #: of the 95 % intervals, by name
+    correlation: NDArray[np.float64]  #: (p, p) of the errors; empty of the inverse model
     errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
 
     @property
@@ -173,15 +150,15 @@ class Estimate:
         """Its friction law."""
         return self.model.law
 
-    def axis(self, record: int | None = 0) -> Axis:
-        """Return the axis of one of the fitted records, or of another one."""
-        return self.model.axis(self.values, record)
+    def axis(self) -> Axis:
+        """Return the axis."""
+        return self.model.axis(self.values)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         intervals = {
-            label: [value - self.half_widths[label], value + self.half_widths[label]]
-            for label, value in self.values.items()
+            name: [value - self.half_widths[name], value + self.half_widths[name]]
+            for name, value in self.values.items()
         }
         return {
             "method": self.method,
@@ -195,21 +172,6 @@ class Estimate:
         }
 
 
-@dataclass(frozen=True, kw_only=True)
-class ResidualTest:
-    """Whether the force that the model leaves unexplained depends on a quantity."""
-
-    quantity: str
-    p_value: float  #: NaN if there are too few blocks
-    share: float  #: of the residual's variance that the quantity explains
-    size: float  #: of that, root mean square [N]
-
-    @property
-    def dependent(self) -> bool:
-        """Whether chance explains it in less than 1 of 1,000 cases, and it is a twentieth of the variance."""
-        return self.p_value < _LARGEST_CHANCE and self.share > 0.05
-
-
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisIdentification:
@@ -219,12 +181,10 @@ class AxisIdentification:
     unit: str  #: of positions: "m" or "rad"
     terms: tuple[tuple[str, Gain], ...]  #: forces over position and load that were selected, and their gains
     window: float  #: length of the windows [s]
-    inverse_model: InverseFit  #: as published: of all rows, with the law `coulomb` and the forces selected
     inverse: Estimate  #: the law's linear part by the inverse model, of the moving axis
     best: Estimate  #: the law that was selected or requested, by output error
     by_law: dict[str, Estimate]  #: every law by output error
     laws: ModelSelection[AxisLaw]  #: every law, by its errors on held-out blocks
-    residuals: tuple[ResidualTest, ...]
     expected: tuple[float, float, float]  #: error over windows on held-out blocks [m], and its 95 % interval
     findings: tuple[Finding, ...]
 
@@ -242,13 +202,8 @@ class AxisIdentification:
         """Return the law's parameters with their standard errors, the error to expect elsewhere, and findings."""
         best, unit = self.best, f"m{self.unit}"
         rows = [
-            (
-                label,
-                estimated(
-                    value, best.standard_errors[label], unit_for(best.model.parameter(label), self.unit)
-                ),
-            )
-            for label, value in best.values.items()
+            (name, estimated(value, best.standard_errors[name], unit_for(parameter_named(name), self.unit)))
+            for name, value in best.values.items()
         ]
         error, low, high = (1e3 * one for one in self.expected)
         words = (
@@ -276,10 +231,8 @@ class AxisIdentification:
             "parameters": self.best.values,
             "standard_errors": self.best.standard_errors,
             "estimates": {one.method: one.to_dict() for one in self.estimates},
-            "inverse_model": self.inverse_model.to_dict(),
             "selection": [_law_result(one) for one in self.laws.candidates],
             "laws": {name: one.to_dict() for name, one in self.by_law.items()},
-            "residuals": {one.quantity: {**vars(one), "dependent": one.dependent} for one in self.residuals},
             "expected_elsewhere": {"position_rmse": self.expected[0], "interval_95": list(self.expected[1:])},
             "findings": finding_results(self.findings),
         }
@@ -326,7 +279,7 @@ def identify_axis(
     band = options.bandwidth
     seen = [sighting(one, band or default_bandwidth(one)) for one in records]
     others = [sighting(one, band or default_bandwidth(one)) for one in validation_records]
-    model, terms = _model(records, options)
+    model, terms = _model(seen, options)
     first = _fit("coulomb", model, seen, band)
     model, terms, first = _confirmed(model, terms, first, seen, options)
     fits = {"coulomb": first}
@@ -343,20 +296,25 @@ def identify_axis(
     linear = fit.model.with_law("coulomb") if chosen == "stribeck" else fit.model
     moving = inverse_fit(records, linear, bandwidth=band, moving=True)
     best, lacks = _widened(by_law[chosen], fit, moving)
-    tests = _residual_tests(records, best, band)
-    expected = _expected(squares[chosen])
+    errors = dict(zip(moving.names, moving.clustered_errors.tolist(), strict=True))
     found = AxisIdentification(
         records=tuple(one.name for one in records),
         unit=records[0].unit,
         terms=terms,
         window=window_duration(records),
-        inverse_model=inverse_fit(records, model, bandwidth=band),
-        inverse=_estimate_of("inverse", linear, moving.by_name, moving, seen, others),
+        inverse=Estimate(
+            method="inverse",
+            model=linear,
+            values=moving.by_name,
+            standard_errors=errors,
+            half_widths={name: 1.96 * error for name, error in errors.items()},
+            correlation=np.empty((0, 0)),
+            errors=_errors(linear, moving.by_name, seen, others),
+        ),
         best=best,
         by_law=by_law | {chosen: best},
         laws=laws,
-        residuals=tests,
-        expected=expected,
+        expected=_expected(squares[chosen]),
         findings=(),
     )
     findings = (
@@ -365,7 +323,7 @@ def identify_axis(
         *_undetermined(best),
         *_delayed(fit),
         *_outliers(fit),
-        *_residual_findings(tests),
+        *_residual_findings(records, best, band),
         *_elsewhere(found),
     )
     return replace(found, findings=findings)
@@ -374,19 +332,12 @@ def identify_axis(
 def _check(
     records: Sequence[AxisRecord], validation_records: Sequence[AxisRecord], options: AxisOptions
 ) -> None:
-    if not records:
-        raise InputError("There is no record to identify the axis from.")
-    if options.separate and len(records) == 1:
-        raise InputError(
-            f"--separate {options.separate[0]}: a parameter can be separate only between several records, and one is "
-            "fitted; give more with --also, or leave it out."
-        )
-    if options.harmonics and options.period is None and records and records[0].unit == "m":
-        raise InputError(
-            "An axis that slides has no turn for --harmonics; give --period, the travel of the first harmonic."
-        )
     everything = (*records, *validation_records)
     names = [one.name for one in everything]
+    if not records:
+        raise InputError("There is no record to identify the axis from.")
+    if options.harmonics and records[0].unit == "m":
+        raise InputError("An axis that slides has no turn for --harmonics.")
     if len(set(names)) < len(names):
         raise InputError(
             f"Two of the records have the same name ({', '.join(names)}); give each its own name."
@@ -394,115 +345,69 @@ def _check(
     if len({one.unit for one in everything}) > 1:
         raise InputError("Some of the records are of an axis that turns and some are not; identify one axis.")
     for one in records:
-        if np.ptp(one.force) == 0.0 and one.known_load.weight == 0.0:
+        if np.ptp(one.force) == 0.0:
             raise InputError(
-                f"{one.name}: the force is {one.force[0] + 0.0:g} {one.force_unit} "
-                "throughout, so nothing can be identified; check its column and its scale"
-                + (
-                    ", or give the load of a pendulum by --load-mass and --load-arm."
-                    if one.unit == "rad"
-                    else "."
-                )
+                f"{one.name}: the force is {one.force[0] + 0.0:g} {one.force_unit} throughout, so nothing can be "
+                "identified; check its column and its scale."
             )
 
 
-def _model(
-    records: Sequence[AxisRecord], options: AxisOptions
-) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
+Terms = tuple[tuple[str, Gain], ...]
+
+
+def _model(seen: Sequence[Sighting], options: AxisOptions) -> tuple[AxisModel, Terms]:
     """Return the model with the law `coulomb` and the forces requested or selected, and the gains of the selected."""
-    load = options.load_friction
-    model = AxisModel(
+    harmonics = [name for number in dict.fromkeys(options.harmonics or ()) for name in harmonic(number)]
+    records = [one.record for one in seen]
+    requested = AxisModel(
         law=AXIS_LAWS["coulomb"],
-        terms=terms_of(spring=bool(options.spring), harmonics=options.harmonics or ()),
-        load=None if load in (None, NO_LOAD_FRICTION) else load_named(load),
-        period=options.period or TURN,
-        separate=options.separate,
-        records=len(records),
+        terms=(*(("spring",) if options.spring else ()), *harmonics),
+        load=bool(options.load_friction),
+        held=options.known,
         # rows at uneven times are not those of the loop that holds the force
         interpolated=not all(one.even for one in records),
     )
-    model, gains = select_forces(records, model, options)
+    model, gains = select_forces(records, requested, options)
     if model.interpolated:
         return model, gains
     # a log that is slower than its loop contains some of its rows; the force changes between them
-    held, between = (replace(model, interpolated=one) for one in (False, True))
-    seen = [sighting(one, options.bandwidth or default_bandwidth(one)) for one in records]
-    slow = _fit("coulomb", between, seen, options.bandwidth)
-    if slow.rms < (1.0 - USEFUL_GAIN) * _fit("coulomb", held, seen, options.bandwidth).rms:
-        given = replace(
-            model,
-            interpolated=True,
-            terms=terms_of(spring=bool(options.spring), harmonics=options.harmonics or ()),
-        )
-        return select_forces(records, replace(given, load=model.load if load else None), options)
+    held, between = (
+        _fit("coulomb", replace(model, interpolated=one), seen, options.bandwidth) for one in (False, True)
+    )
+    if between.rms < (1.0 - USEFUL_GAIN) * held.rms:
+        return select_forces(records, replace(requested, interpolated=True), options)
     return model, gains
 
 
 def select_forces(
     records: Sequence[AxisRecord], model: AxisModel, options: AxisOptions = DEFAULT_OPTIONS
-) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
+) -> tuple[AxisModel, Terms]:
     """Return a model with the forces over position and load that the records support, and the gain of each."""
     gains = list[tuple[str, Gain]]()
-    rows = regression_rows(records, model, bandwidth=options.bandwidth, moving=True)
-    squares = _held_out_force(rows)
-    for _ in range(_MOST_TERMS):
-        best = None
-        for name, wider in _wider(records, model, rows, options):
-            found = _gain_of(
-                records, model, wider, squares, options.bandwidth, searched=name.startswith("harmonic ")
-            )
-            if found is None:
-                continue
-            worth = found[0].share * _WORTH.get(name.partition(" ")[0], 1.0)
-            if best is None or worth > best[0]:
-                best = (worth, name, wider, *found)
-        if best is None:
-            break
-        _, name, model, gain, rows = best
+    squares = _held_out_force(regression_rows(records, model, bandwidth=options.bandwidth, moving=True))
+    while True:
+        found = [
+            (name, wider, gain, own)
+            for name, wider in _wider(records, model, options)
+            for gain, own in _gains_of(records, model, wider, squares, options.bandwidth)
+        ]
+        if not found:
+            return model, tuple(gains)
+        name, model, gain, squares = max(found, key=lambda one: one[2].share * _WORTH[one[0]])
         gains.append((name, gain))
-        squares = _held_out_force(rows)
-    return model, tuple(gains)
 
 
 def _wider(
-    records: Sequence[AxisRecord], model: AxisModel, rows: RegressionRows, options: AxisOptions
+    records: Sequence[AxisRecord], model: AxisModel, options: AxisOptions
 ) -> Iterator[tuple[str, AxisModel]]:
     """Yield models with one force more, of those that the user left open."""
-    # under the weight of one known load alone, a spring or gravity of its own is its inertia, negative
-    falling = all(np.ptp(one.force) == 0.0 and one.known_load == records[0].known_load for one in records)
-    turns = records[0].unit == "rad"
-    if options.spring is None and "spring" not in model.terms and not falling:
+    if options.spring is None and "spring" not in model.terms:
         yield "spring", replace(model, terms=("spring", *model.terms))
-    if options.load_friction is None and model.load is None and not falling:
-        weighty = bool(model.terms) or any(one.known_load.weight for one in records)
-        possible = [
-            one
-            for one in LOADS
-            if (weighty if one != "recorded" else all(each.load is not None for each in records))
-        ]
-        for one in possible:
-            yield f"load {one}", replace(model, load=one)
-    if options.harmonics is None and (turns or options.period is not None):
-        numbers = ([] if falling else [1]) + _strongest_harmonics(model, rows)
-        for number in dict.fromkeys(numbers):
-            names = harmonic(number)
-            if names[0] not in model.terms:
-                yield f"harmonic {number}", replace(model, terms=(*model.terms, *names))
-
-
-def _strongest_harmonics(model: AxisModel, rows: RegressionRows) -> list[int]:
-    """Return the harmonics at which the residual force is largest, of those that the travel and the rows show."""
-    position, X = rows.seen["position"], rows.design
-    residual = rows.force - X @ np.linalg.lstsq(X, rows.force, rcond=None)[0]
-    wave, travel = TURN / model.period, float(np.ptp(position))
-    step = float(np.quantile(np.abs(np.diff(position)), 0.5)) * wave
-    highest = min(_HIGHEST_HARMONIC, int(_FASTEST_PHASE / max(step, 1e-9)))
-    least = max(2, int(np.ceil(_PERIODS * model.period / max(travel, 1e-12))))
-    powers = {}
-    for number in range(least, highest + 1):
-        columns = np.column_stack(list(position_columns(harmonic(number), position, model.period).values()))
-        powers[number] = float(np.sum(np.linalg.lstsq(columns, residual, rcond=None)[0] ** 2))
-    return sorted(powers, key=lambda number: -powers[number])[:_TRIED]
+    # without a force over position it is part of b and c
+    if options.load_friction is None and not model.load and model.terms:
+        yield "load", replace(model, load=True)
+    if options.harmonics is None and records[0].unit == "rad" and "sin_1" not in model.terms:
+        yield "gravity", replace(model, terms=(*model.terms, *harmonic(1)))
 
 
 def _held_out_force(rows: RegressionRows) -> NDArray[np.float64]:
@@ -517,88 +422,67 @@ def _held_out_force(rows: RegressionRows) -> NDArray[np.float64]:
     return squares
 
 
-def _gain_of(
+def _gains_of(
     records: Sequence[AxisRecord],
     model: AxisModel,
     wider: AxisModel,
     squares: NDArray[np.float64],
     bandwidth: float | None,
-    *,
-    searched: bool,
-) -> tuple[Gain, RegressionRows] | None:
-    """Return what a wider model gains, and its rows; None if the records do not support it."""
+) -> Iterator[tuple[Gain, NDArray[np.float64]]]:
+    """Yield what a wider model gains, and its squares on held-out blocks, if the records support it."""
     rows = regression_rows(records, wider, bandwidth=bandwidth, moving=True)
     X = rows.design
     lengths = np.linalg.norm(X, axis=0)
     if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
-        return None
+        return
     fit = fit_linear(X, rows.force, rows.block)
-    own = [place for place, label in enumerate(rows.columns) if base_name(label) not in model.names]
-    chance = _LARGEST_CHANCE / (_HIGHEST_HARMONIC if searched and "sin_1" not in wider.terms[-2:] else 1)
-    if not fit.p_value(own) < chance or any(
-        base_name(label) == "load" and not 0.0 < fit.values[place] < 1.0
-        for place, label in enumerate(rows.columns)
-        if wider.load != "recorded"
-    ):
-        return None
+    names = list(rows.columns)
+    own = [place for place, name in enumerate(names) if name not in model.names]
+    if not fit.p_value(own) < _LARGEST_CHANCE:
+        return
+    if wider.load and not 0.0 < fit.values[names.index("load")] < 1.0:
+        return
     ours = _held_out_force(rows)
     gain = gain_between(ours, squares, neighbours(range(len(ours)), block=1))
-    return (gain, rows) if gain.significant and gain.share >= 0.5 * USEFUL_GAIN else None
+    if gain.significant and gain.share >= 0.5 * USEFUL_GAIN:
+        yield gain, ours
 
 
 def _fit(law: str, model: AxisModel, seen: Sequence[Sighting], bandwidth: float | None) -> OutputErrorFit:
     """Fit a law by output error from the inverse model's values."""
     own, records = model.with_law(law), [one.record for one in seen]
-    linear = inverse_fit(
-        records, model.with_law("coulomb") if law == "stribeck" else own, bandwidth=bandwidth, moving=True
-    )
-    start = linear.by_name
-    for number, one in enumerate(records):
-        label, known = own.label("mass", number), one.known_load.inertia
-        if start[label] + known <= 0.0:
-            raise InputError(
-                f"{one.name}: the inverse model estimates a mass of {start[label]:.3g}, which must be above zero. The "
-                "sign of the force or its column is wrong, or the force is delayed."
-            )
-        # the axis's own part of a heavy load's may be lost in its noise
-        start[label] = max(start[label], _LEAST_MASS * known)
-    problem = OutputError(model=own, windows=cut(seen, window_duration(records)))
+    linear = model.with_law("coulomb") if law == "stribeck" else own
+    start = inverse_fit(records, linear, bandwidth=bandwidth, moving=True).by_name
+    if start.get("mass", 1.0) <= 0.0:
+        raise InputError(
+            f"{records[0].name}: the inverse model estimates a mass of {start['mass']:.3g}, which must be above zero. "
+            "The sign of the force or its column is wrong, or the force is delayed."
+        )
+    duration = window_duration(records)
+    problem = OutputError(model=own, windows=tuple(windows_of(one, duration) for one in seen))
     if law != "stribeck":
         return fit_output_error(problem, start)
     fastest = max(float(np.abs(one.motion.speed).max()) for one in seen)
-    found = []
-    for share in _STRIBECK_STARTS:
-        more = {
-            label: 0.2 * start[label.replace("stribeck", "coulomb")]
-            if base_name(label) == "stribeck"
-            else share * fastest
-            for label in own.labels
-            if base_name(label).startswith("stribeck")
-        }
-        found.append(fit_output_error(problem, {label: {**start, **more}[label] for label in own.labels}))
+    found = [
+        fit_output_error(
+            problem, {**start, "stribeck": 0.2 * start["coulomb"], "stribeck_speed": share * fastest}
+        )
+        for share in _STRIBECK_STARTS
+    ]
     return min(found, key=lambda fit: fit.rms)
 
 
 def _confirmed(
-    model: AxisModel,
-    terms: tuple[tuple[str, Gain], ...],
-    fit: OutputErrorFit,
-    seen: Sequence[Sighting],
-    options: AxisOptions,
-) -> tuple[AxisModel, tuple[tuple[str, Gain], ...], OutputErrorFit]:
+    model: AxisModel, terms: Terms, fit: OutputErrorFit, seen: Sequence[Sighting], options: AxisOptions
+) -> tuple[AxisModel, Terms, OutputErrorFit]:
     """Return the model without selected forces that output error refutes, which noise of the position does not bias."""
-    for name, _ in terms:
-        kind, _, which = name.partition(" ")
-        names = {"spring": ("spring",), "load": ("load",)}.get(kind) or harmonic(int(which))
-        sizes = [
-            abs(fit.values[label]) / max(fit.standard_errors[label], 1e-300)
-            for label in fit.values
-            if base_name(label) in names
-        ]
+    for term, _ in terms:
+        names = harmonic(1) if term == "gravity" else (term,)
+        sizes = [abs(fit.values[name]) / max(fit.standard_errors[name], 1e-300) for name in names]
         if all(not size > _REFUTED for size in sizes):
-            load = None if kind == "load" else model.load
-            model = replace(model, terms=tuple(one for one in model.terms if one not in names), load=load)
-            terms = tuple(one for one in terms if one[0] != name)
+            kept = tuple(one for one in model.terms if one not in names)
+            model = replace(model, terms=kept, load=model.load and term != "load")
+            terms = tuple(one for one in terms if one[0] != term)
             fit = _fit("coulomb", model, seen, options.bandwidth)
     return model, terms, fit
 
@@ -620,93 +504,61 @@ def _select_law(
     fastest = max(float(np.quantile(np.abs(one.motion.speed), 0.95)) for one in seen)
     while best.within and best.gain:
         fit = fits[best.name]
-        own = [label for label in fit.values if base_name(label) not in AXIS_LAWS[best.within].names]
-        own = [label for label in own if base_name(label) in best.model.names]
-        determined = all(fit.standard_errors[label] < abs(fit.values[label]) for label in own)
-        slow = [fit.values[label] for label in own if base_name(label) == "stribeck_speed"]
-        if determined and all(one < _FADES * fastest for one in slow) and best.gain.share >= USEFUL_GAIN:
+        own = [name for name in best.model.names if name not in AXIS_LAWS[best.within].names]
+        determined = all(fit.standard_errors[name] < abs(fit.values[name]) for name in own)
+        fades = fit.values.get("stribeck_speed", 0.0) < _FADES * fastest
+        if determined and fades and best.gain.share >= USEFUL_GAIN:
             break
         best = selection.find(best.within)
-    dry = [label for label in fits["coulomb"].values if base_name(label) == "coulomb"]
-    if best.name == "viscous" and all(
-        fits["coulomb"].values[label] > _CLEAR * fits["coulomb"].standard_errors[label] for label in dry
-    ):
+    dry = fits["coulomb"]
+    if best.name == "viscous" and dry.values["coulomb"] > _CLEAR * dry.standard_errors["coulomb"]:
         # noise of the position may be most of the error, and hide a friction that is known to a few percent
         best = selection.find("coulomb")
     return ModelSelection(candidates=selection.candidates, best=best)
 
 
 def _estimate(fit: OutputErrorFit, seen: Sequence[Sighting], others: Sequence[Sighting]) -> Estimate:
-    found = _estimate_of("output error", fit.model, fit.values, None, seen, others)
-    halves = {label: fit.quantile * error for label, error in fit.standard_errors.items()}
-    return replace(found, standard_errors=fit.standard_errors, half_widths=halves)
-
-
-def _estimate_of(
-    method: str,
-    model: AxisModel,
-    values: dict[str, float],
-    inverse: InverseFit | None,
-    seen: Sequence[Sighting],
-    others: Sequence[Sighting],
-) -> Estimate:
-    """Return an estimate with its errors on the records fitted and on others."""
-    errors = (
-        {} if inverse is None else dict(zip(inverse.names, inverse.clustered_errors.tolist(), strict=True))
-    )
-    duration = window_duration([one.record for one in seen])
-    numbered = [*enumerate(seen), *((None, one) for one in others)]
     return Estimate(
-        method=method,
-        model=model,
-        values=values,
-        standard_errors=errors,
-        half_widths={label: 1.96 * error for label, error in errors.items()},
-        errors=tuple(
-            axis_errors(model.axis(values, number), one, duration, model) for number, one in numbered
-        ),
+        method="output error",
+        model=fit.model,
+        values=fit.values,
+        standard_errors=fit.standard_errors,
+        half_widths={name: fit.quantile * error for name, error in fit.standard_errors.items()},
+        correlation=fit.correlation,
+        errors=_errors(fit.model, fit.values, seen, others),
     )
 
 
-def axis_errors(axis: Axis, seen: Sighting, duration: float, model: AxisModel) -> AxisErrors:
-    """Return how well an axis predicts a record, over windows of a duration [s], whole and in its loop."""
-    record, motion = seen.record, seen.motion
-    own = replace(model, records=1, held=axis.values, separate=())
-    windows = windows_of(seen, 0, duration)
-    squares = OutputError(model=own, windows=(windows,)).squares({})
-    counts = np.bincount(windows.compared[2])
-    whole = np.nan
-    if len(record.segments) == 1:
-        start = np.array([[record.position[0], speed_at_start(record)]])
-        last = np.array([len(record) - 1])
-        moved = axis.windows(record, np.array([0]), last, start, interpolated=model.interpolated)
-        whole = float(np.sqrt(np.mean((moved - record.position[1:]) ** 2)))
-    rows = Decimation(record, bandwidth=seen.bandwidth)
-    needed = axis.needed_force(record, motion.position, motion.speed, motion.acceleration)
-    force = rows.of(record.force)
-    closed_force = closed_position = None
-    if record.loop is not None:
-        positions, forces = axis.closed_loop(record, speed=speed_at_start(record))
-        closed_force = _share(forces, record.force)
-        closed_position = _share(positions, record.position)
-    return AxisErrors(
-        record=record.name,
-        window_rmse=float(np.sqrt(np.sum(squares * counts) / counts.sum())),
-        open_loop_rmse=whole,
-        inverse_force=float(np.linalg.norm(force - rows.of(needed)) / np.linalg.norm(force)),
-        closed_loop_force=closed_force,
-        closed_loop_position=closed_position,
-    )
-
-
-def _share(simulated: NDArray[np.float64], recorded: NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(simulated - recorded) / np.linalg.norm(recorded))
+def _errors(
+    model: AxisModel, values: dict[str, float], seen: Sequence[Sighting], others: Sequence[Sighting]
+) -> tuple[AxisErrors, ...]:
+    """Return how well parameters predict the records fitted, and others, over windows and whole."""
+    duration, axis, found = window_duration([one.record for one in seen]), model.axis(values), []
+    for one in (*seen, *others):
+        record = one.record
+        windows = windows_of(one, duration)
+        squares = OutputError(model=model, windows=(windows,)).squares(values)
+        counts = np.bincount(windows.compared[2])
+        whole = np.nan
+        if len(record.segments) == 1:
+            start = np.array([[record.position[0], speed_at_start(record)]])
+            last = np.array([len(record) - 1])
+            moved = axis.windows(record, np.array([0]), last, start, interpolated=model.interpolated)
+            whole = float(np.sqrt(np.mean((moved - record.position[1:]) ** 2)))
+        found.append(
+            AxisErrors(
+                record=record.name,
+                window_rmse=float(np.sqrt(np.sum(squares * counts) / counts.sum())),
+                open_loop_rmse=whole,
+            )
+        )
+    return tuple(found)
 
 
 def _widened(plain: Estimate, fit: OutputErrorFit, inverse: InverseFit) -> tuple[Estimate, list[Finding]]:
     """Return the result with intervals that contain what differs between parts and methods, and a finding on that."""
-    labels = list(fit.values)
-    lacks, causes = np.zeros(len(labels)), [""] * len(labels)
+    names = list(fit.values)
+    lacks, causes = np.zeros(len(names)), [""] * len(names)
     for cause, windows in _parts(fit):
         moves, errors = fit.moved_by(windows)
         # a part that hardly determines a parameter says nothing about it
@@ -714,31 +566,29 @@ def _widened(plain: Estimate, fit: OutputErrorFit, inverse: InverseFit) -> tuple
         beyond = np.sqrt(np.maximum(np.where(known, moves**2 - errors**2, 0.0), 0.0))
         for i in np.flatnonzero(beyond > lacks):
             lacks[i], causes[i] = beyond[i], cause
-    for i, label in enumerate(labels):
-        if label not in inverse.names:
+    for i, name in enumerate(names):
+        if name not in inverse.names:
             continue
-        at = inverse.names.index(label)
+        at = inverse.names.index(name)
         chance = (
-            np.nan_to_num(inverse.clustered_errors[at]) ** 2 + np.nan_to_num(fit.standard_errors[label]) ** 2
+            np.nan_to_num(inverse.clustered_errors[at]) ** 2 + np.nan_to_num(fit.standard_errors[name]) ** 2
         )
-        apart = (fit.values[label] - inverse.values[at]) ** 2
+        apart = (fit.values[name] - inverse.values[at]) ** 2
         if apart - chance > lacks[i] ** 2:
             lacks[i], causes[i] = np.sqrt(apart - chance), "by the inverse model"
     # a parameter at a bound has no interval
     errors = {
-        label: float(np.hypot(fit.standard_errors[label], lack))
-        for label, lack in zip(labels, lacks, strict=True)
+        name: float(np.hypot(fit.standard_errors[name], lack))
+        for name, lack in zip(names, lacks, strict=True)
     }
-    halves = {label: fit.quantile * error for label, error in errors.items()}
+    halves = {name: fit.quantile * error for name, error in errors.items()}
     best = replace(plain, standard_errors=errors, half_widths=halves)
-    most = [i for i, label in enumerate(labels) if lacks[i] > _CLEAR * fit.standard_errors[label]]
+    most = [i for i, name in enumerate(names) if lacks[i] > _CLEAR * fit.standard_errors[name]]
     if not most:
         return best, []
     words = []
     for cause in dict.fromkeys(causes[i] for i in most):
-        moved = [
-            f"{plain.model.parameter(labels[i]).symbol} by {lacks[i]:.2g}" for i in most if causes[i] == cause
-        ]
+        moved = [f"{parameter_named(names[i]).symbol} by {lacks[i]:.2g}" for i in most if causes[i] == cause]
         words.append(f"{', '.join(moved)} {cause}")
     text = (
         "The model may lack something: parameters differ by more than chance between parts or methods "
@@ -750,13 +600,13 @@ def _widened(plain: Estimate, fit: OutputErrorFit, inverse: InverseFit) -> tuple
 def _parts(fit: OutputErrorFit) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Yield parts of the records, as windows (w,), each with what a fit to it is."""
     speeds, slow, record = [], [], []
-    for one in fit.problem.windows:
+    for number, one in enumerate(fit.problem.windows):
         speed = np.abs(one.seen.motion.speed)
         for first, count in zip(one.firsts.tolist(), one.counts.tolist(), strict=True):
             part = speed[first : first + count + 1]
             speeds.append(float(np.sqrt(np.mean(part**2))))
             slow.append(float(part.min()) < _SLOW * one.seen.usual_speed)
-            record.append(one.number)
+            record.append(number)
     count, numbers = len(speeds), np.array(record)
     time = np.arange(count) < count // 2
     yield "in the first half", time
@@ -779,51 +629,37 @@ def _expected(squares: NDArray[np.float64]) -> tuple[float, float, float]:
     return middle, middle * float(np.exp(-1.96 * spread)), middle * float(np.exp(1.96 * spread))
 
 
-def _residual_tests(
+#: what to do about a residual force that depends on a quantity
+_ADVICE = {
+    "position": "a force over position is missing: try --harmonics or --spring",
+    "speed": "friction is no straight line over speed: compare the laws",
+    "time": "friction or the constant force drifts; record the warm machine",
+}
+
+
+def _residual_findings(
     records: Sequence[AxisRecord], best: Estimate, bandwidth: float | None
-) -> tuple[ResidualTest, ...]:
-    """Test whether the force that the result leaves depends on anything recorded, by straight pieces over its range."""
-    model = best.model
-    rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
-    values = {label: best.values.get(label, 0.0) for label in rows.columns}
-    left = rows.force - rows.design @ np.array(list(values.values()))
-    if "stribeck" in model.law.names:
-        speed, own = rows.seen["speed"], model.values_for(best.values, 0)
-        left = left - own["stribeck"] * np.exp(-np.abs(speed) / own["stribeck_speed"]) * np.sign(speed)
-    tests = []
+) -> Iterator[Finding]:
+    """Warn if the force that the result leaves depends on position, speed or time, by straight pieces over each."""
+    rows = regression_rows(records, best.model, bandwidth=bandwidth, moving=True)
+    left = rows.force - rows.design @ np.array([best.values[name] for name in rows.columns])
+    if "stribeck" in best.values:
+        speed = rows.seen["speed"]
+        fading = np.exp(-np.abs(speed) / best.values["stribeck_speed"]) * np.sign(speed)
+        left = left - best.values["stribeck"] * fading
     for quantity, column in rows.seen.items():
         edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, 6)))
         if len(edges) < 3:
             continue
         shapes = np.column_stack([np.interp(column, edges, one) for one in np.eye(len(edges))])
         fit = fit_linear(shapes, left, rows.block)
-        explained = shapes @ fit.values - np.mean(left)
-        tests.append(
-            ResidualTest(
-                quantity=quantity,
-                p_value=fit.p_value(range(shapes.shape[1])),
-                share=float(np.clip(np.mean(explained**2) / max(np.var(left), 1e-300), 0.0, 1.0)),
-                size=float(np.sqrt(np.mean(explained**2))),
-            )
-        )
-    return tuple(tests)
-
-
-_ADVICE = {
-    "position": "a force over position is missing: try --harmonics, --period or --spring",
-    "speed": "friction is no straight line over speed: compare the laws",
-    "time": "friction or the constant force drifts; record the warm machine",
-}
-
-
-def _residual_findings(tests: Sequence[ResidualTest]) -> Iterator[Finding]:
-    for one in tests:
-        if one.dependent:
-            advice = _ADVICE.get(one.quantity, "no term of the model depends on it")
+        chance = fit.p_value(range(shapes.shape[1]))
+        share = float(np.mean((shapes @ fit.values - np.mean(left)) ** 2) / max(np.var(left), 1e-300))
+        if chance < _LARGEST_CHANCE and share > _LEAST_SHARE:
             yield warning(
                 "axis-residuals",
-                f"The residual force depends on the {one.quantity} (p = {one.p_value:.1g}; {100.0 * one.share:.0f} % "
-                f"of its variance): {advice}.",
+                f"The residual force depends on the {quantity} (p = {chance:.1g}; {100.0 * min(share, 1.0):.0f} % "
+                f"of its variance): {_ADVICE[quantity]}.",
             )
 
 
@@ -854,8 +690,8 @@ def _law_findings(found: AxisIdentification, *, by_user: bool) -> Iterator[Findi
 
 
 def _undetermined(best: Estimate) -> Iterator[Finding]:
-    for label, value in best.values.items():
-        error, kind = best.standard_errors[label], best.model.parameter(label)
+    for name, value in best.values.items():
+        error, kind = best.standard_errors[name], parameter_named(name)
         if kind.scale == "signed":
             continue
         if not np.isfinite(error):

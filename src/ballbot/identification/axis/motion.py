@@ -44,9 +44,8 @@ class Motion:
     acceleration: NDArray[np.float64]  #: (N,) [m/s^2]
 
 
-#: noise of the position adds at most this share to the mean square of the acceleration, and with a known load, whose
-#: share of the force is subtracted, the other one to that of the force that remains
-_NOISE_SHARE, _REMAINING_NOISE_SHARE = 0.02, 2e-3
+#: noise of the position adds at most this share to the mean square of the acceleration
+_NOISE_SHARE = 0.02
 #: for that the bandwidth is lowered by this factor at a time, down to so many periods in the record
 _LOWERED, _LEAST_MOTIONS = 1.25, 10.0
 
@@ -62,20 +61,10 @@ def default_bandwidth(record: AxisRecord) -> float:
         cutoff = _DECIMATION_RATIO * band
         noise = (2.0 * np.pi) ** 4 * density * cutoff**5 / 5.0
         slow = smoothed_motion(record, bandwidth=max(least, band / _FILTER_RATIO))
-        remaining = min(np.var(record.force - load_force(record, one)) for one in (motion, slow))
-        if (
-            noise <= _NOISE_SHARE * min(np.var(motion.acceleration), np.var(slow.acceleration))
-            and record.known_load.inertia**2 * noise <= _REMAINING_NOISE_SHARE * remaining
-        ):
+        if noise <= _NOISE_SHARE * min(np.var(motion.acceleration), np.var(slow.acceleration)):
             break
         band = max(least, band / _LOWERED)
     return band
-
-
-def load_force(record: AxisRecord, motion: Motion) -> NDArray[np.float64]:
-    """Return the force (N,) that a record's known load requires in a motion."""
-    known = record.known_load
-    return known.inertia * motion.acceleration + known.weight * np.sin(motion.position - known.hanging)
 
 
 def position_noise(record: AxisRecord, *, bandwidth: float) -> float:

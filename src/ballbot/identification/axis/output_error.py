@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.parameter import RelativeSpace
-from ballbot.fitting.uncertainty import block_length, errors_in_time
+from ballbot.fitting.uncertainty import block_length, correlation, covariance, leverage_corrected
 from ballbot.identification.axis.model import AxisModel, Values
 from ballbot.identification.axis.motion import Motion, position_noise, smoothed_motion, speed_at_start
 from ballbot.identification.axis.record import AxisRecord
@@ -80,7 +80,6 @@ class Windows:
     """Windows of one record, and which of its rows are compared: every `_COMPARED_EVERY`, and from one row on."""
 
     seen: Sighting
-    number: int  #: of the record, from 0; None of another one
     firsts: NDArray[np.int64]  #: (w,)
     counts: NDArray[np.int64]  #: (w,) rows that each runs over
     starts: NDArray[np.float64]  #: (w, 2) position and speed there
@@ -100,7 +99,7 @@ class Windows:
         return replace(self, firsts=self.firsts[kept], counts=self.counts[kept], starts=self.starts[kept])
 
 
-def windows_of(seen: Sighting, number: int, duration: float) -> Windows:
+def windows_of(seen: Sighting, duration: float) -> Windows:
     """Return windows of about that duration [s], end to end, in each part between gaps."""
     record, spans = seen.record, list[tuple[int, int]]()
     for begin, end in record.segments:
@@ -114,7 +113,6 @@ def windows_of(seen: Sighting, number: int, duration: float) -> Windows:
     positions = np.where(record.even & (firsts == 0), record.position[firsts], seen.motion.position[firsts])
     return Windows(
         seen=seen,
-        number=number,
         firsts=firsts,
         counts=np.array([last - first for first, last in spans], dtype=np.int64),
         starts=np.column_stack([positions, speeds]),
@@ -124,11 +122,6 @@ def windows_of(seen: Sighting, number: int, duration: float) -> Windows:
 def window_duration(records: Sequence[AxisRecord]) -> float:
     """Return the length of the windows of records [s]."""
     return min(WINDOW, sum(record.duration for record in records) / _LEAST_WINDOWS)
-
-
-def cut(sightings: Sequence[Sighting], duration: float) -> tuple[Windows, ...]:
-    """Return the windows of records."""
-    return tuple(windows_of(seen, number, duration) for number, seen in enumerate(sightings))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,7 +148,7 @@ class OutputError:
 
     def errors(self, values: Values, *, noises: float = 0.0, speeds: float = 0.0) -> NDArray[np.float64]:
         """Return simulated minus recorded positions (m,), the starts moved by shares of the noise and usual speed."""
-        found = []
+        found, axis = [], self.model.axis(values)
         for one in self.windows:
             seen, record = one.seen, one.seen.record
             moved = record
@@ -163,7 +156,6 @@ class OutputError:
                 moved = replace(record, force=np.interp(record.t - self.late, record.t, record.force))
             places, rows, _ = one.compared
             starts = one.starts + np.array([noises * seen.noise, speeds * seen.usual_speed])
-            axis = self.model.axis(values, one.number)
             positions = axis.windows(
                 moved, one.firsts, one.counts, starts, interpolated=self.model.interpolated
             )
@@ -252,12 +244,12 @@ class OutputErrorFit:
     """Parameters estimated by output error."""
 
     problem: OutputError  #: with the starts estimated
-    values: dict[str, float]  #: by label, SI units
-    standard_errors: dict[str, float]  #: by label, clustered in time; NaN for a parameter at a bound
+    values: dict[str, float]  #: by name, SI units
+    standard_errors: dict[str, float]  #: by name, clustered by window; NaN for a parameter at a bound
+    correlation: NDArray[np.float64]  #: (p, p) of the parameters' errors
     residuals: NDArray[np.float64]  #: (m,) [m], of the best starts
-    slopes: NDArray[
-        np.float64
-    ]  #: (m, p) derivatives of the residuals, projected; zero for a parameter at a bound
+    #: (m, p) derivatives of the residuals, projected; zero for a parameter at a bound
+    slopes: NDArray[np.float64]
 
     @property
     def model(self) -> AxisModel:
@@ -302,9 +294,8 @@ class OutputErrorFit:
         return moves, errors
 
 
-@np.errstate(
-    over="ignore", invalid="ignore"
-)  # a trial step may diverge: its cost is not finite; it is refused
+# a trial step may diverge: its cost is not finite; it is refused
+@np.errstate(over="ignore", invalid="ignore")
 def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputErrorFit:
     model, space = problem.model, problem.model.space(start)
     lower, upper = space.bounds()
@@ -312,7 +303,7 @@ def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputEr
     last: dict[bytes, Starts] = {}
 
     def at(z: NDArray[np.float64]) -> dict[str, float]:
-        return model.by_label(space.physical(z))
+        return model.by_name(space.physical(z))
 
     def begun(z: NDArray[np.float64]) -> Starts:
         if z.tobytes() not in last:
@@ -332,7 +323,7 @@ def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputEr
             columns.append(begun(z).project(change) / (ahead - behind)[i] / scale)
         return np.column_stack(columns)
 
-    first = space.scaled(np.array([start[label] for label in model.labels]))
+    first = space.scaled(np.array([start[name] for name in model.names]))
     found = minimize_squares(
         errors,
         np.clip(first, lower + _INSIDE, upper - _INSIDE),
@@ -355,13 +346,17 @@ def _fit_at(
 ) -> OutputErrorFit:
     """Return the fit that ends at a scaled point with derivatives by it (m, p), zero for a parameter at a bound."""
     kept = np.linalg.norm(J, axis=0) > 0.0
-    deviations = np.full(len(z), np.nan)
-    deviations[kept] = errors_in_time(J[:, kept], residuals, problem.window)
-    slopes = space.slopes(z)
+    rows = np.split(np.arange(len(J)), np.flatnonzero(np.diff(problem.window)) + 1)
+    matrices = np.array([J[one].T @ J[one] for one in rows])
+    scores = np.array([J[one].T @ residuals[one] for one in rows])
+    # an axis passes its slow speeds in a few windows, which a fit follows closely
+    C = covariance(leverage_corrected(matrices, scores, kept), kept)
+    deviations, slopes = np.sqrt(C.diagonal()), space.slopes(z)
     return OutputErrorFit(
         problem=problem,
-        values=problem.model.by_label(space.physical(z)),
-        standard_errors=problem.model.by_label(deviations * slopes),
+        values=problem.model.by_name(space.physical(z)),
+        standard_errors=problem.model.by_name(deviations * slopes),
+        correlation=correlation(C),
         residuals=residuals,
         slopes=J / slopes,
     )

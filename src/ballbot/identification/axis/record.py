@@ -1,10 +1,7 @@
 """Records of one axis.
 
-`AxisRecord`: force and position of one axis over time, the load that it carries, and the loop that moved it if that is
-known.
-
-The axis is   (M + M_load) a = F + known forces - offset - G(q) - friction(v)   with F held over a sample. For an axis
-that turns, M is an inertia [kg m^2], forces are torques [N m] and positions angles [rad].
+The axis is   M a = F - offset - G(q) - friction(v)   with F held over a sample. For an axis that turns, M is an inertia
+[kg m^2], forces are torques [N m] and positions angles [rad].
 
 Rows may come at uneven times, and rows may be missing: where the time between two rows is more than `GAP` times the
 usual one, the force between them is unknown, and no prediction runs across.
@@ -20,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import real_array, whole_number
+from ballbot.arrays import real_array
 from ballbot.errors import InputError
 
 #: rows that make a record too short for any of the methods
@@ -31,59 +28,6 @@ EVEN = 0.05
 GAP = 4.0
 
 Span = tuple[int, int]  #: first row and the row after the last
-
-
-@dataclass(frozen=True, kw_only=True)
-class PositionVelocityLoop:
-    """A position loop around a velocity loop, both proportional.
-
-    u = k_v (k_p (reference - position) - velocity), within +-limit; force = force_per_input u
-
-    The velocity is the position's difference over `span` samples.
-    """
-
-    position_gain: float  #: k_p [1/s]
-    velocity_gain: float  #: k_v [input s/m]
-    force_per_input: float  #: [N/input]
-    limit: float = np.inf  #: largest |u|
-    span: int = 1  #: samples that the velocity is a difference over
-
-    def __post_init__(self) -> None:
-        for name in ("position_gain", "velocity_gain", "force_per_input", "limit"):
-            if not getattr(self, name) > 0.0:
-                words = name.replace("_", " ")
-                raise InputError(f"The loop's {words} is {getattr(self, name):g}; it must be above zero.")
-        whole_number(self.span, "The loop's span of samples", least=1)
-
-
-@dataclass(frozen=True, kw_only=True)
-class KnownLoad:
-    """A load of known mass that the axis carries in addition to its own parts."""
-
-    inertia: float = 0.0  #: added mass [kg] or inertia [kg m^2]
-    weight: float = 0.0  #: its largest torque about an axis that turns, m g l [N m]
-    hanging: float = 0.0  #: the angle at which it hangs straight down [rad]
-
-    def __post_init__(self) -> None:
-        for name in ("inertia", "weight", "hanging"):
-            if not np.isfinite(getattr(self, name)):
-                raise InputError(f"The load's {name} is {getattr(self, name):g}; it must be a finite number.")
-        if self.inertia < 0.0:
-            raise InputError(f"The load's mass is {self.inertia:g}; it must be zero or more.")
-
-
-NO_LOAD = KnownLoad()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wraps:
-    """How often a position began again after a turn, before it was unwrapped."""
-
-    count: int = 0
-    period: float = 0.0  #: after which it began again [m]
-
-
-NO_WRAPS = Wraps()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,28 +44,17 @@ class AxisRecord:
     sample_time: float  #: h [s], the usual one if rows are uneven
     force: NDArray[np.float64]  #: (N,) F [N], held from each row to the next
     position: NDArray[np.float64]  #: (N,) [m]
-    reference: NDArray[np.float64] | None = None  #: (N,) [m]; needed for closed loop
-    loop: PositionVelocityLoop | None = None  #: needed for closed loop
     unit: Literal["m", "rad"] = "m"
-    added: NDArray[np.float64] | None = None  #: (N,) the part of `force` that is not the loop's [N]
     times: NDArray[np.float64] | None = None  #: (N,) [s] of uneven rows; none of rows `sample_time` apart
-    #: (N,), of any unit; residuals are tested for a dependence on it
-    temperature: NDArray[np.float64] | None = None
-    #: (N,), of the bearings, of any unit; residuals are tested for a dependence on it
-    load: NDArray[np.float64] | None = None
-    known_load: KnownLoad = NO_LOAD
-    beyond_limit: float = (
-        0.0  #: share of the rows whose recorded force exceeded the limit given; `force` is at it there
-    )
-    wraps: Wraps = NO_WRAPS  #: that the position had in its file; `position` has none
+    wrap: float = 0.0  #: period after which the position begins again in its file [m]; `position` counts on
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time < np.inf:
             raise InputError(
                 f"{self.name}: the sample time is {self.sample_time:g} s; it must be above zero."
             )
-        words = {"added": "the added force", "times": "time"}
-        for name in ("force", "position", "reference", "added", "times", "temperature", "load"):
+        words = {"times": "time"}
+        for name in ("force", "position", "times"):
             if getattr(self, name) is None:
                 continue
             # contiguous and writable, as compiled code takes it
@@ -153,11 +86,6 @@ class AxisRecord:
     def even(self) -> bool:
         """Whether rows come at even times."""
         return self.times is None
-
-    @property
-    def loop_force(self) -> NDArray[np.float64]:
-        """The part of the force that its loop gives (N,) [N]."""
-        return self.force if self.added is None else self.force - self.added
 
     @cached_property
     def t(self) -> NDArray[np.float64]:

@@ -24,14 +24,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.identification.axis.model import AxisModel, base_name, load_at, position_columns, recorded_load
-from ballbot.identification.axis.motion import (
-    LEAST_SEGMENT,
-    Decimation,
-    default_bandwidth,
-    load_force,
-    smoothed_motion,
-)
+from ballbot.identification.axis.model import AxisModel, position_columns
+from ballbot.identification.axis.motion import LEAST_SEGMENT, Decimation, default_bandwidth, smoothed_motion
 from ballbot.identification.axis.record import AxisRecord
 
 #: residuals within a block may depend on each other [s]
@@ -53,9 +47,8 @@ class InverseFit:
 
     names: tuple[str, ...]  #: (p,)
     values: NDArray[np.float64]  #: (p,) SI units
-    standard_deviations: NDArray[
-        np.float64
-    ]  #: (p,) as published: rows assumed independent; NaN if fixed at zero
+    #: (p,) as published: rows assumed independent; NaN if fixed at zero
+    standard_deviations: NDArray[np.float64]
     clustered_errors: NDArray[np.float64]  #: (p,) rows of one second taken together; NaN if fixed at zero
     relative_force_error: float  #: |F - F_hat| / |F|
 
@@ -67,15 +60,6 @@ class InverseFit:
     def by_name(self) -> dict[str, float]:
         """The parameters by name."""
         return dict(zip(self.names, self.values.tolist(), strict=True))
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "parameters": self.by_name,
-            "standard_deviations": dict(zip(self.names, self.standard_deviations.tolist(), strict=True)),
-            "clustered_standard_errors": dict(zip(self.names, self.clustered_errors.tolist(), strict=True)),
-            "relative_force_error": self.relative_force_error,
-        }
 
 
 def inverse_fit(
@@ -107,20 +91,20 @@ def inverse_fit(
     """
     several = (records,) if isinstance(records, AxisRecord) else tuple(records)
     rows = regression_rows(several, model, bandwidth=bandwidth, moving=moving)
-    names, held = tuple(rows.columns), set[str]()
+    names, zero = tuple(rows.columns), set[str]()
     while True:
-        free = [name for name in names if name not in held]
+        free = [name for name in names if name not in zero]
         X = np.column_stack([rows.columns[name] for name in free])
         _check_condition(several[0], free, X)
         fit = fit_linear(X, rows.force, rows.block)
         negative = {
             name
             for name, value in zip(free, fit.values, strict=True)
-            if base_name(name) in _FRICTION and value < 0.0 and not signed
+            if name in _FRICTION and value < 0.0 and not signed
         }
         if not negative:
             break
-        held |= negative
+        zero |= negative
     deviations = np.std(fit.residuals, ddof=1) * np.sqrt(np.linalg.inv(X.T @ X).diagonal())
     place = [free.index(name) if name in free else -1 for name in names]
     return InverseFit(
@@ -154,11 +138,10 @@ def _check_condition(record: AxisRecord, names: Sequence[str], X: NDArray[np.flo
 class RegressionRows:
     """Rows that the inverse model is fitted to, of all records one after another."""
 
-    columns: dict[str, NDArray[np.float64]]  #: (n,) by label
-    force: NDArray[np.float64]  #: (n,) [N], without the force of known loads and held parameters
+    columns: dict[str, NDArray[np.float64]]  #: (n,) by name
+    force: NDArray[np.float64]  #: (n,) [N], without that of known parameters
     block: NDArray[np.int64]  #: (n,), of time
-    #: (n,), by name the quantities that residuals are tested against: speed, position, time, ...
-    seen: dict[str, NDArray[np.float64]]
+    seen: dict[str, NDArray[np.float64]]  #: (n,) position, speed and time
 
     @property
     def design(self) -> NDArray[np.float64]:
@@ -171,13 +154,12 @@ def regression_rows(
 ) -> RegressionRows:
     """Return the decimated rows of the inverse model; see `inverse_fit`.
 
-    A load that contains forces over position takes them from fits to the same rows, without load friction and with it.
+    The load takes forces over position from fits to the same rows, without load friction and with it.
     """
     found: dict[str, float] = {}
-    for one in (replace(model, load=None), model) if model.load not in (None, "recorded") else ():
+    for one in (replace(model, load=False), model) if model.load else ():
         rows = _rows_with(records, one, found, bandwidth, moving=moving)
-        solved = np.linalg.lstsq(rows.design, rows.force, rcond=None)[0]
-        found = dict(zip(rows.columns, solved.tolist(), strict=True))
+        found = dict(zip(rows.columns, np.linalg.lstsq(rows.design, rows.force)[0].tolist(), strict=True))
     return _rows_with(records, model, found, bandwidth, moving=moving)
 
 
@@ -190,28 +172,23 @@ def _rows_with(
     moving: bool,
 ) -> RegressionRows:
     """Return the decimated rows with the load of forces with coefficients that were found."""
-    parts, begin = list[RegressionRows](), 0
-    for number, record in enumerate(records):
-        part = _rows_of(record, model, number, found, bandwidth, moving=moving)
-        parts.append(replace(part, block=part.block + begin))
-        begin = int(parts[-1].block.max()) + 1
-    seen = set.intersection(*(set(part.seen) for part in parts))
+    parts = [_rows_of(record, model, found, bandwidth, moving=moving) for record in records]
+    begins = np.cumsum([0, *(int(part.block.max()) + 1 for part in parts)])
+
+    def joined(tables: Sequence[Mapping[str, NDArray[np.float64]]]) -> dict[str, NDArray[np.float64]]:
+        return {name: np.concatenate([one[name] for one in tables]) for name in tables[0]}
+
     return RegressionRows(
-        columns={
-            label: np.concatenate([part.columns.get(label, np.zeros(len(part.force))) for part in parts])
-            for label in model.labels
-            if any(label in part.columns for part in parts)
-        },
+        columns=joined([part.columns for part in parts]),
         force=np.concatenate([part.force for part in parts]),
-        block=np.concatenate([part.block for part in parts]),
-        seen={name: np.concatenate([part.seen[name] for part in parts]) for name in sorted(seen)},
+        block=np.concatenate([part.block + begin for part, begin in zip(parts, begins[:-1], strict=True)]),
+        seen=joined([part.seen for part in parts]),
     )
 
 
 def _rows_of(
     record: AxisRecord,
     model: AxisModel,
-    number: int,
     found: Mapping[str, float],
     bandwidth: float | None,
     *,
@@ -223,7 +200,6 @@ def _rows_of(
     if not model.interpolated and (moving or record.sample_time > _SLOW_SAMPLING):
         # the motion at a row is that of the force held before and after it
         force = 0.5 * (force + np.append(force[0], force[:-1]))
-    force = force - load_force(record, motion)
     way = np.sign(motion.speed)
     forwards, backwards = way > 0.0, way < 0.0
     own = {
@@ -235,41 +211,24 @@ def _rows_of(
         "coulomb_plus": 1.0 * forwards,
         "viscous_minus": motion.speed * backwards,
         "coulomb_minus": -1.0 * backwards,
-        **position_columns(model.terms, motion.position, model.period),
+        **position_columns(model.terms, motion.position),
     }
-    if model.load:
-        values = {name: found.get(model.label(name, number), 0.0) for name in model.names}
-        known = record.known_load
-        over_position = known.weight * np.sin(motion.position - known.hanging)
-        over_position = over_position + sum(values[name] * own[name] for name in model.terms)
-        acting, recorded = record.force - values.get("offset", 0.0), recorded_load(model.load, record)
-        own["load"] = load_at(model.load, acting, over_position, recorded) * way
-    for name, value in model.held.items():
-        force = force - value * own.get(name, np.zeros(len(record)))
-    kept = {model.label(name, number): own[name] for name in model.names if name in own}
-    columns = {label: column for label, column in kept.items() if base_name(label) not in model.held}
-    seen = {
-        "position": motion.position,
-        "speed": motion.speed,
-        "time": record.t,
-        "temperature": record.temperature,
-        "load": record.load,
-    }
+    G = sum((found.get(name, 0.0) * own[name] for name in model.terms), np.zeros(len(record)))
+    own["load"] = 0.5 * np.abs(record.force - found.get("offset", 0.0) + G) * way
+    force = force - sum((value * own[name] for name, value in model.held.items()), np.zeros(len(record)))
+    seen = {"position": motion.position, "speed": motion.speed, "time": record.t}
     rows = Decimation(record, bandwidth=band)
     if not rows.kept:
         raise InputError(f"{record.name} has no part of {LEAST_SEGMENT} rows on end; log without gaps.")
     chosen = np.ones(len(rows.disturbed), dtype=bool)
     if moving:
-        resting = rows.of((np.abs(motion.speed) < REST * _rms(motion.speed)).astype(float)) > 0.5
+        usual = float(np.sqrt(np.mean(motion.speed**2)))
+        resting = rows.of((np.abs(motion.speed) < REST * usual).astype(float)) > 0.5
         chosen = ~rows.disturbed if resting.mean() > 0.9 else ~(resting | rows.disturbed)
     _, block = np.unique((rows.picked(record.t)[chosen] - record.t[0]) // BLOCK, return_inverse=True)
     return RegressionRows(
-        columns={label: rows.of(column)[chosen] for label, column in columns.items()},
+        columns={name: rows.of(own[name])[chosen] for name in model.names if name in own},
         force=rows.of(force)[chosen],
         block=block.astype(np.int64),
-        seen={name: rows.picked(one)[chosen] for name, one in seen.items() if one is not None},
+        seen={name: rows.picked(one)[chosen] for name, one in seen.items()},
     )
-
-
-def _rms(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(values**2)))

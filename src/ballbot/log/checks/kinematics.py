@@ -8,16 +8,17 @@ see `ballbot.log.mapping_search`.)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, error, finding, note, warning
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot
+from ballbot.summary import counted
 
 if TYPE_CHECKING:
     from ballbot.log.mapping_search.placement import LeanTest
@@ -31,9 +32,6 @@ CLEAR_CORRELATION = 0.9
 GAIN_RANGE = (0.9, 1.1)
 #: gains within the first factor of each other have one cause, which is an error beyond the second factor
 ALIKE, WRONG_GAIN = 1.12, 1.2
-#: one beyond this factor of another has a cause of its own; of 75 correct logs of the corpus' development
-#: halves whose speeds follow the states, the largest is 1.16
-UNLIKE = 1.25
 #: a gain that slip cannot explain
 IMPOSSIBLE_GAIN = 3.0
 #: differences of logarithms: of a sample time that is another one, and of an encoder's step
@@ -43,15 +41,17 @@ TINY_STEP, FEWEST_STEPS, OFF_STEP = 1e-7, 50, 0.1
 #: standard deviation of a heading that turns enough to show its sign [rad]: a heading that trembles about one value is
 #: late in the gyro
 TURNING_HEADING = 0.02
-#: rows of a block, and the fewest blocks
-BLOCK_ROWS, FEWEST_BLOCKS = 50, 10
-#: rows that are used, at even intervals of the log
-ENOUGH_ROWS = 1500
+#: rows of a block, the fewest blocks, and the rows that are used, at even intervals of the log
+BLOCK_ROWS, FEWEST_BLOCKS, ENOUGH_ROWS = 50, 10, 1500
 #: blocks with less squared wheel speed than this fraction of the mean are at rest
 MOVING = 0.02
 #: another reading of columns must leave this many times less unexplained, at most this fraction, and be better by so
 #: many standard errors; readings within the factor `AS_GOOD` of each other are indistinguishable
 MUCH_MORE, UNEXPLAINED, CLEARLY_BETTER, AS_GOOD = 2.0, 0.3, 5.0, 1.1
+#: unmodelled torque over gravity's, averaged over a quarter of a second, above which closed loop is not validated
+LARGEST_DISTURBANCE = 1.0
+_ATTITUDE = ("theta", "phi", "psi")
+_BALL, _HEADING = ("x", "y", "x_dot", "y_dot"), ("psi", "psi_dot")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,138 +76,88 @@ def wheel_speeds_of_states(states: NDArray[np.float64], robot: Robot) -> NDArray
     return (z - w) @ transforms(robot).T_owb.T
 
 
-def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
-    """Compare the wheels' columns with the states.
-
-    Parameters
-    ----------
-    log : Log
-        With the ten states and the wheels' speeds.
-    robot : Robot
-        Gives the geometry.
-
-    Returns
-    -------
-    WheelAgreement or None
-        None if the log lacks those columns or has too little motion.
-    """
+def _rolling(log: Log, robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the states (N, 10) and the wheels' speeds (N, n) of complete rows; None without the columns."""
     names = wheel_speed_names(robot.wheel_count)
     if not {*STATE_NAMES, *names} <= set(log.names):
         return None
-    states = np.column_stack([log[name] for name in STATE_NAMES])
-    logged = np.column_stack([log[name] for name in names])
-    finite = np.isfinite(states).all(axis=1) & np.isfinite(logged).all(axis=1)
-    states, logged = states[finite], logged[finite]
+    table = np.column_stack([log[name] for name in (*STATE_NAMES, *names)])
+    table = table[np.isfinite(table).all(axis=1)]
+    return table[:, : len(STATE_NAMES)], table[:, len(STATE_NAMES) :]
+
+
+def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
+    """Compare the wheels' columns with the states; None if the log lacks them, or has too little motion."""
+    rolling = _rolling(log, robot)
+    if rolling is None:
+        return None
+    states, logged = rolling
     expected = wheel_speeds_of_states(states, robot)
     if len(expected) < 2 or expected.std(axis=0).min() < LEAST_MOTION or logged.std(axis=0).min() == 0.0:
         return None
     n = robot.wheel_count
     correlation = np.corrcoef(logged, expected, rowvar=False)[:n, n:]  # [logged, expected]
     order = _best_order(correlation)
-    wheels = range(n)
-    signs = [1 if correlation[order[j], j] >= 0.0 else -1 for j in wheels]
+    signs = [1 if correlation[order[j], j] >= 0.0 else -1 for j in range(n)]
     gains = [
         signs[j] * float(logged[:, order[j]] @ expected[:, j] / (expected[:, j] @ expected[:, j]))
-        for j in wheels
+        for j in range(n)
     ]
     return WheelAgreement(
         order=tuple(i + 1 for i in order),
         signs=tuple(signs),
         gains=tuple(gains),
-        correlations=tuple(abs(float(correlation[order[j], j])) for j in wheels),
+        correlations=tuple(abs(float(correlation[order[j], j])) for j in range(n)),
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Alternative:
-    """One reading of the columns, and the part of the wheels' speeds that it leaves unexplained."""
-
-    fault: str  #: the fault of the columns under this reading
-    columns: tuple[str, ...]
-    left: NDArray[np.float64]  #: (B,) squared speed left unexplained, by blocks of `BLOCK_ROWS` rows
-
-
-def misread_axes(log: Log, robot: Robot) -> Finding | None:
+def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[Finding]:
     """Return the error of ball or heading columns that must be negated or exchanged to fit the wheels.
 
     The wheel speeds determine the ball's velocity and the heading's rate in the body frame. x_dot, y_dot and psi are
     tried with every exchange and sign; one that fits clearly better than the columns as logged is the right one, unless
     another order or other signs of the wheels fit as well.
     """
-    names = wheel_speed_names(robot.wheel_count)
-    if not {*STATE_NAMES, *names} <= set(log.names):
-        return None
-    states = np.column_stack([log[name] for name in STATE_NAMES])
-    logged = np.column_stack([log[name] for name in names])
-    finite = np.isfinite(states).all(axis=1) & np.isfinite(logged).all(axis=1)
-    every = max(1, int(finite.sum()) // ENOUGH_ROWS)
-    states, logged = states[finite][::every], logged[finite][::every]
+    from ballbot.log.checks.lean import READINGS, clarity
+
+    rolling = _rolling(log, robot)
+    if rolling is None:
+        return []
+    states, logged = (part[:: max(1, len(part) // ENOUGH_ROWS)] for part in rolling)
     if len(states) < FEWEST_BLOCKS * BLOCK_ROWS or logged.std(axis=0).min() < LEAST_MOTION:
-        return None
-    own = _left(states, logged, robot)
-    found = min(_alternatives(states, logged, robot), key=lambda one: one.left.sum())
-    moving = _by_blocks(np.sum(logged**2, axis=1))
-    moving = moving > MOVING * moving.mean()  # at rest there is only the states' noise
-    gained = ((own - found.left) / np.maximum(own + found.left, 1e-30))[moving]
-    if len(gained) < FEWEST_BLOCKS:
-        return None
-    clear = gained.mean() > CLEARLY_BETTER * gained.std(ddof=1) / np.sqrt(len(gained))
-    power = float(np.sum(logged**2))
-    if own.sum() < MUCH_MORE * found.left.sum() or not clear or found.left.sum() > UNEXPLAINED * power:
-        return None
-    agreement = wheel_agreement(log, robot)
-    causes = [found.fault]
-    as_logged = tuple(range(1, robot.wheel_count + 1))
-    if agreement and (agreement.order != as_logged or min(agreement.signs) < 0):
-        ordered = logged[:, [i - 1 for i in agreement.order]] * np.array(agreement.signs)
-        left = float(_left(states, ordered, robot).sum())
-        if left < found.left.sum() / AS_GOOD:
-            return None
-        if left < AS_GOOD * found.left.sum():
-            causes.append(
-                f"the wheels are in the order {list(agreement.order)} with signs {list(agreement.signs)}"
-            )
-    sentence = f"The ball does not move as the wheels turn: {', or '.join(causes)}. Correct the columns or the mapping."
-    where = Place(columns=found.columns)
-    if "psi" in found.columns:
-        return Finding(code="heading-sign", severity="error", text=sentence, where=where)
-    return Finding(code="ball-axes", severity="error", text=sentence, where=where)
+        return []
 
+    def left(states: NDArray[np.float64], logged: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the squared wheel speed that the states leave unexplained, by blocks; a common gain is fitted."""
+        expected = wheel_speeds_of_states(states, robot)
+        gain = max(float(np.sum(expected * logged) / max(np.sum(expected * expected), 1e-30)), 0.0)
+        return _by_blocks(np.sum((logged - gain * expected) ** 2, axis=1))
 
-def _alternatives(
-    states: NDArray[np.float64], logged: NDArray[np.float64], robot: Robot
-) -> list[_Alternative]:
-    found = []
-    for swapped, a, b in product((False, True), (1.0, -1.0), (1.0, -1.0)):
-        if (swapped, a, b) == (False, 1.0, 1.0):
-            continue
-        tried = states.copy()
-        first, second = (6, 5) if swapped else (5, 6)
-        tried[:, 5], tried[:, 6] = a * states[:, first], b * states[:, second]
-        parts = ["x and y are swapped"] if swapped else []
-        if a == b == -1.0:
-            parts.append("x and y have the opposite sign")
-        elif min(a, b) < 0.0:
-            parts.append(f"{'x' if (a < 0.0) != swapped else 'y'} has the opposite sign")
-        rates = "its rate" if parts[0].endswith("has the opposite sign") else "their rates"
-        fault, columns = f"{' and '.join(parts)}, with {rates}", ("x", "y", "x_dot", "y_dot")
-        left = _left(tried, logged, robot)
-        found.append(_Alternative(fault=fault, columns=columns, left=left))
-    if states[:, 4].std() < TURNING_HEADING:
-        return found
-    tried = states.copy()
-    tried[:, [4, 9]] *= -1.0
-    left = _left(tried, logged, robot)
-    columns = ("psi", "psi_dot")
-    fault = "psi has the opposite sign, with its rate"
-    return [*found, _Alternative(fault=fault, columns=columns, left=left)]
-
-
-def _left(states: NDArray[np.float64], logged: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
-    """Return the squared wheel speed that the states leave unexplained, by blocks; a common gain is fitted."""
-    expected = wheel_speeds_of_states(states, robot)
-    gain = max(float(np.sum(expected * logged) / max(np.sum(expected * expected), 1e-30)), 0.0)
-    return _by_blocks(np.sum((logged - gain * expected) ** 2, axis=1))
+    tried: list[tuple[NDArray[np.float64], tuple[str, ...], str]] = []
+    for reading in READINGS[1:]:
+        changed = states.copy()
+        changed[:, 5:7] = states[:, [6, 5] if reading.swapped else [5, 6]] * reading.signs
+        tried.append((left(changed, logged), _BALL, reading.fault(_BALL[:2], with_rates=True)))
+    if states[:, 4].std() >= TURNING_HEADING:
+        changed = states * np.where(np.isin(np.arange(10), (4, 9)), -1.0, 1.0)
+        tried.append((left(changed, logged), _HEADING, "psi has the opposite sign, with its rate"))
+    own, (best, columns, fault) = left(states, logged), min(tried, key=lambda one: one[0].sum())
+    power = _by_blocks(np.sum(logged**2, axis=1))
+    moving = power > MOVING * power.mean()  # at rest there is only the states' noise
+    gained = ((own - best) / np.maximum(own + best, 1e-30))[moving]
+    clear = len(gained) >= FEWEST_BLOCKS and clarity(gained) > CLEARLY_BETTER
+    if not clear or own.sum() < MUCH_MORE * best.sum() or best.sum() > UNEXPLAINED * np.sum(logged**2):
+        return []
+    if found and (found.order != tuple(sorted(found.order)) or min(found.signs) < 0):
+        ordered = float(left(states, logged[:, [i - 1 for i in found.order]] * found.signs).sum())
+        if ordered < best.sum() / AS_GOOD:
+            return []
+        if ordered < AS_GOOD * best.sum():
+            fault += f", or the wheels are in the order {list(found.order)} with signs {list(found.signs)}"
+    text = f"The ball does not move as the wheels turn: {fault}. Correct the columns or the mapping."
+    return [
+        error("heading-sign", text, *columns) if columns is _HEADING else error("ball-axes", text, *columns)
+    ]
 
 
 def _by_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -239,30 +189,27 @@ def check_sampling(log: Log, robot: Robot) -> list[Finding]:
     findings = []
     period, written = log.sample_time, robot.sensors.sample_time
     if abs(np.log(period / written)) > SAME_PERIOD:
-        sentence = (
+        text = (
             f"Rows come every {1e3 * period:.4g} ms, but sample_time of the robot file is {1e3 * written:.4g} ms. "
             "Correct the robot file, or know that the log has another rate than the controller."
         )
-        findings.append(
-            Finding(code="robot-sensors", severity="warning", text=sentence, where=Place(columns=("t",)))
-        )
+        findings.append(warning("robot-sensors", text, "t"))
     names = [name for name in wheel_angle_names(robot.wheel_count) if name in log]
-    steps = [step for name in names if (step := encoder_step(log[name])) is not None]
+    steps = [step for name in names if (step := _encoder_step(log[name])) is not None]
     counts = robot.sensors.encoder_counts
     if len(steps) == len(names) > 0 and max(steps) < (1.0 + SAME_STEP) * min(steps):
         seen = 2.0 * np.pi / (robot.drive.gear_ratio * float(np.median(steps)))
         if abs(np.log(seen / counts)) > SAME_STEP:
-            sentence = (
+            text = (
                 f"The wheels' angles come in steps of {np.median(steps):.4g} rad: {seen:.4g} counts a motor turn "
                 f"with the gear ratio {robot.drive.gear_ratio:g}, but encoder_counts of the robot file is {counts}. "
                 "Correct encoder_counts or gear_ratio."
             )
-            where = Place(columns=tuple(names))
-            findings.append(Finding(code="robot-sensors", severity="warning", text=sentence, where=where))
+            findings.append(warning("robot-sensors", text, *names))
     return findings
 
 
-def encoder_step(angles: NDArray[np.float64]) -> float | None:
+def _encoder_step(angles: NDArray[np.float64]) -> float | None:
     """Return the step [rad] that all differences of a wheel's angles are multiples of; None without one.
 
     A step that is a power of ten, in radians or degrees, is the rounding of the file.
@@ -275,90 +222,71 @@ def encoder_step(angles: NDArray[np.float64]) -> float | None:
     number = np.round(near / np.quantile(near, 0.05))
     step = float(near.sum() / number.sum())
     decimals = np.log10([step, np.degrees(step)])
-    if (
-        np.abs(near / step - number).max() > OFF_STEP
-        or np.abs(decimals - np.round(decimals)).min() < 0.5 * SAME_STEP
-    ):
-        return None
-    return step
+    rounded = np.abs(decimals - np.round(decimals)).min() < 0.5 * SAME_STEP
+    return None if rounded or np.abs(near / step - number).max() > OFF_STEP else step
 
 
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     """Return findings on the wheels' columns for this robot: number, order, sign, gain, or that none can be checked."""
-    from ballbot.log.mapping_search.placements import reversed_wheels
-
     columns = wheel_speed_names(robot.wheel_count)
     others = other_wheels(log, robot.wheel_count)
     if others:
-        return [Finding(severity="error", code="wheels", text=others)]
-    misread = misread_axes(log, robot)
-    if misread:
-        return [misread]
+        return [error("wheels", others)]
     found = wheel_agreement(log, robot)
+    misread = _misread_axes(log, robot, found)
+    if misread:
+        return misread
     if found is None:
-        sentence = (
-            "The order and signs of the wheels cannot be checked: that "
-            "needs the ten states, the speed of every wheel, and motion."
+        text = (
+            "The order and signs of the wheels cannot be checked: that needs the ten states, the speed of every wheel, "
+            "and motion."
         )
-        return [Finding(severity="note", code="wheels", text=sentence)]
+        return [note("wheels", text)]
     evidence = ", ".join(f"{value:.2f}" for value in found.correlations)
-    places, own = Place(columns=columns), tuple(range(1, robot.wheel_count + 1))
+    own = tuple(range(1, robot.wheel_count + 1))
     follows = min(found.correlations) >= CLEAR_CORRELATION
     if follows and found.order == own and min(found.signs) > 0:
-        low, high = GAIN_RANGE
-        return [] if all(low < gain < high for gain in found.gains) else [_gain_finding(found.gains, robot)]
+        return _gain_findings(found.gains, robot)
     # states that were computed from the wheels have the wheels' own mistake
     tested = wheel_test(log, robot)
-    wheels = reversed_wheels(tested.placements, tested.confidence) if tested else ()
+    wheels = tested.reversed_wheels if tested else ()
     if wheels:
-        several, signs = len(wheels) > 1, [-1 if i in wheels else 1 for i in own]
-        sentence = (
-            f"{'Wheels' if several else 'Wheel'} {' and '.join(map(str, wheels))} count{'' if several else 's'} in the "
-            "opposite direction: with the other sign the wheels agree with the lean and the heading. Correct the "
-            f"columns, or [wheels] in the mapping: sign = {signs} times what it is."
+        signs = [-1 if i in wheels else 1 for i in own]
+        text = (
+            f"{counted(len(wheels), 'wheel')} ({', '.join(map(str, wheels))}) in the opposite direction: with the "
+            "other sign the wheels agree with the lean and the heading. Correct the columns, or [wheels] in the "
+            f"mapping: sign = {signs} times what it is."
         )
-        return [Finding(severity="error", code="encoders", text=sentence, where=places)]
+        return [error("encoders", text, *columns)]
     if not follows:
-        sentence = (
-            "The wheel speeds hardly follow the states (correlations "
-            f"{evidence}): another robot, much slip, or a delay."
+        text = (
+            f"The wheel speeds hardly follow the states (correlations {evidence}): another robot, much slip, or a "
+            "delay."
         )
-        return [Finding(severity="warning", code="wheels", text=sentence, where=places)]
+        return [warning("wheels", text, *columns)]
     signs = [found.signs[found.order.index(i)] for i in own]
-    sentence = (
+    text = (
         "The wheel columns do not fit this robot; a mapping with [wheels] order = "
         f"{list(found.order)} and sign = {signs} would fit (correlations {evidence})."
     )
-    return [Finding(severity="error", code="wheels", text=sentence, where=places)]
+    return [error("wheels", text, *columns)]
 
 
-def _gain_finding(gains: tuple[float, ...], robot: Robot) -> Finding:
+def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
     """Return the finding on gains that are not one: an error if slip cannot explain them."""
-    listed = ", ".join(f"{gain:.4g}" for gain in gains)
-    seen = f"The wheels turn {listed} times as fast as the states imply for this robot"
-    columns = wheel_speed_names(len(gains))
+    if all(GAIN_RANGE[0] < gain < GAIN_RANGE[1] for gain in gains):
+        return []
     common, alike = float(np.median(gains)), max(gains) < ALIKE * min(gains)
     unit = _unit_of_wheels(common, robot) if alike else None
-    if unit:
-        sentence = f"{seen}: {unit}."
-        return Finding(severity="error", code="wheels", text=sentence, where=Place(columns=columns))
-    if max(gains) > UNLIKE * min(gains) and 1.0 / WRONG_GAIN < common < WRONG_GAIN:
-        i = int(np.argmax(np.abs(np.log(np.maximum(gains, 1e-3) / common))))
-        sentence = (
-            f"{seen}: wheel {i + 1} is unlike the others; its encoder's counts, its gear or its "
-            "radius differ, or its columns are another wheel's."
-        )
-        return Finding(severity="warning", code="wheel-unlike", text=sentence, where=Place(columns=columns))
-    scaled = alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN
-    far = any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
-    cause = (
-        "the radius of the wheels or the ball, the tilt, the gear ratio or the encoder "
-        "counts differ from the robot file, or x and y were computed with another radius"
-        if scaled
-        else "a radius, the tilt or a unit is wrong, or the ball slips or pivots"
+    wrong = unit or (alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN)
+    wrong = wrong or any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
+    cause = unit or (
+        "a radius, the tilt, the gear ratio or the encoder counts differ from the robot file or by wheel, x and y were "
+        "computed with another radius, or the ball slips or pivots"
     )
-    severity = "error" if scaled or far else "warning"
-    return Finding(severity=severity, code="wheels", text=f"{seen}: {cause}.", where=Place(columns=columns))
+    listed = ", ".join(f"{gain:.4g}" for gain in gains)
+    text = f"The wheels turn {listed} times as fast as the states imply for this robot: {cause}."
+    return [finding("wheels", "error" if wrong else "warning", text, *wheel_speed_names(len(gains)))]
 
 
 def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
@@ -378,19 +306,10 @@ def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
 
 def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:
     """Return the logged column that fits each wheel of the robot; the columns' own order if none is clearly better."""
-    n = len(correlation)
-    size = np.abs(correlation)
-    own = tuple(range(n))
-    scores = {
-        order: float(np.mean([size[order[j], j] for j in range(n)])) for order in permutations(range(n))
-    }
-    best = max(scores, key=lambda order: scores[order])
-    return best if scores[best] > scores[own] + CLEAR_MARGIN else own
-
-
-#: unmodelled torque over gravity's, averaged over a quarter of a second, above which closed loop is not validated
-LARGEST_DISTURBANCE = 1.0
-_ATTITUDE = ("theta", "phi", "psi")
+    size, own = np.abs(correlation), np.arange(len(correlation))
+    order = np.argsort(linear_sum_assignment(size, maximize=True)[1])
+    clear = size[order, own].mean() > size[own, own].mean() + CLEAR_MARGIN
+    return tuple((order if clear else own).tolist())
 
 
 def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
@@ -429,11 +348,8 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
 
 def disturbance_findings(disturbance: float) -> list[Finding]:
     """Return the warning on a disturbance, relative to gravity; nothing if it is small."""
-    if disturbance < LARGEST_DISTURBANCE:
-        return []
-    sentence = (
-        f"Something other than wheels and gravity moves the lean, {disturbance:.1f} "
-        "times as strongly as gravity: the log is good for predictions of a "
-        "fraction of a second, but not for closed-loop or long open-loop validation."
+    text = (
+        f"Something other than wheels and gravity moves the lean, {disturbance:.1f} times as strongly as gravity: the "
+        "log is good for predictions of a fraction of a second, but not for closed-loop or long open-loop validation."
     )
-    return [Finding(severity="warning", code="disturbance", text=sentence)]
+    return [warning("disturbance", text)] if disturbance >= LARGEST_DISTURBANCE else []

@@ -31,19 +31,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, error
 from ballbot.log.columns import torque_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, REACH, Smooth, smooth
+from ballbot.log.signals import INTERVAL, Smooth, smooth
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
-Number = TypeVar("Number", np.float64, np.complex128)
+Complex = NDArray[np.complex128]
 
 
 def block_sums(values: NDArray[np.float64], block: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -60,10 +59,9 @@ def clarity(advantage: NDArray[np.float64]) -> float:
     return mean / (spread / np.sqrt(len(advantage)))
 
 
-def unexplained(columns: NDArray[Number], values: NDArray[Number]) -> NDArray[Number]:
-    """Return values (N,) or (N, c) less their least-squares fit by columns (N, m)."""
-    fit = columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
-    return (values - fit).astype(values.dtype)
+def _unexplained(columns: Complex, values: Complex) -> Complex:
+    """Return values (N,) less their least-squares fit by columns (N, m)."""
+    return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
 
 
 #: standard deviation of the filter's weights [s]; encoder and gyro noise would hide the accelerations with less
@@ -82,8 +80,6 @@ LEAST_BLOCKS = 4
 LONGEST_LOG = 600.0
 
 COLUMNS = ("x_dot", "y_dot", "theta", "phi", "psi", "theta_dot", "phi_dot", "psi_dot")
-
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -196,11 +192,6 @@ def motion_of(log: Log, rows: Rows) -> Motion:
     )
 
 
-def filter_reach() -> int:
-    """Return the number of rows on each side that the filter uses."""
-    return round(REACH * WIDTH / INTERVAL)
-
-
 def as_plane(z: Complex) -> NDArray[np.float64]:
     """Return complex numbers (N,) as vectors (N, 2)."""
     return np.column_stack([z.real, z.imag])
@@ -244,8 +235,8 @@ class Reading:
     swapped: bool = False
     signs: tuple[int, int] = (1, 1)  #: of the first and the second quantity, after the exchange
 
-    def fault(self, names: tuple[str, str]) -> str:
-        """Return the fault of the columns of these names."""
+    def fault(self, names: Sequence[str], *, with_rates: bool = False) -> str:
+        """Return the fault of the columns of two names, and of their rates if they have the same."""
         first, second = names
         parts = [f"{first} and {second} are swapped"] if self.swapped else []
         if self.signs == (-1, -1):
@@ -254,7 +245,9 @@ class Reading:
             # the column that is at fault: after an exchange the first quantity is logged in the second column
             at_fault = (self.signs[0] == -1) != self.swapped
             parts.append(f"{first if at_fault else second} has the opposite sign")
-        return " and ".join(parts)
+        single = not self.swapped and self.signs != (-1, -1)
+        rates = (", with its rate" if single else ", with their rates") if with_rates else ""
+        return " and ".join(parts) + rates
 
     @property
     def changes(self) -> int:
@@ -279,10 +272,9 @@ class LeanEvidence:
     gravity_gain: complex  #: of the term of the lean angles; |gain| is a scale, its angle a turn [rad]
     gravity_error: float  #: standard error of the latter
     gravity_bias: float  #: largest error of its size by a disturbance that the controller answers
-    reverse_gain: (
-        float  #: size of the latter if the lean is regressed on the acceleration: noise of the lean lowers
-    )
-    #: the gain itself and raises this one
+    #: size of the latter if the lean is regressed on the acceleration: noise of the lean lowers the gain itself and
+    #: raises this one
+    reverse_gain: float
 
     @property
     def conclusive(self) -> bool:
@@ -319,18 +311,29 @@ def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
     good = [k for k in range(len(pairs)) if total[k] <= AS_GOOD * total[best]]
     good.sort(key=lambda k: (pairs[k][0].changes + pairs[k][1].changes, total[k]))
     own = pairs.index((AS_LOGGED, AS_LOGGED))
-    gains = _gains(terms, weights[good[0]], block)
+    # the gains of both terms under the best reading
+    weight, y = weights[good[0]], terms[0]
+    rates, gravity = (-np.tensordot(weight[part], terms[part], axes=1) for part in (slice(1, 5), slice(5, 9)))
+    gains = np.linalg.lstsq(np.column_stack([rates, gravity]), y, rcond=None)[0]
+    residual = y - gains[0] * rates - gains[1] * gravity
+    # gravity's gain by itself, with the rates' term removed from both sides; errors are clustered by blocks
+    alone, rest = _unexplained(rates[:, None], gravity), _unexplained(rates[:, None], y)
+    score = alone.conj() * residual
+    scores = block_sums(score.real, block) + 1j * block_sums(score.imag, block)
+    size, power, unknown = (float(np.vdot(one, one).real) for one in (alone, y, residual))
+    size, common = max(size, _TINY), abs(np.vdot(alone, rest))
     return LeanEvidence(
         angles=tuple(pairs[k][0] for k in good),
         rates=tuple(pairs[k][1] for k in good),
         clearness=clarity((left[own] - left[best]) / np.maximum(left[own] + left[best], _TINY)),
         ratio=float(total[own] / max(total[best], _TINY)),
-        explained=gains.explained,
-        rate_gain=gains.rates,
-        gravity_gain=gains.gravity,
-        gravity_error=gains.error,
-        gravity_bias=gains.bias,
-        reverse_gain=gains.reverse,
+        explained=1.0 - unknown / power if power > 0.0 else 0.0,
+        rate_gain=complex(gains[0]),
+        gravity_gain=complex(gains[1]),
+        gravity_error=float(np.linalg.norm(scores) / size),
+        # a disturbance with this correlation has so large a part along the lean for the part that is left
+        gravity_bias=float(CONFOUNDED / np.sqrt(1.0 - CONFOUNDED**2) * np.sqrt(unknown / size)),
+        reverse_gain=float(np.vdot(rest, rest).real / common) if common > 0.0 else float("inf"),
     )
 
 
@@ -339,7 +342,7 @@ def lean_findings(found: LeanEvidence) -> list[Finding]:
     if not found.conclusive:
         return []
     if found.misread:
-        return [_misread(found.angles, found.rates)]
+        return [_misread(found)]
     size, turn = abs(found.gravity_gain), float(np.angle(found.gravity_gain))
     low, high = GAIN_RANGE
     # if the law explains nearly everything, nothing else moves the ball
@@ -347,13 +350,12 @@ def lean_findings(found: LeanEvidence) -> list[Finding]:
     if found.reverse_gain + margin < low or size - margin > high:
         return [_scaled(size, found.rate_gain)]
     if abs(turn) - SURE * found.gravity_error / size > LARGEST_TURN:
-        degrees = np.degrees(turn)
-        sentence = (
-            f"The ball accelerates {abs(degrees):.0f} degrees to the "
-            f"{('left' if degrees > 0.0 else 'right')} of the lean: the IMU is mounted turned about the "
-            "vertical, or psi has another zero than x and y. Rotate the lean ([attitude] turn in a mapping)."
+        text = (
+            f"The ball accelerates {abs(np.degrees(turn)):.0f} degrees to the {'left' if turn > 0.0 else 'right'} of "
+            "the lean: the IMU is mounted turned about the vertical, or psi has another zero than x and y. Rotate the "
+            "lean ([attitude] turn in a mapping)."
         )
-        return [Finding(code="lean-axes", severity="error", text=sentence, where=Place(columns=_LEAN))]
+        return [error("lean-axes", text, *_LEAN)]
     return []
 
 
@@ -378,7 +380,7 @@ def _terms(motion: Motion, robot: Robot) -> list[Complex]:
     rolling = v.value / np.maximum(np.abs(v.value), ROLLING)
     # rolling friction, and the constant of a slope or of a lean's zero
     removed = np.column_stack([rolling, np.ones_like(rolling)])
-    return [unexplained(removed, term) for term in (v.rate + turning * v.value, *rates, *angles)]
+    return [_unexplained(removed, term) for term in (v.rate + turning * v.value, *rates, *angles)]
 
 
 def _weights(angles: Reading, rates: Reading) -> NDArray[np.float64]:
@@ -392,99 +394,38 @@ def _placed(reading: Reading) -> NDArray[np.float64]:
     return np.array([0, second, first, 0] if reading.swapped else [first, 0, 0, second], dtype=np.float64)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Gains:
-    """Complex gains of both terms of the law; see `LeanEvidence`."""
-
-    rates: complex
-    gravity: complex
-    error: float
-    bias: float
-    reverse: float
-    explained: float
-
-
-def _gains(terms: Sequence[Complex], weights: NDArray[np.float64], block: NDArray[np.intp]) -> _Gains:
-    """Fit the gains of rates and gravity; standard errors are clustered by blocks."""
-    y = terms[0]
-    rates, gravity = (
-        -np.tensordot(weights[part], terms[part], axes=1) for part in (slice(1, 5), slice(5, 9))
+def _misread(found: LeanEvidence) -> Finding:
+    """Return the finding that names every simplest reading that explains the motion as well as the best."""
+    pairs = list(zip(found.angles, found.rates, strict=True))
+    fewest = min(a.changes + r.changes for a, r in pairs)
+    causes, columns = [], set[str]()
+    for angles, rates in (pair for pair in pairs if pair[0].changes + pair[1].changes == fewest):
+        parts = [angles.fault(_LEAN), rates.fault(_RATES)]
+        causes.append(
+            angles.fault(_LEAN, with_rates=True) if angles == rates else " and ".join(filter(None, parts))
+        )
+        columns |= {name for name in (*_LEAN, *_RATES) if any(name in part.split() for part in parts)}
+    text = (
+        f"The lean does not fit the ball's acceleration: {', or '.join(causes)}. With this correction the ball "
+        "accelerates towards the lean, as under every balancing robot (the same mistake in x_dot, y_dot and the wheels "
+        "would look the same). Correct the columns or the mapping."
     )
-    X = np.column_stack([rates, gravity])
-    gains = np.linalg.lstsq(X, y, rcond=None)[0]
-    residual = y - X @ gains
-    # gravity's gain by itself, with the rates' term removed from both sides
-    alone, left = unexplained(rates[:, None], gravity), unexplained(rates[:, None], y)
-    scores = block_sums((alone.conj() * residual).real, block) + 1j * block_sums(
-        (alone.conj() * residual).imag, block
-    )
-    common = abs(np.vdot(alone, left))
-    own, power = (max(float(np.vdot(one, one).real), _TINY) for one in (alone, y))
-    explained = 1.0 - float(np.vdot(residual, residual).real) / power
-    # a disturbance with this correlation has so large a part along the lean for the part that is left
-    along = CONFOUNDED / np.sqrt(1.0 - CONFOUNDED**2) * np.sqrt(np.vdot(residual, residual).real)
-    return _Gains(
-        rates=complex(gains[0]),
-        gravity=complex(gains[1]),
-        error=float(np.sqrt(np.sum(np.abs(scores) ** 2)) / own),
-        bias=float(along / np.sqrt(own)),
-        reverse=float(np.vdot(left, left).real / common) if common > 0.0 else float("inf"),
-        explained=explained if np.any(y) else 0.0,
-    )
-
-
-def _misread(angles: Sequence[Reading], rates: Sequence[Reading]) -> Finding:
-    """Return the finding that names every reading that explains the motion as well as the best."""
-    causes = [_cause(a, r) for a, r in zip(angles, rates, strict=True)]
-    simplest = [
-        c
-        for c, a, r in zip(causes, angles, rates, strict=True)
-        if a.changes + r.changes <= _fewest(angles, rates)
-    ]
-    columns = tuple(name for name in (*_LEAN, *_RATES) if any(name in _names_in(c) for c in simplest))
-    sentence = (
-        f"The lean does not fit the ball's acceleration: {', or '.join(simplest)}. With this correction "
-        "the ball accelerates towards the lean, as under every balancing robot (the same mistake in "
-        "x_dot, y_dot and the wheels would look the same). Correct the columns or the mapping."
-    )
-    return Finding(code="lean-axes", severity="error", text=sentence, where=Place(columns=columns))
-
-
-def _fewest(angles: Sequence[Reading], rates: Sequence[Reading]) -> int:
-    return min(a.changes + r.changes for a, r in zip(angles, rates, strict=True))
-
-
-def _cause(angles: Reading, rates: Reading) -> str:
-    if angles == rates:
-        single = not angles.swapped and angles.signs != (-1, -1)
-        return f"{angles.fault(_LEAN)}, with {'its rate' if single else 'their rates'}"
-    parts = [angles.fault(_LEAN), rates.fault(_RATES)]
-    return " and ".join(part for part in parts if part)
-
-
-def _names_in(sentence: str) -> set[str]:
-    return set(sentence.replace(",", " ").split())
+    return error("lean-axes", text, *sorted(columns))
 
 
 def _scaled(size: float, rate_gain: complex) -> Finding:
     """Return the finding on a scale between lean and acceleration."""
-    ratio = abs(rate_gain) / size
-    degrees = np.degrees(1.0)
-    seen = f"The ball accelerates {size:.3g} times as much as the lean implies"
-    of_lean = f"theta and phi are scaled by {1.0 / size:.3g}"
-    of_ball = (
-        "the ball's velocity is scaled (wheel radius, ball radius, gear ratio or encoder counts per turn)"
-    )
-    of_robot = "the height of the centre of mass differs from the robot file"
+    ratio, degrees = abs(rate_gain) / size, np.degrees(1.0)
     if 0.75 < size * degrees < 1.33:
         cause = "theta and phi are in degrees, not in radians"
     elif 0.75 < size / degrees < 1.33:
         cause = "theta and phi were converted to radians twice"
-    elif RATE_RATIO[0] < ratio < RATE_RATIO[1]:
-        cause = f"{of_ball}, or {of_robot}, or {of_lean} with their rates"
     else:
-        cause = f"{of_lean}, or t is stretched, or {of_robot}, or {of_ball}"
-    columns = ("theta", "phi", "x_dot", "y_dot")
-    return Finding(
-        code="lean-scale", severity="error", text=f"{seen}: {cause}.", where=Place(columns=columns)
-    )
+        rates = "with their rates" if RATE_RATIO[0] < ratio < RATE_RATIO[1] else "or t is stretched"
+        cause = (
+            "x, y, x_dot and y_dot are scaled (wheel radius, ball radius, gear ratio or encoder counts per turn), the "
+            "height of the centre of mass differs from the robot file, or theta and phi are scaled by "
+            f"{1.0 / size:.3g}, {rates}"
+        )
+    text = f"The ball accelerates {size:.3g} times as much as the lean implies: {cause}."
+    return error("lean-scale", text, *_LEAN, "x", "y", "x_dot", "y_dot")

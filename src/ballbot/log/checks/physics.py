@@ -9,23 +9,17 @@ one, but they must be the same in every log of a robot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, Place, error, warning
 from ballbot.log.checks.kinematics import wheel_agreement
-from ballbot.log.checks.lean import (
-    LeanEvidence,
-    lean_evidence,
-    lean_findings,
-    motion_of,
-    usable_rows,
-)
-from ballbot.log.checks.torque_balance import driving_of, torque_evidence, torque_findings
+from ballbot.log.checks.lean import LeanEvidence, lean_evidence, lean_findings, motion_of, usable_rows
+from ballbot.log.checks.torque_balance import driving_of, torque_findings
 from ballbot.log.checks.torque_gains import (
     USUAL,
     Gains,
@@ -37,7 +31,7 @@ from ballbot.log.checks.torque_gains import (
     scale_errors,
     together,
 )
-from ballbot.log.checks.torques import delay_findings, torque_delay
+from ballbot.log.checks.torques import check_torques, delay_findings
 from ballbot.log.columns import torque_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot
@@ -70,69 +64,57 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     robot : Robot
         Gives the rigid body and the geometry; its friction is not used.
     """
-    late = delay_findings(torque_delay(log, robot), names=torque_names(robot.wheel_count))
+    names = torque_names(robot.wheel_count)
+    found = PhysicsOfLog(findings=tuple(check_torques(log) or delay_findings(log, robot)))
     rows = usable_rows(log, robot)
     if rows is None:
-        return PhysicsOfLog(findings=tuple(late))
+        return found
     motion = motion_of(log, rows)
     lean = lean_evidence(motion, robot)
-    gain = _wheel_gain(log, robot)
-    if findings := lean_findings(lean):
-        return PhysicsOfLog(findings=(*late, *findings), lean=lean, wheel_gain=gain)
-    if late:
-        return PhysicsOfLog(findings=tuple(late), lean=lean, wheel_gain=gain)
-    names, driving = torque_names(robot.wheel_count), driving_of(log, rows, motion, robot)
+    found = replace(found, lean=lean, wheel_gain=_wheel_gain(log, robot))
+    wrong = lean_findings(lean)
+    if wrong or found.findings:
+        return replace(found, findings=(*found.findings, *wrong))
+    driving = driving_of(log, rows, motion, robot)
     sums = motor_sums(driving, motion, robot) if driving else ()
-    fit = torque_findings(torque_evidence(driving), names=names) if driving else []
+    fit = torque_findings(driving, names=names) if driving else []
     # another order explains all torques at once; a change explains one of them
     ordered = any(one.code == "torque-order" for one in fit) and lean.conclusive
-    changed = change_findings(sums, motion, names=names) if sums and not ordered else []
+    changed = [] if ordered else change_findings(sums, motion, names=names[: len(sums)])
     if any(one.severity == "error" for one in changed):
-        return PhysicsOfLog(findings=tuple(changed), lean=lean, wheel_gain=gain)
+        return replace(found, findings=tuple(changed))
     if not lean.conclusive:
-        sentence = (
-            "The signs and scales of lean and torques cannot be checked: the "
-            "acceleration of the ball does not follow the lean clearly enough "
-            "(too little motion, slipping wheels, or a robot that is held)."
+        text = (
+            "The signs and scales of lean and torques cannot be checked: the acceleration of the ball does not follow "
+            "the lean clearly enough (too little motion, slipping wheels, or a robot that is held)."
         )
-        return PhysicsOfLog(
-            findings=(*changed, Finding(code="physics", severity="warning", text=sentence)), wheel_gain=gain
-        )
+        return replace(found, findings=(*changed, warning("physics", text)), lean=None)
     if fit or not sums:
-        return PhysicsOfLog(findings=(*changed, *fit), lean=lean, wheel_gain=gain)
+        return replace(found, findings=(*changed, *fit))
     gains = gains_of(sums)
     findings = gain_findings(gains, names=names)
-    if findings and gains.common()[0] < 1.0 and (clipped := _clipped(log, names)):
-        findings = [clipped]
-    return PhysicsOfLog(findings=(*changed, *findings), lean=lean, gains=gains, wheel_gain=gain)
+    if findings and gains.common()[0] < 1.0:
+        findings = _clipped(log, names) or findings
+    return replace(found, findings=(*changed, *findings), gains=gains)
 
 
-def _clipped(log: Log, names: tuple[str, ...]) -> Finding | None:
+def _clipped(log: Log, names: tuple[str, ...]) -> list[Finding]:
     """Return the error of torques that are too small because they often are at their largest value."""
-    peaks = {name: float(np.nanmax(np.abs(log[name]))) for name in names}
-    fractions = {name: float(np.mean(np.abs(log[name]) == peak)) for name, peak in peaks.items()}
-    clipped = [name for name, fraction in fractions.items() if fraction > CLIPPED]
-    if not clipped:
-        return None
-    values = ", ".join(
-        f"{name} at {peaks[name]:.3g} N m in {100 * fractions[name]:.0f} % of the rows" for name in clipped
-    )
-    sentence = (
+    shares = {n: float(np.mean(np.abs(log[n]) == np.nanmax(np.abs(log[n])))) for n in names}
+    clipped = {name: share for name, share in shares.items() if share > CLIPPED}
+    values = ", ".join(f"{name} in {100 * share:.0f} % of the rows" for name, share in clipped.items())
+    text = (
         f"The torques were clipped in the recording: they are at their largest value ({values}) "
         "while the motion needs more. Record them without that limit, or remove these intervals."
     )
-    return Finding(
-        code="torque-clipped", severity="error", text=sentence, where=Place(columns=tuple(clipped))
-    )
+    return [error("torque-clipped", text, *clipped)] if clipped else []
 
 
 def _wheel_gain(log: Log, robot: Robot) -> float | None:
     found = wheel_agreement(log, robot)
     if found is None or min(found.correlations) < 0.98 or min(found.signs) < 0:
         return None
-    if list(found.order) != sorted(found.order):
-        return None
-    return float(np.mean(found.gains))
+    return float(np.mean(found.gains)) if list(found.order) == sorted(found.order) else None
 
 
 #: two scales are of different robots if they differ by more than this factor and by more than their uncertainty
@@ -184,92 +166,65 @@ def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
     examined : mapping of str to PhysicsOfLog
         Results of each log by itself, by the names that messages use.
     """
-    findings = []
-    for scale_of, quantity, cause in _SCALES:
-        known = {name: scale for name, one in examined.items() if (scale := scale_of(one))}
-        finding = _compared(known, quantity, cause)
-        if finding:
-            findings.append(finding)
-    return findings
+    scales = {name: _scales(one) for name, one in examined.items()}
+    return [
+        finding
+        for quantity, cause in _CAUSES.items()
+        for finding in _compared(
+            {n: own[quantity] for n, own in scales.items() if quantity in own}, quantity, cause
+        )
+    ]
 
 
-def _compared(scales: Mapping[str, Scale], quantity: str, cause: str) -> Finding | None:
-    """Return the finding on the two logs that differ most clearly; None if none do."""
-    apart = {
-        pair: margin
-        for pair in combinations(scales, 2)
-        if (margin := _margin(*(scales[n] for n in pair))) > 0.0
-    }
+_TORQUE, _LEAN = "the torque that the motion needs", "the ball's acceleration at a lean"
+_WHEELS = "the wheels' speed at the same motion of the ball"
+#: why a scale differs
+_CAUSES = {
+    _TORQUE: "One is heavier, or has another gear ratio or torque constant.",
+    _LEAN: "They differ in wheel or ball radius, gear ratio, encoder counts or height of the centre of mass.",
+    _WHEELS: "They differ in wheel or ball radius, gear ratio or encoder counts.",
+}
+
+
+def _scales(one: PhysicsOfLog) -> dict[str, Scale]:
+    """Return the scales that a log shows."""
+    found: dict[str, Scale] = {}
+    if one.gains is not None and np.isfinite(one.gains.common()[1]):
+        middle, uncertain = one.gains.common()
+        found[_TORQUE] = Scale(middle=middle, systematic=0.0, error=uncertain)
+    if one.lean is not None and one.lean.conclusive and not one.lean.misread:
+        forward, reverse = abs(one.lean.gravity_gain), one.lean.reverse_gain
+        if forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward:
+            # all of the bracket: how the noise divides between lean and acceleration is unknown
+            half, uncertain = 0.5 * abs(float(np.log(reverse / forward))), one.lean.gravity_error / forward
+            found[_LEAN] = Scale(middle=float(np.sqrt(forward * reverse)), systematic=half, error=uncertain)
+    if one.wheel_gain is not None:
+        found[_WHEELS] = Scale(middle=one.wheel_gain, systematic=WHEEL_ERROR, error=0.0)
+    return found
+
+
+def _compared(scales: Mapping[str, Scale], quantity: str, cause: str) -> list[Finding]:
+    """Return the finding on the two logs that differ most clearly, in the one that differs from more others."""
+    apart = {pair: margin for pair in combinations(scales, 2) if (margin := _margin(scales, *pair)) > 0.0}
     if not apart:
-        return None
-    first, second = max(apart, key=lambda pair: apart[pair])
-    odd = _odd_one(scales, first, second)
-    other = second if odd == first else first
+        return []
+
+    def contradicted(name: str) -> tuple[int, float]:
+        """Return from how many logs one differs; with a tie, the one farther from the robot file is the odd one."""
+        return sum(name in pair for pair in apart), abs(np.log(scales[name].middle))
+
+    other, odd = sorted(max(apart, key=lambda pair: apart[pair]), key=contradicted)
     ratio = scales[odd].middle / scales[other].middle
-    sentence = (
+    text = (
         f"{odd} and {other} are of different robots: {quantity} is {ratio:.2f} times as large "
         f"in {odd} (relative to the robot file it is {scales[odd].text} in {odd} and "
         f"{scales[other].text} in {other}). {cause} Use logs of one robot in one condition."
     )
-    return Finding(code="robots", severity="error", text=sentence, where=Place(file=odd))
+    return [Finding(code="robots", severity="error", text=text, where=Place(file=odd))]
 
 
-def _margin(one: Scale, other: Scale) -> float:
+def _margin(scales: Mapping[str, Scale], first: str, second: str) -> float:
     """Return the excess of the difference of two scales' logarithms over its tolerance."""
-    difference = abs(np.log(one.middle / other.middle))
+    one, other = scales[first], scales[second]
     uncertain = one.systematic + other.systematic + SURE * np.hypot(one.error, other.error) + MARGIN
-    return float(difference - max(uncertain, np.log(APART)))
-
-
-def _odd_one(scales: Mapping[str, Scale], first: str, second: str) -> str:
-    """Return the one of two logs that differs from more others; with a tie, the one farther from the robot file."""
-
-    def contradicted(name: str) -> tuple[int, float]:
-        number = sum(_margin(scales[name], other) > 0.0 for other in scales.values())
-        return number, abs(np.log(scales[name].middle))
-
-    return max(first, second, key=contradicted)
-
-
-def _torque_scale(one: PhysicsOfLog) -> Scale | None:
-    if one.gains is None or not np.isfinite(one.gains.common()[1]):
-        return None
-    middle, error = one.gains.common()
-    return Scale(middle=middle, systematic=0.0, error=error)
-
-
-def _lean_scale(one: PhysicsOfLog) -> Scale | None:
-    if one.lean is None or not one.lean.conclusive or one.lean.misread:
-        return None
-    forward, reverse = abs(one.lean.gravity_gain), one.lean.reverse_gain
-    if not (forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward):
-        return None
-    return Scale(
-        middle=float(np.sqrt(forward * reverse)),
-        # all of the bracket: how the noise divides between lean and acceleration is unknown
-        systematic=0.5 * abs(float(np.log(reverse / forward))),
-        error=one.lean.gravity_error / forward,
-    )
-
-
-def _wheel_scale(one: PhysicsOfLog) -> Scale | None:
-    return None if one.wheel_gain is None else Scale(middle=one.wheel_gain, systematic=WHEEL_ERROR, error=0.0)
-
-
-_SCALES: tuple[tuple[Callable[[PhysicsOfLog], Scale | None], str, str], ...] = (
-    (
-        _torque_scale,
-        "the torque that the motion needs",
-        "One is heavier, or has another gear ratio or torque constant.",
-    ),
-    (
-        _lean_scale,
-        "the ball's acceleration at a lean",
-        "They differ in wheel or ball radius, gear ratio, encoder counts or height of the centre of mass.",
-    ),
-    (
-        _wheel_scale,
-        "the wheels' speed at the same motion of the ball",
-        "They differ in wheel or ball radius, gear ratio or encoder counts.",
-    ),
-)
+    return float(abs(np.log(one.middle / other.middle)) - max(uncertain, np.log(APART)))

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, error, finding
+from ballbot.log.checks.values import runs_of
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names
 from ballbot.log.log import Log
 
@@ -28,6 +29,8 @@ FROZEN_TIME = 0.4
 FROZEN_TORQUE_TIME = 1.0
 #: a state moves, and a rate is not one of rest, above this fraction of its standard deviation
 MOVING = 0.2
+#: standstills that begin and end within so many rows of each other are one
+TOGETHER = 2
 #: a slower column repeats a value for so many rows, at least so often, in this fraction of cases equally long
 HELD_ROWS, HELD_TIMES, HELD_FRACTION = 2, 20, 0.8
 #: delay by repeated values above which states are wrong [s]
@@ -39,76 +42,101 @@ _TORQUES = torque_names(MAX_WHEELS)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standstill:
+class _Standstill:
     """The longest run of equal values of a column."""
 
     start: int
     rows: int
     changes: float  #: fraction of the other rows at which the column changes
 
+    @property
+    def within(self) -> slice:
+        """Its rows."""
+        return slice(self.start, self.start + self.rows)
 
-def standstill(values: NDArray[np.float64]) -> Standstill:
-    """Return the longest run of equal values of a column (N,)."""
-    starts, lengths = _runs(values)
+
+def _standstill(values: NDArray[np.float64]) -> _Standstill:
+    starts, lengths = runs_of(values)
     k = int(np.argmax(lengths))
     outside = len(values) - int(lengths[k])
-    return Standstill(
-        start=int(starts[k]), rows=int(lengths[k]), changes=(len(starts) - 1) / outside if outside else 0.0
-    )
+    changes = (len(starts) - 1) / outside if outside else 0.0
+    return _Standstill(start=int(starts[k]), rows=int(lengths[k]), changes=changes)
 
 
 def check_stuck(log: Log) -> list[Finding]:
     """Return findings on columns that stay constant for a while though they change at nearly all other rows.
 
     The finding is an error if other columns show that the robot moved meanwhile, and a warning if it may have been at
-    rest.
+    rest, or the motors off. A torque may stay at its extreme, and at rest.
     """
     if len(log) < 2 * STUCK_ROWS:
         return []
-    shortest = max(STUCK_ROWS, round(STUCK_TIME / log.sample_time))
-    names = [name for name in log.names if name.startswith(NOISY_PREFIXES)]
-    found = {name: standstill(log[name]) for name in names}
-    stuck = {
-        name: one for name, one in found.items() if one.rows >= shortest and one.changes >= LIVE_FRACTION
-    }
-    together = _together(stuck)
-    if len(together) >= 3:
-        return [_frozen_log(log, together, stuck[together[0]])]
-    return [_stuck_column(log, name, one) for name, one in stuck.items()] + _stuck_torques(log)
+    found: dict[str, _Standstill] = {}
+    torques = [name for name in _TORQUES if name in log] if {*STATE_NAMES} <= set(log.names) else []
+    for name in (*(n for n in log.names if n.startswith(NOISY_PREFIXES)), *torques):
+        one, shortest = _standstill(log[name]), FROZEN_TORQUE_TIME if name in torques else STUCK_TIME
+        value = abs(log[name][one.start])
+        extreme = name in torques and value > 0.0 and value >= 0.999 * np.nanmax(np.abs(log[name]))
+        if one.rows >= max(STUCK_ROWS, shortest / log.sample_time) and one.changes >= LIVE_FRACTION:
+            found |= {} if extreme else {name: one}
+    findings = []
+    while found:
+        first = next(iter(found.values()))
+        names = [
+            name
+            for name, one in found.items()
+            if abs(one.start - first.start) <= TOGETHER
+            and abs(one.start + one.rows - first.start - first.rows) <= TOGETHER
+        ]
+        findings += _stuck(log, names, first, torques)
+        found = {name: one for name, one in found.items() if name not in names}
+    return findings
+
+
+def _stuck(log: Log, names: list[str], one: _Standstill, torques: Sequence[str]) -> list[Finding]:
+    """Return the finding on columns that stand still together."""
+    rows, of_motors = one.within, set(names) <= set(torques)
+    others = [name for name in STATE_NAMES[2:] if name in log and name not in names]
+    moved = any(np.nanstd(log[name][rows]) > MOVING * np.nanstd(log[name]) for name in others)
+    rates = [name for name in (*STATE_NAMES[5:], *_GYRO) if name in names]
+    moved |= any(abs(log[name][one.start]) > MOVING * np.nanstd(log[name]) for name in rates)
+    off = of_motors and not any(log[name][rows].any() for name in torques)
+    if of_motors:
+        moved |= any(_standstill(log[n][rows]).rows < one.rows / 2 for n in torques if n not in names)
+        if not moved:
+            return []
+    time = float(log.t[one.start])
+    lasting = float(log.t[one.start + one.rows - 1] - time)
+    cause = "messages were lost, or the sensor or the logger froze"
+    if of_motors:
+        cause = "the motors were off" if off else "messages were lost, or a motor is dead"
+    text = (
+        f"{', '.join(names)}: one value repeats for {lasting:.3g} s from row {one.start + 1} (t = {time:.6g} s), and "
+        f"nearly all other rows differ: {cause}{'' if moved else ', or everything was at rest'}."
+    )
+    severity = "error" if moved and lasting >= FROZEN_TIME and not off else "warning"
+    return [finding("stuck", severity, text, *names, time=time)]
 
 
 def check_held(log: Log) -> list[Finding]:
-    """Return findings on columns that repeat each value for a fixed number of rows."""
+    """Return a finding on columns that repeat each value for a fixed number of rows."""
     if len(log) < HELD_ROWS * HELD_TIMES:
         return []
     names = [n for n in (*STATE_NAMES, *_GYRO, *_TORQUES) if n in log]
     held = {name: rows for name in names if (rows := _held_rows(log[name])) >= HELD_ROWS}
     if not held:
         return []
-    states = [name for name in held if name in STATE_NAMES]
     rows = max(held.values())
     delay = rows * log.sample_time
-    repeats_all = set(names) == set(held) and len(set(held.values())) == 1 and _in_step(log, names)
-    columns = tuple(held)
-    if repeats_all:
-        sentence = (
-            f"Every row appears {rows} times: the log was written {rows} times as fast as it "
-            f"was measured, or rows were duplicated. Keep only every {_ordinal(rows)} row."
-        )
-        return [Finding(severity="error", code="held", text=sentence, where=Place(columns=columns))]
-    if not states and delay < 2.0 * HELD_TIME:
+    duplicated = set(names) == set(held) and len(set(held.values())) == 1 and _in_step(log, names)
+    if not duplicated and delay < 2.0 * HELD_TIME and not any(name in held for name in STATE_NAMES):
         return []  # a controller slower than its log
-    wrong = delay >= HELD_TIME
-    noun = "The columns" if len(columns) > 1 else "The column"
-    verb = "change" if len(columns) > 1 else "changes"
-    sentence = (
-        f"{noun} {', '.join(columns)} {verb} only every {_ordinal(rows)} row, every "
-        f"{delay:.3g} s, and {('repeat' if len(columns) > 1 else 'repeats')} the last value "
-        "in between: a slower sensor, or resampling without interpolation. Its values "
-        "are delayed by up to that time; interpolate them, or log at their rate."
+    cause = "rows were duplicated" if duplicated else "a slower sensor, or resampling without interpolation"
+    text = (
+        f"{', '.join(held)}: a new value comes only every {rows} rows, every {delay:.3g} s, and repeats in between: "
+        f"{cause}. Values are late by up to that time; keep one row of {rows}, interpolate, or log at their rate."
     )
-    severity = "error" if wrong else "warning"
-    return [Finding(severity=severity, code="held", text=sentence, where=Place(columns=columns))]
+    return [finding("held", "error" if duplicated or delay >= HELD_TIME else "warning", text, *held)]
 
 
 def check_copied(log: Log) -> list[Finding]:
@@ -122,121 +150,22 @@ def check_copied(log: Log) -> list[Finding]:
     rows = np.arange(len(log))
     moving = np.any(np.diff(table, axis=0, prepend=table[:1]) != 0.0, axis=1)
     offset = np.where((earlier < rows) & moving & np.isfinite(table).all(axis=1), rows - earlier, 0)
-    starts, lengths = _runs(offset.astype(np.float64))
+    starts, lengths = runs_of(offset.astype(np.float64))
     copied = (offset[starts] > 0) & (lengths >= COPIED_ROWS)
     if not copied.any():
         return []
     start, length = int(starts[copied][0]), int(lengths[copied][0])
-    source = start - int(offset[start])
-    time = float(log.t[start])
-    sentence = (
-        f"Rows {start + 1} to {start + length} (from t = {time:.6g} s) repeat rows "
-        f"{source + 1} to {source + length} exactly, which no measurement does: a "
-        "part of the log was copied or written twice. Remove one of the two."
+    source, time = start - int(offset[start]), float(log.t[start])
+    text = (
+        f"Rows {start + 1} to {start + length} (from t = {time:.6g} s) repeat rows {source + 1} to {source + length} "
+        "exactly, which no measurement does: a part of the log was written twice. Remove one of the two."
     )
-    return [
-        Finding(severity="error", code="copied", text=sentence, where=Place(columns=tuple(names), time=time))
-    ]
-
-
-def _runs(values: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the starts and the lengths of the runs of equal values."""
-    starts = np.concatenate(([0], np.flatnonzero(values[1:] != values[:-1]) + 1))
-    return starts, np.diff(np.concatenate((starts, [len(values)])))
-
-
-def _together(stuck: dict[str, Standstill]) -> list[str]:
-    """Return the largest set of columns with the same standstill, within a row at either end."""
-    best: list[str] = []
-    for one in stuck.values():
-        same = [
-            name
-            for name, other in stuck.items()
-            if abs(other.start - one.start) <= 2 and abs(other.start + other.rows - one.start - one.rows) <= 2
-        ]
-        best = max(best, same, key=len)
-    return best
-
-
-def _frozen_log(log: Log, names: list[str], one: Standstill) -> Finding:
-    start, time = one.start, float(log.t[one.start])
-    lasting = float(log.t[start + one.rows - 1] - time)
-    rows = slice(start, start + one.rows)
-    rates = [name for name in (*STATE_NAMES[5:], *_GYRO) if name in names]
-    moved = any(abs(log[name][start]) > MOVING * np.nanstd(log[name]) for name in rates)
-    # at rest, rates are zero to the last bit
-    others = any(log[name][start] for name in names) and _others_move(log, rows, names)
-    severity = "error" if (moved or others) and lasting >= FROZEN_TIME else "warning"
-    end = "" if severity == "error" else ", or everything was at rest"
-    sentence = (
-        f"The log is frozen for {lasting:.3g} s from row {start + 1} (t = {time:.6g} "
-        f"s): {_short(names)} repeat one value, though they change at nearly all other "
-        f"rows. Messages were lost, or the logger hung{end}; remove this interval."
-    )
-    return Finding(
-        severity=severity, code="stuck", text=sentence, where=Place(columns=tuple(names), time=time)
-    )
-
-
-def _stuck_column(log: Log, name: str, one: Standstill) -> Finding:
-    time = float(log.t[one.start])
-    lasting = float(log.t[one.start + one.rows - 1] - time)
-    moved = _others_move(log, slice(one.start, one.start + one.rows), (name,))
-    severity = "error" if moved and lasting >= FROZEN_TIME else "warning"
-    cause = (
-        "the sensor froze or messages were lost"
-        if moved
-        else "the sensor froze, messages were lost, or everything was at rest"
-    )
-    sentence = (
-        f"{name} repeats {log[name][one.start]:.6g} for {one.rows} rows ({lasting:.3g} s) from row {one.start + 1} "
-        f"(t = {time:.6g} s), though it changes at nearly all others: {cause}."
-    )
-    return Finding(severity=severity, code="stuck", text=sentence, where=Place(columns=(name,), time=time))
-
-
-def _others_move(log: Log, rows: slice, names: Sequence[str]) -> bool:
-    """Return whether states other than these move in those rows, by more than their noise."""
-    others = (log[other] for other in STATE_NAMES[2:] if other in log and other not in names)
-    return any(np.nanstd(values[rows]) > MOVING * np.nanstd(values) for values in others)
-
-
-def _stuck_torques(log: Log) -> list[Finding]:
-    """Return an error for a torque that froze while the others changed or the robot moved, except at its extreme.
-
-    It is a warning if all torques are zero: the motors may be off while the robot is carried.
-    """
-    findings = []
-    names = [name for name in _TORQUES if name in log]
-    shortest = max(STUCK_ROWS, round(FROZEN_TORQUE_TIME / log.sample_time))
-    for name in names if {*STATE_NAMES} <= set(log.names) else []:
-        one = standstill(log[name])
-        value = float(log[name][one.start])
-        extreme = abs(value) >= 0.999 * float(np.nanmax(np.abs(log[name])))
-        if one.rows < shortest or one.changes < LIVE_FRACTION or (value != 0.0 and extreme):
-            continue
-        rows = slice(one.start, one.start + one.rows)
-        alone = any(standstill(log[other][rows]).rows < one.rows / 2 for other in names if other != name)
-        if not (alone or _others_move(log, rows, ())):
-            continue
-        time = float(log.t[one.start])
-        off = not any(log[other][rows].any() for other in names)
-        cause = "the motors were off" if off else "messages were lost, or the motor is dead"
-        sentence = (
-            f"{name} repeats {value:.4g} N m for {one.rows} rows from row {one.start + 1} (t = {time:.6g} s) while "
-            f"{'the other torques change' if alone else 'the robot moves'}: {cause}."
-        )
-        severity = "warning" if off else "error"
-        findings.append(
-            Finding(severity=severity, code="stuck", text=sentence, where=Place(columns=(name,), time=time))
-        )
-    return findings
+    return [error("copied", text, *names, time=time)]
 
 
 def _held_rows(values: NDArray[np.float64]) -> int:
     """Return for how many rows a column repeats each of its values; 1 if the number varies."""
-    _, lengths = _runs(values)
-    inner = lengths[1:-1]
+    inner = runs_of(values)[1][1:-1]
     if len(inner) < HELD_TIMES:
         return 1
     usual = int(np.median(inner))
@@ -249,13 +178,3 @@ def _in_step(log: Log, names: Sequence[str]) -> bool:
     changes = [np.diff(log[name]) != 0.0 for name in names]
     together = np.all(changes, axis=0).sum()
     return bool(together >= HELD_FRACTION * np.any(changes, axis=0).sum())
-
-
-def _short(names: Sequence[str]) -> str:
-    return (
-        ", ".join(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more columns"
-    )
-
-
-def _ordinal(number: int) -> str:
-    return {2: "second", 3: "third"}.get(number, f"{number}th")

@@ -15,16 +15,16 @@ nothing. No units, radii or masses enter.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, error
 from ballbot.log.columns import wheel_angle_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, Smooth, balancing_rows, even_rows, smooth
+from ballbot.log.signals import INTERVAL, balancing_rows, even_rows, smooth
 
 #: rows interpolated across a longer gap [s] are not used
 LONGEST_GAP = 0.05
@@ -105,18 +105,17 @@ def stuck_encoders(motion: Balancing) -> list[StuckEncoder]:
 
 def stuck_findings(found: Iterable[StuckEncoder], *, names: tuple[str, ...]) -> list[Finding]:
     """Return an error for each hold of `stuck_encoders`; `names` are the columns of the wheels' angles."""
-    return [
-        Finding(
-            severity="error",
-            code="stuck",
-            text=f"{names[one.wheel]} holds its value from {one.start:.6g} to {one.end:.6g} s though its wheel turns: "
-            f"the lean, the heading and the other wheels leave {one.times:.2g} times as much of the motion unexplained "
-            f"as elsewhere, and {100 * one.along:.0f} % of that is what turning of this wheel would do. The encoder or "
-            "its cable failed, or messages were lost.",
-            where=Place(columns=(names[one.wheel],), time=one.start),
+    findings = []
+    for one in found:
+        name = names[one.wheel]
+        text = (
+            f"{name} holds its value from {one.start:.6g} to {one.end:.6g} s though its wheel turns: the lean, the "
+            f"heading and the other wheels leave {one.times:.2g} times as much of the motion unexplained as elsewhere, "
+            f"and {100 * one.along:.0f} % of that is what turning of this wheel would do. The encoder or its cable "
+            "failed, or messages were lost."
         )
-        for one in found
-    ]
+        findings.append(error("stuck", text, name, time=one.start))
+    return findings
 
 
 def _holds(t: NDArray[np.float64], angle: NDArray[np.float64]) -> list[tuple[float, float]]:
@@ -137,50 +136,50 @@ def _holds(t: NDArray[np.float64], angle: NDArray[np.float64]) -> list[tuple[flo
     return [(float(t[a]), float(t[b])) for a, b in found if t[b] - t[a] >= SHORTEST_HOLD]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Filtered:
-    """The motion on even rows."""
-
-    rows: NDArray[np.float64]
-    width: float
-    wheels: NDArray[np.float64]  #: (N, n), accelerations
-    lean: Smooth
-    heading: NDArray[np.float64]  #: (N, 1), acceleration; (N, 0) without a heading
-    usable: NDArray[np.bool_]  #: moving, not fallen and not interpolated across a gap
-
-
 def _held_against_the_rest(
     motion: Balancing, holds: list[list[tuple[float, float]]], width: float
-) -> list[StuckEncoder]:
-    """Return the faults that the motion shows through a filter of a width."""
-    t, rows = motion.t, even_rows(motion.t)
+) -> Iterator[StuckEncoder]:
+    """Yield the faults that the motion shows through a filter of a width, by relations fitted where none holds."""
+    t, rows, apart = motion.t, even_rows(motion.t), APART * width
     lean, wheels = smooth(rows, t, motion.lean, width=width), smooth(rows, t, motion.wheels, width=width)
     usable = balancing_rows(lean.value, wheels.rate, None)
     usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < LONGEST_GAP
-    heading = np.empty((len(rows), 0))
+    y = lean.acceleration
     if motion.heading is not None:
-        heading = smooth(rows, t, motion.heading[:, None], width=width).acceleration
-    seen = _Filtered(
-        rows=rows, width=width, wheels=wheels.acceleration, lean=lean, heading=heading, usable=usable
-    )
+        y = np.column_stack([y, smooth(rows, t, motion.heading[:, None], width=width).acceleration])
     free = usable.copy()
     for start, end in (one for of_wheel in holds for one in of_wheel):
-        free &= (rows < start - APART * width) | (rows > end + APART * width)
+        free &= (rows < start - apart) | (rows > end + apart)
     if free.sum() * INTERVAL < FEWEST_SECONDS:
-        return []
-    return [stuck for wheel, own in enumerate(holds) if own for stuck in _faults_of(wheel, own, seen, free)]
+        return
+    for wheel, held in enumerate(holds):
+        if not held:
+            continue
+        along, total = _unexplained_along(wheel, wheels.acceleration, lean.value, y, free)
+        usual = float(np.quantile(_windows(along, free), 0.95))
+        for start, end in held:
+            inside = usable & (rows > start + apart) & (rows < end - apart)
+            if inside.sum() * INTERVAL < WINDOW:
+                continue
+            times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
+            part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
+            if times > TIMES and part > ALONG:
+                yield StuckEncoder(wheel=wheel, start=start, end=end, times=times, along=part)
 
 
-def _faults_of(
-    wheel: int, holds: list[tuple[float, float]], seen: _Filtered, free: NDArray[np.bool_]
-) -> list[StuckEncoder]:
-    """Return which of a wheel's holds are faults, by relations that are fitted on the free rows."""
-    n = seen.wheels.shape[1]
+def _unexplained_along(
+    wheel: int,
+    wheels: NDArray[np.float64],
+    lean: NDArray[np.float64],
+    y: NDArray[np.float64],
+    free: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the squares (N,) of r along the column of C of a wheel, and of all of r, fitted on the free rows."""
+    n = wheels.shape[1]
     # a wheel and its neighbours are independent in every arrangement around the ball
     own = [wheel, (wheel + 1) % n, (wheel - 1) % n]
-    others = [k for k in range(n) if k not in own]
-    x = np.column_stack([seen.wheels[:, own], seen.lean.value, np.ones(len(seen.rows))])
-    y = np.column_stack([seen.lean.acceleration, seen.wheels[:, others], seen.heading])
+    x = np.column_stack([wheels[:, own], lean, np.ones(len(wheels))])
+    y = np.column_stack([y, wheels[:, [k for k in range(n) if k not in own]]])
     C = np.linalg.lstsq(x[free], y[free], rcond=None)[0]
     left = y - x @ C
     covariance = np.cov(left[free], rowvar=False)
@@ -189,18 +188,7 @@ def _faults_of(
     whitening = np.linalg.inv(np.linalg.cholesky(covariance)).T
     left, column = left @ whitening, C[0] @ whitening
     along = np.square(left @ (column / max(float(np.linalg.norm(column)), TINY)))
-    total = np.square(left).sum(axis=1)
-    usual = float(np.quantile(_windows(along, free), 0.95))
-    found, apart = [], APART * seen.width
-    for start, end in holds:
-        inside = seen.usable & (seen.rows > start + apart) & (seen.rows < end - apart)
-        if inside.sum() * INTERVAL < WINDOW:
-            continue
-        times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
-        part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
-        if times > TIMES and part > ALONG:
-            found.append(StuckEncoder(wheel=wheel, start=start, end=end, times=times, along=part))
-    return found
+    return along, np.square(left).sum(axis=1)
 
 
 def _windows(values: NDArray[np.float64], kept: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -10,7 +10,8 @@ and with it n, the torque that each wheel needs for the motion. A motor supplies
     u_i = k n_i + f(wheel speed i)             f: dry, viscous, falling with speed; it never drives
 
 so k is one for the right robot, and wheel i's torque follows n_i and its own speed's sign. Every logged torque is
-fitted by every wheel's motion, with either sign: the order and signs that explain the log best are the right ones.
+fitted by every wheel's motion, with either sign (`ballbot.log.mapping_search.commands`): the order and signs that
+explain the log best are the right ones.
 
 How large the torques are: `ballbot.log.checks.torque_gains`.
 """
@@ -18,21 +19,18 @@ How large the torques are: `ballbot.log.checks.torque_gains`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, error
 from ballbot.log.checks.lean import (
     EVERY,
     Motion,
     Rows,
     as_complex,
     as_plane,
-    block_sums,
-    clarity,
 )
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.log import Log
@@ -41,17 +39,13 @@ from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
 
-#: fraction of a torque's variance that another wheel or sign must explain more, and in how many standard errors
-CLEAR_GAIN, CLEARLY_BETTER = 0.2, 3.0
-#: assignments whose explained fraction is within this of the best's are indistinguishable
-AS_GOOD = 0.03
+#: confidence in another order or other signs from which it is an error
+CONFIDENT = 0.9
 #: fraction of the torques that must be explained to conclude an order or sign: torques of another run of the same robot
 #: reach 0.68, as both follow the limit cycle
 EXPLAINED = 0.75
 #: explained fraction below which torques are unrelated to the motion
 UNRELATED = 0.15
-#: a column is dead if its variance is below this fraction of the largest one
-DEAD = 1e-8
 #: speed at which the sign of a wheel's dry friction is nearly certain, and above which it is certain [rad/s]
 SIGN, TURNING = 0.1, 0.3
 #: exponent of the weight of rows by the fraction of the filter's time in which the wheel turned for certain
@@ -72,52 +66,6 @@ class Driving:
     #: (N, n) fraction of the filter's time in which the wheel turned for certain
     turning: NDArray[np.float64]
     block: NDArray[np.intp]  #: (N,)
-
-
-@dataclass(frozen=True)
-class Assignment:
-    """Which wheel each logged torque drives, from 0, and with which sign."""
-
-    wheels: tuple[int, ...]
-    signs: tuple[int, ...]
-
-    @property
-    def fault(self) -> str:
-        """The fault of the torques under this assignment; empty if they are right."""
-        own = tuple(range(len(self.wheels)))
-        negated = [f"u{j + 1}" for j, sign in enumerate(self.signs) if sign < 0]
-        parts = []
-        if self.wheels != own:
-            moved = [j for j in own if self.wheels[j] != j]
-            if len(moved) == 2:
-                parts.append(f"u{moved[0] + 1} and u{moved[1] + 1} are swapped")
-            else:
-                order = ", ".join(f"u{j + 1} drives wheel {self.wheels[j] + 1}" for j in moved)
-                parts.append(f"the torques are in another order ({order})")
-        if len(negated) == len(own):
-            parts.append("all torques have the opposite sign")
-        elif negated:
-            parts.append(f"{' and '.join(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign")
-        return " and ".join(parts)
-
-    @property
-    def changes(self) -> int:
-        """Number of separate faults."""
-        moved = sum(wheel != j for j, wheel in enumerate(self.wheels))
-        negated = self.signs.count(-1)
-        return moved + (1 if negated == len(self.signs) else negated)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TorqueEvidence:
-    """The torques of one log compared with its motion."""
-
-    assignments: tuple[Assignment, ...]  #: the best explanations, simplest first
-    explained: float  #: fraction of the torques' variance that the best explains
-    as_logged: float  #: fraction that the columns as logged explain
-    clearness: float  #: advantage of the best over the columns as logged, in standard errors
-    differing: float  #: mean fraction gained on the torques that the best assigns differently
-    turned: float  #: time in which wheels turned for certain, of all together [s]
 
 
 def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | None:
@@ -142,65 +90,61 @@ def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | 
     )
 
 
-def torque_evidence(driving: Driving) -> TorqueEvidence:
-    """Fit every logged torque by every wheel's motion with either sign, and compare the assignments."""
-    n = driving.torque.shape[1]
-    left = _left_unexplained(driving)
-    explained = 1.0 - left.sum(axis=-1)  # [torque, wheel, sign]
-    own = Assignment(tuple(range(n)), (1,) * n)
-    every = _assignments(explained)
-    scores = {one: _mean(explained, one) for one in every}
-    best = max(scores, key=lambda one: scores[one])
-    good = sorted(
-        (one for one in every if scores[one] >= scores[best] - AS_GOOD),
-        key=lambda one: (one.changes, -scores[one]),
-    )
-    chosen = good[0]
-    other = [j for j in range(n) if (chosen.wheels[j], chosen.signs[j]) != (j, 1)]
-    gain = np.array([left[j, j, 0] - left[j, chosen.wheels[j], _place(chosen.signs[j])] for j in other])
-    return TorqueEvidence(
-        assignments=tuple(good),
-        explained=scores[chosen],
-        as_logged=scores[own],
-        clearness=clarity(_bounded(left, chosen, other)) if other else 0.0,
-        differing=float(gain.sum(axis=1).mean()) if other else 0.0,
-        turned=EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER)),
-    )
+def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return the error of torques of another order or sign than the motion's, or without a relation to it."""
+    from ballbot.log.mapping_search.commands import assign
 
-
-def torque_findings(found: TorqueEvidence, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return findings on the torques: order, sign, or that they are unrelated to the motion."""
-    where = Place(columns=names)
-    clear = found.differing > CLEAR_GAIN and found.clearness > CLEARLY_BETTER
-    if (
-        found.assignments[0].changes
-        and clear
-        and found.turned > LEAST_TURNING
-        and found.explained > EXPLAINED
-    ):
-        return [_misplaced(found, where)]
-    if found.as_logged < UNRELATED:
-        sentence = (
-            "The torques are unrelated to the motion: as logged they explain "
-            f"{100 * max(found.as_logged, 0.0):.0f} % of the torque that the motion needs, and no other order "
-            "or signs fit. They are from another log, shifted in time, or not the torques of the motors."
+    n = len(names)
+    own = tuple(range(n))
+    found = assign(driving, [1] * n)
+    as_logged = 100.0 * max(1.0 - float(np.mean([_unexplained(driving, i) for i in own])), 0.0)
+    changed = found.wheels != own or min(found.signs) < 0
+    turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
+    enough = turned > LEAST_TURNING and found.explained > EXPLAINED
+    if changed and enough and found.confidence > CONFIDENT:
+        text = (
+            f"The torques do not fit the motion as logged: {_fault(names, found.wheels, found.signs)}. With this "
+            f"correction they explain {100.0 * found.explained:.0f} % of the torque that the motion needs, as logged "
+            f"{as_logged:.0f} %. Correct the columns or the mapping."
         )
-        return [Finding(code="torque-unrelated", severity="error", text=sentence, where=where)]
+        if found.wheels == own:
+            return [error("torque-sign", text, *names)]
+        return [error("torque-order", text, *names)]
+    if as_logged < 100.0 * UNRELATED:
+        text = (
+            "The torques are unrelated to the motion: as logged they explain "
+            f"{as_logged:.0f} % of the torque that the motion needs, and no other order or signs fit. They are from "
+            "another log, shifted in time, or not the torques of the motors."
+        )
+        return [error("torque-unrelated", text, *names)]
     return []
 
 
-def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
-    """Return the finding that names every order and sign of the torques that fits as well as the best."""
-    best = found.assignments[0]
-    causes = [one.fault for one in found.assignments if one.changes <= best.changes + 1][:4]
-    sentence = (
-        f"The torques do not fit the motion as logged: {', or '.join(causes)}. With this correction "
-        f"they explain {100 * found.explained:.0f} % of the torque that the motion needs, as logged "
-        f"{100 * max(found.as_logged, 0.0):.0f} %. Correct the columns or the mapping."
-    )
-    if best.wheels == tuple(range(len(best.wheels))):
-        return Finding(code="torque-sign", severity="error", text=sentence, where=where)
-    return Finding(code="torque-order", severity="error", text=sentence, where=where)
+def _fault(names: tuple[str, ...], wheels: tuple[int, ...], signs: tuple[int, ...]) -> str:
+    """Return what is wrong with torques of which each drives that wheel (from 0) with that sign."""
+    moved = [j for j, wheel in enumerate(wheels) if wheel != j]
+    negated = [name for name, sign in zip(names, signs, strict=True) if sign < 0]
+    parts = []
+    if len(moved) == 2:
+        parts.append(f"{names[moved[0]]} and {names[moved[1]]} are swapped")
+    elif moved:
+        order = ", ".join(f"{names[j]} drives wheel {wheels[j] + 1}" for j in moved)
+        parts.append(f"the torques are in another order ({order})")
+    if len(negated) == len(names):
+        parts.append("all torques have the opposite sign")
+    elif negated:
+        parts.append(f"{' and '.join(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign")
+    return " and ".join(parts)
+
+
+def _unexplained(driving: Driving, i: int) -> float:
+    """Return the fraction of a torque's variance that its wheel's motion leaves."""
+    columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
+    columns = columns - columns.mean(axis=0)
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+    u = driving.torque[:, i] - driving.torque[:, i].mean()
+    # neither the motion's torque nor friction can be negative
+    return float(nnls(columns / size, u)[1]) ** 2 / max(float(u @ u), 1e-30)
 
 
 def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
@@ -237,57 +181,6 @@ def smoothed_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
     smooth = np.full_like(speeds, np.nan)
     smooth[known] = local_fit(log.t[known], speeds[known], rows=rows)[0]
     return smooth
-
-
-def _left_unexplained(driving: Driving) -> NDArray[np.float64]:
-    """Return the fraction (n, n, 2, B) of each torque's variance unexplained by each wheel and sign, by blocks."""
-    n, blocks = driving.torque.shape[1], int(driving.block[-1]) + 1
-    left = np.ones((n, n, 2, blocks)) / blocks
-    dead = DEAD * float(np.square(driving.torque - driving.torque.mean(axis=0)).sum(axis=0).max())
-    for i in range(n):
-        columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
-        columns = columns - columns.mean(axis=0)
-        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
-        for j in range(n):
-            u = driving.torque[:, j] - driving.torque[:, j].mean()
-            power = float(u @ u)
-            if power <= dead:
-                continue
-            for place, sign in enumerate((1.0, -1.0)):
-                # neither the motion's torque nor friction can be negative
-                factors, _ = nnls(columns / size, sign * u)
-                residual = sign * u - columns / size @ factors
-                left[j, i, place] = block_sums(residual**2, driving.block) / power
-    return left
-
-
-def _assignments(explained: NDArray[np.float64]) -> list[Assignment]:
-    """Return every order, each torque with every sign that is not clearly the worse one, and the order as logged."""
-    n = len(explained)
-    found = {Assignment(tuple(range(n)), (1,) * n), Assignment(tuple(range(n)), (-1,) * n)}
-    for order in permutations(range(n)):
-        better = [1 if explained[j, order[j], 0] >= explained[j, order[j], 1] else -1 for j in range(n)]
-        found.add(Assignment(order, tuple(better)))
-    return list(found)
-
-
-def _place(sign: int) -> int:
-    return 0 if sign > 0 else 1
-
-
-def _mean(explained: NDArray[np.float64], one: Assignment) -> float:
-    return float(
-        np.mean(
-            [explained[j, i, _place(s)] for j, (i, s) in enumerate(zip(one.wheels, one.signs, strict=True))]
-        )
-    )
-
-
-def _bounded(left: NDArray[np.float64], one: Assignment, torques: list[int]) -> NDArray[np.float64]:
-    """Return the advantage (B,) of an assignment over the columns as logged, by blocks, from -1 to 1."""
-    own = sum(left[j, j, 0] for j in torques)
-    best = sum(left[j, one.wheels[j], _place(one.signs[j])] for j in torques)
-    return np.asarray((own - best) / np.maximum(own + best, 1e-30))
 
 
 def gravity_need(motion: Motion, robot: Robot) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, Place
+from ballbot.findings import Finding, error, finding, warning
 from ballbot.log.checks.lean import EVERY, Motion
 from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, gravity_need
 from ballbot.log.signals import INTERVAL
@@ -43,7 +43,7 @@ USUAL = 0.15
 SURE, LARGE, TOO_LARGE, UNLIKE = 5.0, 1.15, 1.25, 1.25
 #: a factor that a log must be able to exclude, or its bounds are said
 MUST_SHOW = 1.4
-#: gains nearer to zero than this part of the usual one are as good as zero
+#: gains nearer to zero than this part of the middle one are as good as zero
 ZERO = 0.05
 
 #: factors of one side of a change over the other that are tried, beside one
@@ -159,7 +159,8 @@ class Gains:
 
     def common(self, but: int | None = None) -> tuple[float, float]:
         """Return the factor of all torques, or of all but one, and its relative standard error."""
-        known = self.factors > 0.0
+        shown = self.factors[np.isfinite(self.factors)]
+        known = self.factors > ZERO * max(float(np.median(shown)), 0.0) if shown.size else self.factors > 0.0
         if but is not None:
             known[but] = False
         weights = 1.0 / np.square(self.errors[known])
@@ -219,84 +220,73 @@ def scale_errors(gains: Gains) -> NDArray[np.float64]:
 
 def change_findings(sums: Sequence[MotorSums], motion: Motion, *, names: tuple[str, ...]) -> list[Finding]:
     """Return the finding of each torque whose factor changes within the log; an error where it is zero or negated."""
-    found = ((name, change) for name, one in zip(names, sums, strict=True) if (change := one.change()))
-    return [
-        _changed(name, change, float(motion.t[motion.block == change.second][0])) for name, change in found
-    ]
-
-
-def _changed(name: str, change: Change, time: float) -> Finding:
-    span, other = (
-        (f"before about t = {time:.0f} s", "after")
-        if change.before
-        else (f"from about t = {time:.0f} s on", "before")
-    )
-    where = Place(columns=(name,), time=time)
-    if change.zero:
-        sentence = (
-            f"{name} is zero {span} though its wheel turns as if driven: a dead motor, or a torque that was not "
-            "recorded. Use the rest of the log."
-        )
-        return Finding(code="dead-motor", severity="error", text=sentence, where=where)
-    if change.factor < 0.0:
-        sentence = (
-            f"{name} has the opposite sign {span} of the one that it has {other}, by the torque that its wheel needs. "
-            "Use the part with the right sign, or correct the column."
-        )
-        return Finding(code="torque-sign", severity="error", text=sentence, where=where)
-    # no error: a robot that moves first and then hardly does looks like that, too
-    sentence = (
-        f"{name} is {change.factor:.2g} times as large {span} as {other}, by the torque that its wheel needs: its "
-        "scale changed, its motor gives another torque than its command, or the robot moves too little in one part. "
-        "If its scale changed, use the part that is right."
-    )
-    return Finding(code="torque-scale", severity="warning", text=sentence, where=where)
+    findings = []
+    for name, change in ((name, one.change()) for name, one in zip(names, sums, strict=True)):
+        if change is None:
+            continue
+        time = float(motion.t[motion.block == change.second][0])
+        span = f"before about t = {time:.0f} s" if change.before else f"from about t = {time:.0f} s on"
+        if change.zero:
+            text = (
+                f"{name} is zero {span} though its wheel turns as if driven: a dead motor, or a torque that was not "
+                "recorded. Use the rest of the log."
+            )
+            findings.append(error("dead-motor", text, name, time=time))
+        elif change.factor < 0.0:
+            text = (
+                f"{name} has the opposite sign {span}, by the torque that its wheel needs. Use the rest of the log, or "
+                "correct the column."
+            )
+            findings.append(error("torque-sign", text, name, time=time))
+        else:
+            # no error: a robot that moves first and then hardly does looks like that, too
+            text = (
+                f"{name} is {change.factor:.2g} times as large {span} as otherwise, by the torque that its wheel "
+                "needs: its scale changed, its motor gives another torque than its command, or the robot moves too "
+                "little in one part. If its scale changed, use the part that is right."
+            )
+            findings.append(warning("torque-scale", text, name, time=time))
+    return findings
 
 
 def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
     """Return the error of a torque that is scaled unlike the others, or of all that are scaled."""
     found = [gains.unlike(i) for i in range(len(names))]
     unlike = {
-        i: abs(np.log(factor)) / error
-        for i, (factor, error) in enumerate(found)
-        if abs(np.log(factor)) > max(SURE * error, np.log(UNLIKE))
+        i: abs(np.log(factor)) / uncertain
+        for i, (factor, uncertain) in enumerate(found)
+        if abs(np.log(factor)) > max(SURE * uncertain, np.log(UNLIKE))
     }
     if unlike:
         i = max(unlike, key=lambda one: unlike[one])
-        sentence = (
+        text = (
             f"{names[i]} is {found[i][0]:.2g} times as large as the other torques, relative to the torque that the "
             "motion of its wheel needs: its torque constant, gear ratio or unit differs, or its motor gives another "
             "torque than the command. Correct the scale of the column in a mapping."
         )
-        return [
-            Finding(code="torque-scale", severity="error", text=sentence, where=Place(columns=(names[i],)))
-        ]
-    factor, error = gains.common()
-    off = abs(np.log(factor)) - SURE * error
+        return [error("torque-scale", text, names[i])]
+    factor, uncertain = gains.common()
+    off = abs(np.log(factor)) - SURE * uncertain
     if not off > np.log(LARGE):
         return []
-    sentence = (
-        f"The torques are {factor:.2g} times as large as the motion of this robot needs: {names[0]}, {names[1]} .. "
-        "are scaled (torque constant, gear ratio, current or per-unit values in place of N m), or the robot is "
+    text = (
+        f"The torques are {factor:.2g} times as large as the motion of this robot needs: all are scaled (torque "
+        "constant, gear ratio, current or per-unit values in place of N m), or the robot is "
         f"{'heavier' if factor > 1.0 else 'lighter'} than in the robot file."
     )
-    severity = "error" if off > np.log(TOO_LARGE) else "warning"
-    return [Finding(code="torque-scale", severity=severity, text=sentence, where=Place(columns=names))]
+    return [finding("torque-scale", "error" if off > np.log(TOO_LARGE) else "warning", text, *names)]
 
 
 def bound_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
     """Return a warning on how far the logs of a robot bound the scale of its torques, unless they bound it well."""
     wide = unbounded(gains)
-    if not wide:
-        return []
     bounds = ", ".join(
         f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
         for i, (low, high) in wide.items()
     )
-    sentence = (
+    text = (
         f"The logs bound the scale of the torques only so far, relative to the others and the robot file: {bounds} "
         "(95 %). A wrong torque constant within that would not show, and would change the motor's friction as much. "
         "Runs that accelerate more bound it better."
     )
-    where = Place(columns=tuple(names[i] for i in wide))
-    return [Finding(code="torque-bound", severity="warning", text=sentence, where=where)]
+    return [warning("torque-bound", text, *(names[i] for i in wide))] if wide else []

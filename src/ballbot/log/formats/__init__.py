@@ -1,8 +1,7 @@
 """File formats of logs: each is one file here and one line in `FORMATS`, and every command reads and writes through it.
 
-text      tables of text: Ballbot's own CSV, and others by a `TextLayout`
-inference the layout of a table of text that is not Ballbot's own
-serial    text as the Arduino IDE shows it: time stamps, labels before the numbers
+text      tables of text by a `TextLayout`
+inference the layout that a table of text shows
 json      JSON, a list of objects or an object of lists
 parquet   Parquet, by pyarrow
 npz       NumPy archives
@@ -26,20 +25,13 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table, format_bytes
 from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.files import LARGEST_TABLE, check_regular, folder_refusal
-from ballbot.log.columns import (
-    KNOWN_NAMES,
-    Columns,
-    check_column_names,
-    has_native_names,
-    mark_missing,
-    native_columns,
-)
+from ballbot.log.columns import Columns, check_column_names, has_native_names, mark_missing, native_columns
 from ballbot.log.formats.inference import (
     ForeignTable,
     infer_text_table,
-    own_layout_below,
+    read_inferred,
     read_text_units,
-    read_text_variables,
+    text_names,
 )
 from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat, write_mat
@@ -51,13 +43,11 @@ from ballbot.log.formats.text import (
     OWN_LAYOUT,
     SEMICOLON_LAYOUT,
     TextLayout,
-    own_layout,
-    read_text_header,
     read_text_table,
     write_text_table,
 )
 from ballbot.log.row_order import rows_with_times
-from ballbot.printable import printable_line, shell_line
+from ballbot.printable import printable_line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +79,7 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat(
         name="CSV",
         suffixes=(".csv", ".txt", ".tsv", ".dat", ".log"),
-        read=read_text_variables,
+        read=read_inferred,
         write=write_text_table,
         is_text=True,
     ),
@@ -107,14 +97,7 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat(name="ROS 2 bag", suffixes=(".db3",), read=read_bag, write=write_ros_bag, extra="formats"),
     LogFormat(name="ROS 1 bag", suffixes=(".bag",), read=read_bag, extra="formats"),
 )
-#: what unpacks a compressed file and keeps it, by its suffix
-_COMPRESSED = {
-    ".gz": ("gunzip", "--keep"),
-    ".zst": ("unzstd",),
-    ".xz": ("unxz", "--keep"),
-    ".bz2": ("bunzip2", "--keep"),
-    ".zip": ("unzip",),
-}
+_COMPRESSED = (".gz", ".zst", ".xz", ".bz2", ".zip")
 #: how a folder is read, whatever its name
 _FOLDER = LogFormat(name="ROS 2 bag", suffixes=(), read=read_bag, extra="formats")
 #: suffixes of the files that are written, the default first
@@ -142,10 +125,7 @@ def is_foreign(path: str | Path) -> bool:
     if not (path.is_file() or path.is_dir()):
         return False
     one = _format_of(path)
-    if one is None or one.is_text:
-        header = read_text_header(path)
-        return not has_native_names(header) and own_layout_below(path) is None
-    return not has_native_names(_read(one, path))
+    return not has_native_names(text_names(path) if one is None or one.is_text else _read(one, path))
 
 
 def read_columns(
@@ -162,7 +142,7 @@ def read_columns(
     path : str or Path
         A file of one of the `FORMATS`.
     layout : TextLayout, optional
-        How a table of text is laid out; as its header shows if it is not given.
+        How a table of text is laid out; as its lines show if it is not given.
     used : collection of str, optional
         The columns that must consist of numbers, see `read_text_table`; Ballbot's own without a layout.
     notes : list of str, optional
@@ -179,16 +159,9 @@ def read_columns(
         If the suffix is unknown, a package that reads the format is missing, or the file is not such a table.
     """
     one = _known_format(path)
-    if one.is_text:
-        if layout is None:
-            names = read_text_header(path)
-            layout = (
-                own_layout(path) if has_native_names(names) else own_layout_below(path) or own_layout(path)
-            )
-            used = {*KNOWN_NAMES, *native_columns(layout.names or names)}
-            return _native(read_text_table(path, layout, used=used, notes=notes), notes)
+    if one.is_text and layout is not None:
         return read_text_table(path, layout, used=used, notes=notes)
-    columns = _table(one, Path(path))
+    columns = read_inferred(path, of_a_log=True, notes=notes) if one.is_text else _table(one, Path(path))
     return _native(columns, notes) if layout is None else columns
 
 
@@ -216,7 +189,7 @@ def read_units(path: str | Path) -> dict[str, str]:
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
-    """Read a table of any format, and of text in any layout.
+    """Read a table of any format, and of text in any layout, whatever its suffix.
 
     Raises
     ------
@@ -224,9 +197,8 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
         If the file cannot be read or has no table of numbers.
     """
     one = _format_of(path)
-    if one is None:
-        _check_unpacked(Path(path))
     if one is None or one.is_text:
+        _check_unpacked(Path(path))
         return infer_text_table(path, given_names=names)
     columns = _table(one, Path(path))
     if names is not None:
@@ -254,12 +226,12 @@ def write_columns(
     """
     one = written_format(path)
     check_column_names(columns, source=str(path))
-    if decimal_comma:
-        if not one.is_text:
-            raise InputError(f"{path} cannot have decimal commas; only CSV has them.")
-        write_text_table(path, columns, SEMICOLON_LAYOUT)
-    elif one.write:
-        with _needing(one):
+    if decimal_comma and not one.is_text:
+        raise InputError(f"{path} cannot have decimal commas; only CSV has them.")
+    with _needing(one):
+        if decimal_comma:
+            write_text_table(path, columns, SEMICOLON_LAYOUT)
+        elif one.write:
             one.write(Path(path), columns)
 
 
@@ -293,12 +265,11 @@ def _format_of(path: str | Path) -> LogFormat | None:
 
 
 def _known_format(path: str | Path) -> LogFormat:
-    path = Path(path)
     one = _format_of(path)
     if one is not None:
         return one
-    _check_unpacked(path)
-    near = nearest(path.suffix.lower(), _suffixes())
+    _check_unpacked(Path(path))
+    near = nearest(Path(path).suffix.lower(), _suffixes())
     hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
     raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")
 
@@ -306,32 +277,19 @@ def _known_format(path: str | Path) -> LogFormat:
 def _check_unpacked(path: Path) -> None:
     """Raise InputError if the suffix of a file is that of a compressed one."""
     check_regular(path)
-    command = _COMPRESSED.get(path.suffix.lower())
-    if command:
-        raise InputError(f"{path} is compressed; unpack it first, as with `{shell_line([*command, path])}`.")
+    if path.suffix.lower() in _COMPRESSED:
+        raise InputError(f"{path} is compressed; unpack it first.")
 
 
 def _read(one: LogFormat, path: Path) -> Columns:
     """Return a file's variables, checked as `LogFormat` promises."""
     if one is _FOLDER and not is_bag_folder(path):
-        parts = sorted(path.glob("*.db3")) + sorted(path.glob("*.mcap"))
-        if not parts:
-            raise folder_refusal(path)
-        raise InputError(
-            f"{path} is a folder without metadata.yaml, which names the files of a ROS 2 bag; write it with: ros2 bag "
-            f"reindex {path}. Or give a file in the folder: {parts[0]}."
-        )
+        raise folder_refusal(path)
     size = 0 if one is _FOLDER else check_regular(path)
     if size > LARGEST_TABLE:
         raise InputError(f"{path} has {format_bytes(size)}; at most {format_bytes(LARGEST_TABLE)} are read.")
-    try:
-        with _needing(one):
-            variables = one.read(path)
-    except InputError:
-        raise
-    except Exception as error:  # whatever a library raises on a damaged file
-        reason = printable_line(f"{type(error).__name__}: {error}")
-        raise InputError(f"{path} cannot be read: it is not a complete {one.name} file ({reason}).") from None
+    with _needing(one, reading=path):
+        variables = one.read(path)
     if not any(len(values) for values in variables.values()):
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     check_column_names(variables, source=str(path))
@@ -339,13 +297,22 @@ def _read(one: LogFormat, path: Path) -> Columns:
 
 
 @contextmanager
-def _needing(one: LogFormat) -> Iterator[None]:
-    """Raise InputError if a package is missing that the format needs."""
+def _needing(one: LogFormat, *, reading: Path | None = None) -> Iterator[None]:
+    """Raise InputError if a package is missing that the format needs, or on what a library raises while reading."""
     try:
         yield
     except ModuleNotFoundError as error:
         raise InputError(
             f"{one.name} files need {error.name}: pip install 'ballbot[{one.extra}]'. Or use CSV."
+        ) from None
+    except InputError:
+        raise
+    except Exception as error:  # of a damaged file
+        if reading is None:
+            raise
+        reason = printable_line(f"{type(error).__name__}: {error}")
+        raise InputError(
+            f"{reading} cannot be read: it is not a complete {one.name} file ({reason})."
         ) from None
 
 

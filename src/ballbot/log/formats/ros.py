@@ -22,11 +22,11 @@ import json
 import math
 import sqlite3
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Set
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,20 +153,21 @@ def write_ros_bag(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> Non
     first = next(iter(columns.values()))
     t = columns.get("t", np.arange(len(first), dtype=np.float64))
     stamps = nanoseconds(t, origin=first_time(columns))
+    kept = {topic: one for topic, one in _TOPICS.items() if any(names <= {*columns} for names in one[1])}
     try:
         with tempfile.TemporaryDirectory() as folder:
             with Writer(Path(folder) / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
-                topics = {
-                    topic: (writer.add_connection(topic, kind, typestore=store), kind)
-                    for topic, kind in _kinds(columns).items()
+                added = {
+                    topic: writer.add_connection(topic, kind, typestore=store)
+                    for topic, (kind, *_) in kept.items()
                 }
                 rows = zip(*(values.tolist() for values in columns.values()), strict=True)
                 for number, (cells, stamp) in enumerate(zip(rows, stamps, strict=True)):
-                    row = _Row(store, dict(zip(columns, cells, strict=True)), stamp)
-                    makers = _MAKERS if number else {_NAMES: _Row.names, **_MAKERS}
-                    for topic in makers.keys() & topics.keys():
-                        connection, kind = topics[topic]
-                        writer.write(connection, stamp, store.serialize_cdr(makers[topic](row), kind))
+                    row = dict(zip(columns, cells, strict=True))
+                    for topic, (kind, _, fields_of) in kept.items():
+                        if number == 0 or topic != _NAMES:
+                            message = _message(store, kind, fields_of(row), stamp)
+                            writer.write(added[topic], stamp, store.serialize_cdr(message, kind))
             content = next(Path(folder).glob("bag/*.db3")).read_bytes()
     except (OSError, sqlite3.Error) as error:
         reason = getattr(error, "strerror", None) or error
@@ -174,21 +175,26 @@ def write_ros_bag(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> Non
     write_bytes(path, content)
 
 
-def _kinds(columns: Mapping[str, object]) -> dict[str, str]:
-    """Return the topics that a log with these columns has, with the types of their messages."""
-    pose = {"x", "y", *_ANGLES} <= set(columns)
-    wheels = {"wheel1", "wheel1_dot", "u1"} & set(columns)
-    sensed = [one for one in _SENSED if _has(columns, one)]
-    kinds = {
-        "/imu": "sensor_msgs/msg/Imu" if sensed else "",
-        "/joint_states": "sensor_msgs/msg/JointState" if wheels else "",
-        "/odom": "nav_msgs/msg/Odometry" if pose else "",
-        "/tf": "tf2_msgs/msg/TFMessage" if pose else "",
-        "/reference": "geometry_msgs/msg/PoseStamped" if {"ref_x", "ref_y"} <= set(columns) else "",
-        _NAMES: "std_msgs/msg/String",
-        _VALUES: "std_msgs/msg/Float64MultiArray",
-    }
-    return {topic: kind for topic, kind in kinds.items() if kind}
+def _message(store: Typestore, kind: str, values: Mapping[str, Any], stamp: int) -> object:
+    """Return a message of nested fields; those that `values` lacks are zero or empty, stamps are `stamp` [ns]."""
+    filled: dict[str, Any] = {}
+    definition: Any = store.fielddefs[kind][1]  # rosbags' type does not say what each node has
+    for name, (node, detail) in definition:
+        if name == "stamp":
+            seconds, rest = divmod(stamp, 1_000_000_000)
+            filled[name] = store.types[detail](sec=seconds, nanosec=rest)
+        elif node.name == "NAME":
+            filled[name] = _message(store, detail, values.get(name, {}), stamp)
+        elif node.name == "BASE":
+            filled[name] = values.get(name, "" if detail[0] == "string" else 0)
+        else:
+            (inner, of), length = detail
+            given = values.get(name, [0.0] * length)
+            if inner.name == "NAME":
+                filled[name] = [_message(store, of, one, stamp) for one in given]
+            else:
+                filled[name] = list(given) if of[0] == "string" else np.array(given, dtype=of[0])
+    return store.types[kind](**filled)
 
 
 #: columns that an IMU measures, by the field of its message
@@ -197,122 +203,87 @@ _SENSED = {
     "linear_acceleration": ("acc_x", "acc_y", "acc_z"),
     "orientation": _ANGLES,
 }
+_Row = Mapping[str, float]
 
 
-def _has(columns: Mapping[str, object], field: str) -> bool:
-    return set(_SENSED[field]) <= set(columns)
+def _vector(x: float, y: float, z: float = 0.0) -> dict[str, float]:
+    return {"x": x, "y": y, "z": z}
 
 
-class _Row:
-    """A row of a log, from which messages are made."""
+def _turn(theta: float, phi: float, psi: float) -> dict[str, float]:
+    from ballbot.mechanics.geometry import quaternion_of
 
-    def __init__(self, store: Typestore, row: Mapping[str, float], stamp: int) -> None:
-        self._store, self._row = store, row
-        seconds, rest = divmod(stamp, 1_000_000_000)
-        self._time = self._make("builtin_interfaces/msg/Time", {"sec": seconds, "nanosec": rest})
-        self._angles = tuple(row.get(name, math.nan) for name in _ANGLES)
-
-    def _make(self, kind: str, fields: Mapping[str, object]) -> object:
-        return self._store.types[kind](**fields)  # pyright: ignore[reportArgumentType]
-
-    def _header(self, frame: str) -> object:
-        return self._make("std_msgs/msg/Header", {"stamp": self._time, "frame_id": frame})
-
-    def _vector(self, x: float, y: float, z: float, *, kind: str = "Vector3") -> object:
-        return self._make(f"geometry_msgs/msg/{kind}", {"x": x, "y": y, "z": z})
-
-    def _turn(self, theta: float, phi: float, psi: float) -> object:
-        from ballbot.mechanics.geometry import quaternion_of
-
-        w, x, y, z = quaternion_of(theta, phi, psi).tolist()
-        return self._make("geometry_msgs/msg/Quaternion", {"x": x, "y": y, "z": z, "w": w})
-
-    def _pose(self, x: float, y: float, turn: object) -> object:
-        place = self._vector(x, y, 0.0, kind="Point")
-        return self._make("geometry_msgs/msg/Pose", {"position": place, "orientation": turn})
-
-    def imu(self) -> object:
-        """Return the gyro's and the accelerometer's vectors and the attitude; what is unknown has ROS's mark."""
-        found: dict[str, object] = {"header": self._header(_BODY)}
-        for field, names in _SENSED.items():
-            known = all(name in self._row for name in names)
-            values = [self._row.get(name, 0.0) for name in names]
-            found[field] = self._turn(*values) if field == "orientation" else self._vector(*values)
-            found[f"{field}_covariance"] = np.array([0.0 if known else _NOT_MEASURED] + [0.0] * 8)
-        return self._make("sensor_msgs/msg/Imu", found)
-
-    def joints(self) -> object:
-        """Return the wheels' angles [rad], speeds [rad/s] and torques [N m]; a quantity without columns is empty."""
-        count = sum(f"wheel{i}" in self._row or f"u{i}" in self._row for i in range(1, len(self._row)))
-        numbers = range(1, count + 1)
-
-        def values(pattern: str) -> NDArray[np.float64]:
-            names = [pattern.format(i) for i in numbers]
-            return np.array([self._row[name] for name in names if name in self._row])
-
-        arrays = {"position": "wheel{}", "velocity": "wheel{}_dot", "effort": "u{}"}
-        found = {field: values(pattern) for field, pattern in arrays.items()}
-        named = {"header": self._header(""), "name": [f"wheel{i}" for i in numbers]}
-        return self._make("sensor_msgs/msg/JointState", named | found)
-
-    def odometry(self) -> object:
-        """Return pose in `odom` and velocity in `base_link`; rates that the log has not are zero."""
-        from ballbot.mechanics.geometry import body_rates_matrix, rotation
-
-        row = self._row
-        velocity = rotation(*self._angles).T @ (row.get("x_dot", 0.0), row.get("y_dot", 0.0), 0.0)
-        rates = body_rates_matrix(*self._angles) @ [row.get(f"{name}_dot", 0.0) for name in _ANGLES]
-        twist = {"linear": self._vector(*velocity.tolist()), "angular": self._vector(*rates.tolist())}
-        pose = self._pose(row["x"], row["y"], self._turn(*self._angles))
-        unknown = np.zeros(36)
-        parts: dict[str, object] = {
-            "pose": self._make("geometry_msgs/msg/PoseWithCovariance", {"pose": pose, "covariance": unknown}),
-            "twist": self._make(
-                "geometry_msgs/msg/TwistWithCovariance",
-                {"twist": self._make("geometry_msgs/msg/Twist", twist), "covariance": unknown},
-            ),
-        }
-        return self._make(
-            "nav_msgs/msg/Odometry", {"header": self._header(_WORLD), "child_frame_id": _BODY, **parts}
-        )
-
-    def transforms(self) -> object:
-        """Return the body's frame in `odom`; nothing if the pose is missing, which tf2 refuses."""
-        pose = (self._row["x"], self._row["y"], *self._angles)
-        known = all(map(math.isfinite, pose))
-        place = self._vector(pose[0], pose[1], 0.0)
-        transform = {"translation": place, "rotation": self._turn(*self._angles)}
-        one = {
-            "header": self._header(_WORLD),
-            "child_frame_id": _BODY,
-            "transform": self._make("geometry_msgs/msg/Transform", transform),
-        }
-        stamped = [self._make("geometry_msgs/msg/TransformStamped", one)] if known else []
-        return self._make("tf2_msgs/msg/TFMessage", {"transforms": stamped})
-
-    def reference(self) -> object:
-        """Return the pose to hold."""
-        turn = self._turn(0.0, 0.0, self._row.get("ref_psi", 0.0))
-        pose = self._pose(self._row["ref_x"], self._row["ref_y"], turn)
-        return self._make("geometry_msgs/msg/PoseStamped", {"header": self._header(_WORLD), "pose": pose})
-
-    def values(self) -> object:
-        """Return the whole row."""
-        layout = self._make("std_msgs/msg/MultiArrayLayout", {"dim": [], "data_offset": 0})
-        data = np.array(list(self._row.values()))
-        return self._make("std_msgs/msg/Float64MultiArray", {"layout": layout, "data": data})
-
-    def names(self) -> object:
-        """Return the columns' names."""
-        return self._make("std_msgs/msg/String", {"data": json.dumps(list(self._row))})
+    return dict(zip("wxyz", quaternion_of(theta, phi, psi).tolist(), strict=True))
 
 
-#: what makes the messages of each topic
-_MAKERS = {
-    _VALUES: _Row.values,
-    "/imu": _Row.imu,
-    "/joint_states": _Row.joints,
-    "/odom": _Row.odometry,
-    "/tf": _Row.transforms,
-    "/reference": _Row.reference,
+def _pose(row: _Row) -> tuple[float, ...]:
+    return tuple(row[name] for name in ("x", "y", *_ANGLES))
+
+
+def _imu(row: _Row) -> dict[str, Any]:
+    """Return the gyro's and the accelerometer's vectors and the attitude; what is unknown has ROS's mark."""
+    found: dict[str, Any] = {"header": {"frame_id": _BODY}}
+    for field, names in _SENSED.items():
+        if {*names} <= {*row}:
+            values = [row[name] for name in names]
+            found[field] = _turn(*values) if names is _ANGLES else _vector(*values)
+        else:
+            found[f"{field}_covariance"] = [_NOT_MEASURED, *[0.0] * 8]
+    return found
+
+
+def _joints(row: _Row) -> dict[str, Any]:
+    """Return the wheels' angles [rad], speeds [rad/s] and torques [N m]; a quantity without columns is empty."""
+    count = sum(f"wheel{i}" in row or f"u{i}" in row for i in range(1, len(row)))
+    found: dict[str, Any] = {"name": [f"wheel{i}" for i in range(1, count + 1)]}
+    for field, pattern in {"position": "wheel{}", "velocity": "wheel{}_dot", "effort": "u{}"}.items():
+        names = [pattern.format(i) for i in range(1, count + 1)]
+        found[field] = [row[name] for name in names if name in row]
+    return found
+
+
+def _odometry(row: _Row) -> dict[str, Any]:
+    """Return pose in `odom` and velocity in `base_link`; rates that the log has not are zero."""
+    from ballbot.mechanics.geometry import body_rates_matrix, rotation
+
+    x, y, *angles = _pose(row)
+    velocity = rotation(*angles).T @ (row.get("x_dot", 0.0), row.get("y_dot", 0.0), 0.0)
+    rates = body_rates_matrix(*angles) @ [row.get(f"{name}_dot", 0.0) for name in _ANGLES]
+    return {
+        "header": {"frame_id": _WORLD},
+        "child_frame_id": _BODY,
+        "pose": {"pose": {"position": _vector(x, y), "orientation": _turn(*angles)}},
+        "twist": {"twist": {"linear": _vector(*velocity.tolist()), "angular": _vector(*rates.tolist())}},
+    }
+
+
+def _transforms(row: _Row) -> dict[str, Any]:
+    """Return the body's frame in `odom`; nothing if the pose is missing, which tf2 refuses."""
+    x, y, *angles = _pose(row)
+    one = {
+        "header": {"frame_id": _WORLD},
+        "child_frame_id": _BODY,
+        "transform": {"translation": _vector(x, y), "rotation": _turn(*angles)},
+    }
+    return {"transforms": [one] if all(map(math.isfinite, (x, y, *angles))) else []}
+
+
+def _reference(row: _Row) -> dict[str, Any]:
+    pose = {
+        "position": _vector(row["ref_x"], row["ref_y"]),
+        "orientation": _turn(0.0, 0.0, row.get("ref_psi", 0.0)),
+    }
+    return {"header": {"frame_id": _WORLD}, "pose": pose}
+
+
+_POSE = frozenset(("x", "y", *_ANGLES))
+#: by topic, the type of its messages, the sets of columns of which it needs one, and what gives a row's fields
+_TOPICS: dict[str, tuple[str, tuple[Set[str], ...], Callable[[_Row], dict[str, Any]]]] = {
+    _NAMES: ("std_msgs/msg/String", (set(),), lambda row: {"data": json.dumps(list(row))}),
+    _VALUES: ("std_msgs/msg/Float64MultiArray", (set(),), lambda row: {"data": list(row.values())}),
+    "/imu": ("sensor_msgs/msg/Imu", tuple(map(frozenset, _SENSED.values())), _imu),
+    "/joint_states": ("sensor_msgs/msg/JointState", ({"wheel1"}, {"wheel1_dot"}, {"u1"}), _joints),
+    "/odom": ("nav_msgs/msg/Odometry", (_POSE,), _odometry),
+    "/tf": ("tf2_msgs/msg/TFMessage", (_POSE,), _transforms),
+    "/reference": ("geometry_msgs/msg/PoseStamped", ({"ref_x", "ref_y"},), _reference),
 }

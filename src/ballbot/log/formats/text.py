@@ -1,11 +1,14 @@
-"""Tables of numbers as text: CSV, the separated files that other people's robots write, and tables of unknown layout.
+"""Tables of numbers as text: CSV, and the separated files that other people's robots write.
 
 A well-formed file is read by NumPy's compiled parser. If that fails, the rows are read one at a time, which allows
 missing values and dates with times, leaves columns of words out, and gives messages the line. `inference` finds the
-layout of tables that do not have Ballbot's own.
+layout of a file that no mapping describes.
 
-Ballbot's own CSV has commas between its cells and a decimal point, or semicolons and a decimal comma, as spreadsheets
-write it in many countries. The header shows which: it has the column t.
+Text as the Arduino IDE shows and saves it becomes rows of numbers (`plain`), by a file's first lines:
+
+    12:04:01.234 -> 10,0.03,-0.01        the serial monitor with time stamps
+    roll:0.03 pitch:-0.01 enc1:12        the serial plotter, with blanks, commas or tabs between the pairs
+    DATA roll=0.03 pitch=-0.01 enc1=12   the same with equal signs, or a word before the first label
 """
 
 from __future__ import annotations
@@ -14,9 +17,11 @@ import csv
 import io
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -24,79 +29,45 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
-from ballbot.files import check_regular, decode_text, read_text, write_text
-from ballbot.log.columns import check_column_names, mark_missing
-from ballbot.log.formats.serial import plain
-from ballbot.printable import shell_line
+from ballbot.files import LARGEST_TABLE, read_text, write_text
+from ballbot.log.columns import Columns, check_column_names, mark_missing
 
 
 @dataclass(frozen=True, kw_only=True)
 class TextLayout:
-    """How a text file lays out its table. The defaults are Ballbot's own CSV."""
+    """How a text file lays out its table. The defaults are the CSV that Ballbot writes."""
 
     separator: str | None = ","  #: between cells; None is any run of blanks
-    decimal_comma: bool = (
-        False  #: whether 0,5 is a half; if the separator is a comma, the cells are in quotes
-    )
-    missing: tuple[str, ...] = ()  #: marks of a missing value, beside an empty cell and "nan"
+    #: whether 0,5 is a half; if the separator is a comma, the cells are in quotes
+    decimal_comma: bool = False
+    missing: tuple[str, ...] = ()  #: marks of a missing value, beside `MISSING` and "nan"
     header_lines: int = 1  #: lines before the first row, the last of them with the columns' names
     names: tuple[str, ...] | None = None  #: the columns' names if the header has none or wrong ones
     drop_damaged: bool = False  #: skip rows of another width or with words instead of refusing them
     rows: tuple[int, int] | None = None  #: first and last row to use, from 1, damaged ones not counted
 
 
-#: Ballbot's own CSV, as it is written unless the other one is asked for
+#: cells without a value, in small letters
+MISSING = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
 OWN_LAYOUT = TextLayout()
 SEMICOLON_LAYOUT = TextLayout(separator=";", decimal_comma=True)
-_OWN_LAYOUTS = (OWN_LAYOUT, SEMICOLON_LAYOUT, TextLayout(separator="\t", decimal_comma=True))
-#: bytes of a header that are read
-_LONGEST_HEADER = 100_000
 
 
-def read_text_header(path: str | Path) -> list[str]:
-    """Return the names in the first line of a file as Ballbot's own CSV has them; none if the line is empty.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is not text.
-    """
-    header = _header(path)
-    return _header_names(header, _own_layout(header).separator) if header.strip() else []
-
-
-def own_layout(path: str | Path) -> TextLayout:
-    """Return the layout of a table in Ballbot's own CSV, by its header; InputError as `read_text_header`."""
-    return _own_layout(_header(path))
-
-
-def _header(path: str | Path) -> str:
-    return text_start(path).split("\n", 1)[0]
-
-
-def text_start(path: str | Path) -> str:
-    """Return the first `_LONGEST_HEADER` bytes of a file."""
-    check_regular(path)
-    try:
-        with open(path, "rb") as stream:
-            start = stream.read(_LONGEST_HEADER)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    return decode_text(start, source=str(path), errors="replace")
-
-
-def _own_layout(header: str) -> TextLayout:
-    return next((one for one in _OWN_LAYOUTS if "t" in split_cells(header, one.separator)), OWN_LAYOUT)
+def read_plain(path: str | Path, *, largest: int = LARGEST_TABLE) -> PlainText:
+    """Return the lines of a text file; InputError if it cannot be read, is empty or is too large."""
+    text = read_text(path, largest=largest)
+    if not text.strip():
+        raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
+    return plain(text.split("\n"))
 
 
 def read_text_table(
     path: str | Path,
     layout: TextLayout = OWN_LAYOUT,
     *,
-    mapped: bool = True,
     used: Collection[str] | None = None,
     notes: list[str] | None = None,
-) -> dict[str, NDArray[np.float64]]:
+) -> Columns:
     """Read a table of numbers.
 
     Parameters
@@ -105,8 +76,6 @@ def read_text_table(
         The file, UTF-8.
     layout : TextLayout
         How it is laid out.
-    mapped : bool
-        Whether the command takes a mapping file, which messages then name as a remedy.
     used : collection of str, optional
         The columns that must consist of numbers. Others are left out if they do not; if not given, so are those of
         which most cells are words.
@@ -123,16 +92,16 @@ def read_text_table(
     InputError
         If the file cannot be read or is not such a table; the message names the line.
     """
-    lines = _read_lines(path)
-    names = _names(path, lines, layout, mapped=mapped)
+    lines = read_plain(path).lines
+    names = list(layout.names) if layout.names is not None else _header_names(path, lines, layout)
     check_table(len(lines), len(names), source=str(path))
-    body = _without_last_separators(lines[layout.header_lines :], len(names), layout.separator)
-    body = _with_points(path, body, layout, inferred=not mapped)
+    body = lines[layout.header_lines :]
+    if layout.decimal_comma and layout.separator != ",":
+        body = [line.replace(",", ".") for line in body]
     table = _parse_fast(body, names, layout)
     if table is None:
-        names, table = _Rows(
-            path=path, names=names, layout=layout, mapped=mapped, used=used, notes=notes
-        ).parsed(body)
+        rows = _Rows(path=path, names=names, layout=layout, notes=[] if notes is None else notes)
+        names, table = rows.parsed(body, used)
     if layout.rows is not None:
         table = table[layout.rows[0] - 1 : layout.rows[1]]
     if not len(table):
@@ -178,88 +147,24 @@ def write_text_table(
     write_text(path, text.getvalue())
 
 
-def _read_lines(path: str | Path) -> list[str]:
-    text = read_text(path)
-    if not text.strip():
-        raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
-    return plain(text.split("\n")).lines
-
-
-def _names(path: str | Path, lines: list[str], layout: TextLayout, *, mapped: bool) -> list[str]:
-    if layout.names is not None:
-        return list(layout.names)
+def _header_names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
+    """Return the names in the last line of a header, which may end with a separator; InputError if it has none."""
     number = layout.header_lines
-    header = lines[number - 1] if 0 < number <= len(lines) else ""
-    names = _header_names(header, layout.separator)
-    check_names(path, number, names)
-    if len(names) == 1 and len(header.replace(";", "\t").split()) > 1:
-        proposing = shell_line(["ballbot", "check-log", path, "--robot", "ROBOT", "--out", "checked"])
-        remedy = (
-            f"a mapping file names another separator: `{proposing}` proposes one"
-            if mapped
-            else "no row of numbers below shows which separator it has"
-        )
-        raise InputError(
-            f"{path}, line {number}: the header is not separated by {_word(layout.separator)}; {remedy}."
-        )
-    return names
-
-
-def _header_names(header: str, separator: str | None) -> list[str]:
-    """Return the names in a header, which may end with a separator."""
-    names = split_cells(header, separator)
-    return names[:-1] if len(names) > 1 and not names[-1] else names
-
-
-def _without_last_separators(lines: list[str], width: int, separator: str | None) -> list[str]:
-    """Return rows without the separator that some programs write behind each cell: one empty cell too many."""
-    if separator is None:
-        return lines
-    ended = [line.rstrip(" \r") for line in lines]
-    return [
-        cut[: -len(separator)]
-        if cut.endswith(separator) and len(split_cells(line, separator)) == width + 1
-        else line
-        for line, cut in zip(lines, ended, strict=True)
-    ]
-
-
-def check_names(path: str | Path, number: int, names: list[str]) -> None:
-    """Raise InputError if the cells of a line cannot be the columns' names."""
+    names = split_cells(lines[number - 1], layout.separator) if 0 < number <= len(lines) else []
+    names = names[:-1] if len(names) > 1 and not names[-1] else names
+    where = f"{path}, line {number}"
     check_table(0, len(names), source=str(path))
     if not names:
-        raise InputError(f"{path}, line {number}: a cell has more than {csv.field_size_limit()} characters.")
-    check_column_names(names, source=f"{path}, line {number}")
+        raise InputError(f"{where}: a cell has more than {csv.field_size_limit()} characters.")
+    check_column_names(names, source=where)
     if all(is_number(name) for name in names):
-        raise InputError(
-            f"{path}, line {number}: this line has numbers; it must be the header with the column names."
-        )
+        raise InputError(f"{where}: this line has numbers; it must be the header with the column names.")
     if "" in names:
-        by_pandas = names[0] == "" and names.count("") == 1 and len(names) > 1
-        hint = (
-            " If pandas wrote it with its index, write it with to_csv(..., index=False)." if by_pandas else ""
-        )
-        raise InputError(
-            f"{path}, line {number}: column {names.index('') + 1} of the header has no name.{hint}"
-        )
-    twice = sorted({name for name in names if names.count(name) > 1})
+        raise InputError(f"{where}: column {names.index('') + 1} of the header has no name.")
+    twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise InputError(f"{path}, line {number}: the column name {twice[0]} appears twice.")
-
-
-def _with_points(path: str | Path, lines: list[str], layout: TextLayout, *, inferred: bool) -> list[str]:
-    """Return lines with decimal points; of a layout with decimal commas that the file shows, all or none may be."""
-    if not layout.decimal_comma or layout.separator == ",":
-        return lines
-    commas = next((k for k, line in enumerate(lines) if "," in line), None)
-    if commas is not None and (inferred or layout in _OWN_LAYOUTS):
-        points = next((k for k, line in enumerate(lines) if "." in line), None)
-        if points is not None:
-            raise InputError(
-                f"{path} has a decimal comma in line {layout.header_lines + 1 + commas} and a decimal point in line "
-                f"{layout.header_lines + 1 + points}; use one of them throughout."
-            )
-    return lines if commas is None else [line.replace(",", ".") for line in lines]
+        raise InputError(f"{where}: the column name {twice[0]} appears twice.")
+    return names
 
 
 def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArray[np.float64] | None:
@@ -288,36 +193,47 @@ class _Rows:
     path: str | Path
     names: list[str]
     layout: TextLayout
-    mapped: bool
-    used: Collection[str] | None
-    notes: list[str] | None
+    notes: list[str]
 
-    def parsed(self, body: list[str]) -> tuple[list[str], NDArray[np.float64]]:
-        """Return the columns of numbers, their names and a table (N, len(names)); InputError as `read_text_table`."""
-        rows = self._whole(body)
-        missing = {"", *self.layout.missing}
-        columns = [
-            [math.nan if cells[i] in missing else number_in(cells[i]) for _, cells in rows]
-            for i in range(len(self.names))
-        ]
-        words = [[k for k, value in enumerate(column) if value is None] for column in columns]
-        kept = [i for i, column in enumerate(columns) if not self._left_out(i, column, words[i], rows)]
-        wrong = [(i, k) for i in kept for k in words[i]]
-        if wrong == [(len(self.names) - 1, len(rows) - 1)] and _BEGUN.fullmatch(rows[-1][1][-1]):
-            self._note(f"The last row, line {rows[-1][0]}, is cut short and left out.")
-        elif wrong and not self.layout.drop_damaged:
-            self._refuse_words(wrong[0], rows)
-        spoilt = {k for _, k in wrong}
-        table = [
-            [column[k] for i, column in enumerate(columns) if i in kept]
-            for k in range(len(rows))
-            if k not in spoilt
-        ]
+    def parsed(self, body: list[str], used: Collection[str] | None) -> tuple[list[str], NDArray[np.float64]]:
+        """Return the names of the columns of numbers, and their table; InputError as `read_text_table`."""
+        rows, damaged = self._whole(body)
+        missing = frozenset(self.layout.missing)
+        columns = [[_value(cells[i], missing) for _, cells in rows] for i in range(len(self.names))]
+        kept, spoilt = [], dict[int, int]()  # columns of numbers; the first word of a row by its column
+        for i, column in enumerate(columns):
+            words = [k for k, value in enumerate(column) if value is None]
+            known = sum(value is None or not math.isnan(value) for value in column)
+            if words and (2 * len(words) > known if used is None else self.names[i] not in used):
+                example = rows[words[0]][1][i]
+                self.notes.append(
+                    f"The column {self.names[i]} is left out: it has words, such as {example!r}."
+                )
+            else:
+                kept.append(i)
+                spoilt |= {k: i for k in words if k not in spoilt}
+        last = len(rows) - 1
+        if list(spoilt.items()) == [(last, len(self.names) - 1)] and _BEGUN.fullmatch(rows[last][1][-1]):
+            self._cut_short(rows[last][0])
+        elif spoilt and not self.layout.drop_damaged:
+            k, i = next(iter(spoilt.items()))
+            raise InputError(
+                f"{self.path}, line {rows[k][0]}: {rows[k][1][i]!r} in column {self.names[i]} is not a number; correct "
+                "it, or leave the cell empty if the value is missing."
+            )
+        else:
+            damaged += len(spoilt)
+        if damaged:
+            self.notes.append(
+                f"Skipped: {damaged} row{'s' if damaged > 1 else ''} without {len(self.names)} cells, or with words "
+                "among the numbers."
+            )
+        table = [[columns[i][k] for i in kept] for k in range(len(rows)) if k not in spoilt]
         return [self.names[i] for i in kept], np.array(table, dtype=np.float64).reshape(len(table), len(kept))
 
-    def _whole(self, body: list[str]) -> list[tuple[int, list[str]]]:
-        """Return the rows with a cell for each name, and their lines' numbers."""
-        rows = []
+    def _whole(self, body: list[str]) -> tuple[list[tuple[int, list[str]]], int]:
+        """Return the lines' numbers and cells of rows with a cell for each name, and how many others there are."""
+        rows, damaged, width = [], 0, len(self.names)
         lines = [(k, line) for k, line in enumerate(body, start=self.layout.header_lines + 1) if line.strip()]
         for number, line in lines:
             cells = split_cells(line, self.layout.separator)
@@ -327,42 +243,22 @@ class _Rows:
                 )
             if self.layout.decimal_comma:
                 cells = [cell.replace(",", ".") for cell in cells]
-            if len(cells) == len(self.names):
+            if len(cells) == width + 1 and not cells[-1]:  # a separator at the row's end
+                cells.pop()
+            if len(cells) == width:
                 rows.append((number, cells))
-            elif number == lines[-1][0] and len(cells) < len(self.names):
-                self._note(f"The last row, line {number}, is cut short and left out.")
-            elif not self.layout.drop_damaged:
+            elif number == lines[-1][0] and len(cells) < width:
+                self._cut_short(number)
+            elif self.layout.drop_damaged:
+                damaged += 1
+            else:
                 raise InputError(
-                    f"{self.path}, line {number}: the row has {len(cells)} cells, but the header has {len(self.names)}."
+                    f"{self.path}, line {number}: the row has {len(cells)} cells, but the header has {width}."
                 )
-        return rows
+        return rows, damaged
 
-    def _left_out(
-        self, i: int, column: list[float | None], words: list[int], rows: list[tuple[int, list[str]]]
-    ) -> bool:
-        """Return whether a column, of which some cells are words, is left out."""
-        name = self.names[i]
-        known = [value for value in column if value is None or not math.isnan(value)]
-        if not words or (len(words) <= 0.5 * len(known) if self.used is None else name in self.used):
-            return False
-        self._note(f"The column {name} is left out: it has words, such as {rows[words[0]][1][i]!r}.")
-        return True
-
-    def _refuse_words(self, cell: tuple[int, int], rows: list[tuple[int, list[str]]]) -> None:
-        i, k = cell
-        remedy = (
-            "correct it, leave the cell empty if the value is missing, or name a marker of missing values in a mapping "
-            "file"
-            if self.mapped
-            else "correct it, or leave the cell empty if the value is missing"
-        )
-        raise InputError(
-            f"{self.path}, line {rows[k][0]}: {rows[k][1][i]!r} in column {self.names[i]} is not a number; {remedy}."
-        )
-
-    def _note(self, sentence: str) -> None:
-        if self.notes is not None:
-            self.notes.append(sentence)
+    def _cut_short(self, number: int) -> None:
+        self.notes.append(f"The last row, line {number}, is cut short and left out.")
 
 
 def split_cells(line: str, separator: str | None) -> list[str]:
@@ -376,8 +272,10 @@ def split_cells(line: str, separator: str | None) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
-def number_in(cell: str) -> float | None:
-    """Return the number in a cell, or the seconds of a date or time; None of other cells."""
+def _value(cell: str, missing: Collection[str]) -> float | None:
+    """Return the number in a cell, the seconds of a date or time, or NaN if it has no value; None of words."""
+    if cell in missing or cell.lower() in MISSING:
+        return math.nan
     return float(cell) if is_number(cell) else seconds_of(cell)
 
 
@@ -415,5 +313,54 @@ def seconds_of(cell: str) -> float | None:
     return whole + float(f"0.{fraction[1:]}" if fraction else 0.0)
 
 
-def _word(separator: str | None) -> str:
-    return {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}.get(separator, repr(separator))
+_STAMP = re.compile(r"\s*\d{1,2}:\d\d:\d\d(?:[.,]\d+)?\s*->[ ]?")
+_NUMBER = r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
+_PAIR = re.compile(rf"""([^\W\d][^\s:=,;"']*)[ ]?[:=][ \t]*({_NUMBER})(?=[\s,;]|$)""", re.IGNORECASE)
+#: a word of its own before the first label, as of a kind of message
+_WORD = re.compile(r"[$#]?\w+[\s,;]+(?=[^\W\d][^\s:=,;]*[ ]?[:=])")
+_BETWEEN = re.compile(r"[\s,;]*")
+#: lines that decide, and the share of them that must be so: others are a sketch's first words
+_EXAMINED, _MOST = 200, 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlainText:
+    """Lines without what the Arduino IDE adds."""
+
+    lines: list[str]
+    labels: tuple[str, ...] = ()  #: of the pairs of which the rows of numbers were made
+
+
+def plain(lines: list[str]) -> PlainText:
+    """Return lines without time stamps, and rows of numbers, separated by commas, of lines of labels and numbers."""
+    if _mostly(lines, lambda line: bool(_STAMP.match(line))):
+        lines = [_STAMP.sub("", line, count=1) for line in lines]
+    if not _mostly(lines, lambda line: len(_pairs(line)) > 1):
+        return PlainText(lines=lines)
+    found = [_pairs(line) for line in lines]
+    labels, _ = Counter(tuple(label for label, _ in one) for one in found if one).most_common(1)[0]
+    rows = [
+        ",".join(value for _, value in one) if tuple(label for label, _ in one) == labels else line
+        for one, line in zip(found, lines, strict=True)
+    ]
+    return PlainText(lines=rows, labels=labels)
+
+
+def _mostly(lines: list[str], fits: Callable[[str], bool]) -> bool:
+    """Return whether most of the first lines that are not empty fit."""
+    first = list(islice((line for line in lines if line.strip()), _EXAMINED))
+    return bool(first) and sum(map(fits, first)) >= _MOST * len(first)
+
+
+def _pairs(line: str) -> list[tuple[str, str]]:
+    """Return the labels and numbers of which a line consists; none if it has anything else."""
+    found, place = [], 0
+    line = _WORD.sub("", line.strip(), count=1) if _WORD.match(line.strip()) else line.strip()
+    while place < len(line):
+        pair = _PAIR.match(line, place)
+        if pair is None:
+            return []
+        found.append((pair.group(1), pair.group(2)))
+        between = _BETWEEN.match(line, pair.end())
+        place = between.end() if between else pair.end()
+    return found

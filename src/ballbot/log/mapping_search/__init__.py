@@ -1,12 +1,13 @@
 """How a foreign log becomes one of Ballbot's: what the user states, what the motion shows, what is left to ask.
 
-names, name_words, name_series   what a column's name says
-roles                            which column is which quantity
-units                            units by headings, else by what physics supports
-placement, placements            how the lean responds to the wheels, in every order and sign
-frame                            order, signs, the IMU's turn and reversed axes that follow
-commands                         which command drives which wheel, with which sign, how late
-evidence                         weights and errors
-proposal                         all of this for one file (`propose`), and several logs of one robot (`agreement`)
-text                             the mapping file, the log that it makes (`evaluate`), the answer in a few lines
+names       what a column's name says
+roles       which column is which quantity
+units       units by headings, else by what physics supports
+placement   how the lean responds to the wheels, in every order and sign
+frame       order, signs, the IMU's turn and reversed axes that follow
+motion      what the sensors show, with the units that fit them
+commands    which command drives which wheel, with which sign, in which scale, how late
+evidence    weights and errors
+proposal    all of this for one file (`propose`), and several logs of one robot (`agreement`)
+text        the mapping file, the log that it makes (`evaluate`), the answer in a few lines
 """

@@ -1,4 +1,4 @@
-"""Which command drives which wheel, with which sign, and how the wheels answer.
+"""What the commands of a foreign log are: which wheel each drives, with which sign, in which scale, and how late.
 
 Ball and wheels pass each other the torques that the motion needs (`ballbot.log.checks.torque_balance`): about upright,
 wheel i needs n_i. What drives it is a command d_j of unknown order, sign, kind and scale:
@@ -24,18 +24,55 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from ballbot.log.checks.lean import clarity
-from ballbot.log.checks.torque_balance import TURNED_POWER, Driving
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.checks.lean import clarity, motion_of, usable_rows
+from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, driving_of, gravity_need
 from ballbot.log.mapping_search.evidence import (
     ERRORS_WEIGHT,
     MOST,
     jackknife_error,
     probabilities,
     solved,
-    without_each_block,
+    vertex_with_error,
 )
-from ballbot.log.mapping_search.placement import vertex_with_error
-from ballbot.log.signals import INTERVAL, Smooth
+from ballbot.log.mapping_search.frame import Frame
+from ballbot.log.mapping_search.motion import Columned, Motion
+from ballbot.log.mapping_search.names import INPUT_OF_UNIT, InputKind
+from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
+from ballbot.robot import Robot
+
+Floats = NDArray[np.float64]
+KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
+#: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
+SAME_TORQUES = 0.1
+#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second;
+#: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
+LEAST_RATIO, EACH_SECOND = 0.15, 1.5
+#: share of the commands that must be explained, and from which on nothing is in doubt. Commands that are torques about
+#: axes are mixtures of all wheels': single ones leave 0.38 of them, and at most 0.18 on the development halves where
+#: they are right
+LEAST_EXPLAINED, EXPLAINED = 0.5, 0.7
+#: correlation of a free wheel's speed with its command
+FOLLOWED = 0.8
+#: delays of the commands that are tried [s], and the filter of the wheels for it [s]: delays show in what is quick
+DELAYS, DELAY_WIDTH = INTERVAL * np.arange(-1.0, 9.0), 0.02
+#: part of the signals' own size that is added to the normal equations: commands sum to nearly zero
+RIDGE = 1e-3
+#: a delay is accepted if the commands explain this share of the wheels' accelerations, in so many seconds
+LEAST_ACCELERATION, LEAST_DELAY_TIME = 0.4, 3.0
+#: full scales of a duty in use; 1000 and 1023 differ by 2 %, and the largest command separates them
+FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
+#: a scale is taken by the motion if it is this much [log], and this many standard errors, nearer than the next one
+CLEARLY_NEARER, NEARER_ERRORS = 0.5, 3.0
+#: a full scale that nobody states must fit the motion this well [log]: others, 400 or 500, are in use, too
+FULL_SCALE_FITS = 0.35
+#: what turns a number in a unit into N m, A or V
+_SCALES: dict[InputKind, dict[str, float]] = {
+    "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
+    "current": {"A": 1.0, "mA": 1e-3},
+    "voltage": {"V": 1.0, "mV": 1e-3},
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,94 +85,128 @@ class Assignment:
     advantage: float  #: over the next best assignment, in standard errors over blocks of a second
     next_best: str  #: in words
     confidence: float
-    #: whether mixtures of all wheels' torques explain the commands far better than any order of single ones
-    mixed: bool = False
+
+    @property
+    def evidence(self) -> str:
+        """How well the motion explains the commands, in words."""
+        better = f"{self.advantage:.1f} standard errors better than any other order or signs"
+        return f"the motion explains {100.0 * self.explained:.0f} % of them, {better}"
 
 
-def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """What the commands are."""
+
+    assigned: Assignment | None  #: None if the motion cannot be compared with them
+    kind: InputKind | None  #: None if nobody states it
+    scale: float  #: what turns the file's number into N m, A, V or a duty
+    scales: tuple[str, ...]  #: names of scales that fit alike, the likeliest first; empty if one is clear
+    #: by kind, the likeliest scale and how many times as large as the motion needs the torques then are
+    ratios: dict[InputKind, tuple[float, float]]
+    delay: float  #: [s]
+    delay_error: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times as large as the motion needs the torques are; nan if that is not known."""
+        return self.ratios[self.kind][1] if self.kind in self.ratios else math.nan
+
+
+def needs_of(log: Log, robot: Robot) -> tuple[Driving, Floats] | None:
+    """Return the torques of a log with the needs of each wheel, and gravity's part of these; None if it shows none."""
+    rows = usable_rows(log, robot)
+    if rows is None:
+        return None
+    moved = motion_of(log, rows)
+    driving = driving_of(log, rows, moved, robot)
+    return None if driving is None else (driving, gravity_need(moved, robot))
+
+
+def drive_of(base: Columned, motion: Motion, frame: Frame, needs: tuple[Driving, Floats] | None) -> Drive:
+    """Return what the commands are, by what they are as torques in the frame's order of the wheels (`needs_of`)."""
+    assigned, gain, error = None, math.nan, 0.0
+    if not base.roles.attitude:
+        assigned = turned_by(base, motion)
+    elif needs is not None:
+        driving, pulled = needs
+        assigned = assign(driving, [frame.signs[place - 1] for place in frame.order])
+        gain, error = _gain_of(driving, assigned, pulled)
+    kind, scale, scales, ratios = _scale_of(base, gain, error)
+    delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
+    return Drive(
+        assigned=assigned,
+        kind=kind,
+        scale=scale,
+        scales=scales,
+        ratios=ratios,
+        delay=delay,
+        delay_error=delay_error,
+    )
+
+
+def turned_by(base: Columned, motion: Motion) -> Assignment | None:
+    """Return which command turns which free wheel, by their speeds; None if they do not follow the commands."""
+    held = base.held_commands(motion.signals.rows)
+    x, y = (one - one.mean(axis=0) for one in (held, motion.signals.wheels.rate))
+    size = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
+    R = np.divide(x.T @ y, size, out=np.zeros_like(size), where=size > 1e-12)
+    sums = {one: sum(abs(R[j, wheel]) for j, wheel in enumerate(one)) for one in permutations(range(len(R)))}
+    # of commands that are alike, the file's own order
+    best, other = sorted(sums, key=lambda one: (-round(sums[one], 6), one))[:2]
+    if min(abs(R[j, wheel]) for j, wheel in enumerate(best)) < FOLLOWED:
+        return None
+    return Assignment(
+        wheels=best,
+        signs=tuple(1 if R[j, wheel] > 0.0 else -1 for j, wheel in enumerate(best)),
+        explained=(sums[best] / len(R)) ** 2,
+        advantage=sums[best] - sums[other],
+        next_best=f"commands for wheels {other}",
+        confidence=1.0,
+    )
+
+
+_Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `Assignment`
+
+
+def assign(driving: Driving, counted: Sequence[int]) -> Assignment:
     """Return the order and signs of the commands that the motion explains best.
 
-    Parameters
-    ----------
-    driving : Driving
-        The commands are its torques.
-    expected : sequence of tuple of int
-        For the file's commands in turn, the robot's wheel (from 0) and the sign of the file's wheel of the same number:
-        most teams number motors and encoders alike.
+    Of those that make nearly the same torques, as opposite wheels of four do while the heading stands still, the usual
+    one is taken: motors numbered as encoders, that all turn as these count, or all alike. `counted` are the signs with
+    which the encoders count, of the robot's wheels in turn.
     """
     totals = _left(driving)
     least = min(totals.values(), key=lambda one: float(one.sum()))
-    weights = {one: _usual(one, expected) - _log_odds(total, least) for one, total in totals.items()}
-    found = probabilities(weights)
-    (wheels, signs), (other, other_signs) = list(found)[:2]
-    explained = 1.0 - float(totals[wheels, signs].sum())
-    # what explains little may be chance however often it repeats
-    enough = min(max((explained - 0.1) / 0.2, 0.0), 1.0)
-    mixed = _mixed(driving, 1.0 - explained)
+    found = probabilities({one: -_log_odds(total, least) for one, total in totals.items()})
+    torques = {one: _by_wheel(driving.torque, one) for one, p in found.items() if p > 1e-3}
+    likeliest = next(iter(torques.values()))
+    size = SAME_TORQUES * float(np.std(likeliest))
+    alike = [one for one, u in torques.items() if float(np.std(u - likeliest, axis=0).max()) <= size]
+
+    def unusual(one: _Order) -> tuple[bool, bool]:
+        relative = {sign * counted[wheel] for wheel, sign in zip(*one, strict=True)}
+        return one[0] != tuple(range(len(counted))), len(relative) > 1 and len(set(one[1])) > 1
+
+    best = min(alike, key=unusual)
+    other = next((one for one in found if one not in alike), best)
+    explained = 1.0 - float(totals[best].sum())
+    enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
     return Assignment(
-        wheels=wheels,
-        signs=signs,
+        wheels=best[0],
+        signs=best[1],
         explained=explained,
-        advantage=clarity(totals[other, other_signs] - totals[wheels, signs]),
-        next_best=f"commands for wheels {tuple(i + 1 for i in other)} with signs {other_signs}",
-        confidence=min(_probability(found, driving.torque), MOST) * enough * (0.5 if mixed else 1.0),
-        mixed=mixed,
+        advantage=clarity(totals[other] - totals[best]),
+        next_best=f"commands for wheels {tuple(i + 1 for i in other[0])} with signs {other[1]}",
+        confidence=min(sum(found[one] for one in alike), MOST) * enough,
     )
 
 
-#: share of the commands that an order of single wheels must leave, and what mixtures may leave of that, for mixtures;
-#: single wheels leave at most 0.18 on the development halves where they are right, and 0.38 of torques about axes
-_MIXED_LEFT, _MIXED_BETTER = 0.25, 0.25
-
-
-def _mixed(driving: Driving, left: float) -> bool:
-    """Return whether a mixture of all wheels' torques for each command leaves far less than single wheels do."""
-    if left < _MIXED_LEFT:
-        return False
-    u = driving.torque - driving.torque.mean(axis=0)
-    friction = driving.friction.reshape(len(u), -1)
-    X = np.column_stack([driving.needed, friction, np.ones(len(u))])
-    rest = u - X @ np.linalg.lstsq(X, u, rcond=None)[0]
-    return float(np.square(rest).sum()) < _MIXED_BETTER * left * float(np.square(u).sum())
-
-
-#: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
-SAME_TORQUES = 0.1
-
-
-def _probability(
-    found: dict[tuple[tuple[int, ...], tuple[int, ...]], float], commands: NDArray[np.float64]
-) -> float:
-    """Return the probability of the best assignment and of those that make nearly the same torques.
-
-    With four wheels and a still heading, opposite wheels have opposite commands.
-    """
-    best = next(iter(found))
-    own = _by_wheel(commands, best)
-    size = float(np.std(own))
-    return sum(
-        p
-        for one, p in found.items()
-        if p > 1e-3 and float(np.std(_by_wheel(commands, one) - own, axis=0).max()) < SAME_TORQUES * size
-    )
-
-
-def _by_wheel(
-    commands: NDArray[np.float64], one: tuple[tuple[int, ...], tuple[int, ...]]
-) -> NDArray[np.float64]:
+def _by_wheel(commands: Floats, one: _Order) -> Floats:
     order, signs = one
     return (commands * np.asarray(signs, dtype=np.float64))[:, np.argsort(order)]
 
 
-#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second;
-#: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
-LEAST_RATIO, EACH_SECOND = 0.15, 1.5
-#: probability that motors are numbered as encoders; that each motor turns for a positive command as its encoder counts,
-#: or all motors turn alike, whatever an encoder counts; the rest is for any signs. Chosen, not measured
-SAME_ORDER, AS_ENCODERS, ALL_ALIKE = 0.8, 0.5, 0.3
-
-
-def _log_odds(total: NDArray[np.float64], least: NDArray[np.float64]) -> float:
+def _log_odds(total: Floats, least: Floats) -> float:
     """Return by how much (logarithm of odds) an assignment is less likely than the best, from what both leave.
 
     Either the difference repeats in every block of a second, or it is so large that few blocks are enough.
@@ -145,19 +216,7 @@ def _log_odds(total: NDArray[np.float64], least: NDArray[np.float64]) -> float:
     return max(0.5 * z**2, EACH_SECOND * len(total) * max(ratio - LEAST_RATIO, 0.0))
 
 
-def _usual(one: tuple[tuple[int, ...], tuple[int, ...]], expected: Sequence[tuple[int, int]]) -> float:
-    """Return the logarithm of how usual an order and signs are."""
-    order, signs = one
-    n = len(order)
-    same_order = order == tuple(wheel for wheel, _ in expected)
-    by_wheel = dict(expected)
-    relative = {sign * by_wheel[wheel] for wheel, sign in zip(order, signs, strict=True)}
-    p = SAME_ORDER if same_order else (1.0 - SAME_ORDER) / (math.factorial(n) - 1)
-    usual = 0.5 * (AS_ENCODERS * (len(relative) == 1) + ALL_ALIKE * (len(set(signs)) == 1))
-    return math.log(p * (usual + (1.0 - AS_ENCODERS - ALL_ALIKE) / 2**n))
-
-
-def _left(driving: Driving) -> dict[tuple[tuple[int, ...], tuple[int, ...]], NDArray[np.float64]]:
+def _left(driving: Driving) -> dict[_Order, Floats]:
     """Return the share (B,) of the commands' variance that each order and choice of signs leaves, by blocks.
 
     The motors are alike: a and b are common to all wheels, and only dry friction is each wheel's own. None of them can
@@ -191,91 +250,57 @@ def _left(driving: Driving) -> dict[tuple[tuple[int, ...], tuple[int, ...]], NDA
     return found
 
 
-@dataclass(frozen=True, kw_only=True)
-class Response:
-    """How the commands answer to what the wheels need; with the order and signs of `assign`."""
+def _gain_of(driving: Driving, assigned: Assignment, pulled: Floats) -> tuple[float, float]:
+    """Return the command a of 1 N m of need (nan if the log does not show it), and its logarithm's standard error.
 
-    gain: float  #: a, command a N m of need; nan if the log does not show it
-    gain_error: float  #: standard error of its logarithm
-    damping: float  #: b / a [N m s/rad]
-    damping_error: float  #: standard error
-
-
-def response(driving: Driving, assigned: Assignment, pulled: NDArray[np.float64]) -> Response:
-    """Estimate gain and damping.
-
-    Parameters
-    ----------
-    driving : Driving
-        The commands are its torques.
-    assigned : Assignment
-    pulled : ndarray (N, n)
-        Gravity's part of the need, by wheel [N m].
+    `pulled` is gravity's part of the need (N, n), by wheel [N m]: the instrument, which noise of the accelerations is
+    not part of.
     """
     n = driving.torque.shape[1]
-    place = np.argsort(assigned.wheels)  # the command of each wheel
-    s = np.asarray(assigned.signs, dtype=np.float64)
-    u = (driving.torque * s)[:, place]
-    weight = driving.turning**TURNED_POWER
+    u = _by_wheel(driving.torque, (assigned.wheels, assigned.signs))
     rows = np.arange(n)
     own = np.zeros((len(u), n, 3 * n))  # sign, falling sign and offset of each wheel
     for part, values in enumerate((driving.friction[:, :, 0], driving.friction[:, :, 2], np.ones_like(u))):
         own[:, rows, 3 * rows + part] = values
-    speed = driving.friction[:, :, 1]
-    X = np.concatenate([driving.needed[..., None], speed[..., None], own], axis=-1)
-    Z = np.concatenate([pulled[..., None], speed[..., None], own], axis=-1)
-    forward = _block_products(Z, X, u, weight, driving.block)
+    speed, weight = driving.friction[:, :, 1, None], driving.turning[..., None] ** TURNED_POWER
+    X = np.concatenate([driving.needed[..., None], speed, own, u[..., None]], axis=-1)
+    Z = np.concatenate([pulled[..., None], speed, own], axis=-1) * weight
+    blocks = [driving.block == b for b in range(int(driving.block[-1]) + 1)]
+    sums = np.array([np.einsum("nwi,nwj->ij", Z[one], X[one]) for one in blocks])
 
-    def log_gain(sums: NDArray[np.float64]) -> float:
-        a = solved(sums)[0]
+    def log_gain(of_sums: Floats) -> float:
+        a = solved(of_sums)[0]
         return math.log(a) if a > 0.0 else math.nan
 
-    def damping(sums: NDArray[np.float64]) -> float:
-        a, b = solved(sums)[:2]
-        return float(b / a) if a else math.nan
-
-    found = log_gain(forward.sum(axis=0))
-    return Response(
-        gain=math.exp(found) if math.isfinite(found) else math.nan,
-        gain_error=jackknife_error(without_each_block(forward, log_gain)),
-        damping=damping(forward.sum(axis=0)),
-        damping_error=jackknife_error(without_each_block(forward, damping)),
-    )
+    total = sums.sum(axis=0)
+    return math.exp(log_gain(total)), jackknife_error(np.array([log_gain(total - one) for one in sums]))
 
 
-def _block_products(
-    Z: NDArray[np.float64],
-    X: NDArray[np.float64],
-    y: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    block: NDArray[np.intp],
-) -> NDArray[np.float64]:
-    """Return Z^T [X y] (B, k, k + 1), weighted and summed over rows and wheels, by blocks."""
-    right = np.concatenate([X, y[..., None]], axis=-1)
-    made = np.zeros((int(block[-1]) + 1, Z.shape[-1], right.shape[-1]))
-    weighted = Z * weight[..., None]
-    for b in range(len(made)):
-        rows = block == b
-        made[b] = np.einsum("nwi,nwj->ij", weighted[rows], right[rows])
-    return made
-
-
-#: delays of the commands that are tried [s], and the filter of the wheels for it [s]: delays show in what is quick
-DELAYS, DELAY_WIDTH = INTERVAL * np.arange(-1.0, 9.0), 0.02
-#: part of the signals' own size that is added to the normal equations: commands sum to nearly zero
-RIDGE = 1e-3
-#: a delay is accepted if the commands explain this share of the wheels' accelerations
-LEAST_EXPLAINED = 0.4
+def _delay(base: Columned, motion: Motion, frame: Frame, assigned: Assignment) -> tuple[float, float]:
+    """Return how late the wheels answer to the commands [s], and its standard error; nan, inf if unknown."""
+    driven = np.zeros((len(frame.order), len(frame.order)))
+    for j, wheel in enumerate(
+        assigned.wheels
+    ):  # commands and wheels in the order of the log that was compared
+        place = frame.order[wheel] - 1
+        driven[frame.order[j] - 1, place] = assigned.signs[j] * frame.signs[place]
+    rows, kept = motion.signals.rows, new_messages(motion.sampled)
+    wheels = smooth(rows, motion.sampled[kept], motion.angles[kept], width=DELAY_WIDTH)
+    commands = smooth(rows, rows, base.held_commands(rows), width=DELAY_WIDTH).value
+    usable = motion.tested.balancing if motion.tested else motion.signals.usable
+    return command_delay(wheels, commands, usable, driven)
 
 
 def command_delay(
-    wheels: Smooth, commands: NDArray[np.float64], usable: NDArray[np.bool_]
+    wheels: Smooth, commands: Floats, usable: NDArray[np.bool_], driven: Floats
 ) -> tuple[float, float]:
     """Return how late the wheels (N, n) answer to commands (N, k) [s], and its standard error; nan, inf if unknown.
 
-    The lean is not among what explains them: commands are made of it, and would share its gain.
+    The lean is not among what explains them: commands are made of it, and would share its gain. Commands that chatter
+    fit half a period later, too, with all signs turned: `driven` (k, n), 1 or -1 where a command drives a wheel and 0
+    elsewhere, tells the two apart.
     """
-    if usable.sum() * INTERVAL < 3.0:
+    if usable.sum() * INTERVAL < LEAST_DELAY_TIME:
         return math.nan, math.inf
     y = wheels.acceleration[usable] - wheels.acceleration[usable].mean(axis=0)
     blocks = (np.arange(len(usable)) // round(1.0 / INTERVAL))[usable]
@@ -286,8 +311,73 @@ def command_delay(
         X = np.column_stack([late, speed, np.tanh(speed / 0.3), np.ones(len(late))])[usable]
         size = np.sqrt((X**2).mean(axis=0)) + 1e-12
         normal = (X / size).T @ (X / size) + RIDGE * len(X) * np.eye(X.shape[1])
-        rest = y - X / size @ np.linalg.solve(normal, (X / size).T @ y)
+        factors = np.linalg.solve(normal, (X / size).T @ y)
+        backwards = float((factors[: len(driven)] / size[: len(driven), None] * driven).sum()) <= 0.0
+        rest = y if backwards else y - X / size @ factors
         left.append(np.bincount(blocks, weights=(rest**2).sum(axis=1)) / float((y**2).sum()))
-    if 1.0 - min(float(one.sum()) for one in left) < LEAST_EXPLAINED:
+    if 1.0 - min(float(one.sum()) for one in left) < LEAST_ACCELERATION:
         return math.nan, math.inf
     return vertex_with_error(DELAYS, np.array(left))
+
+
+def _standstill(kind: InputKind, robot: Robot) -> float:
+    """Return the torque [N m] at standstill of one N m, A, V or full duty: full duty gives the torque limit."""
+    drive = robot.drive
+    return {
+        "torque": 1.0,
+        "current": drive.gear_ratio * drive.torque_constant,
+        "voltage": drive.torque_limit / drive.supply_voltage,
+        "duty": drive.torque_limit,
+    }[kind]
+
+
+def _scale_of(
+    base: Columned, gain: float, error: float
+) -> tuple[InputKind | None, float, tuple[str, ...], dict[InputKind, tuple[float, float]]]:
+    """Return the kind that is stated, its scale, scales that fit alike, and the likeliest scale and ratio of each kind.
+
+    `gain` is the command that the motion needs for 1 N m, and `error` that of its logarithm.
+    """
+    named = base.roles.unit(base.roles.commands)
+    of_unit = INPUT_OF_UNIT.get(named or "")
+    kind = base.stated.command or of_unit
+    if of_unit is not None and kind != of_unit:
+        raise InputError(
+            f"{base.path}: the heading of {base.roles.commands[0]} has the unit {named}, which is a {of_unit}; "
+            f"--command says {kind}. Correct one of them."
+        )
+    ratios: dict[InputKind, tuple[float, float]] = {}
+    alike: tuple[str, ...] = ()
+    for one in KINDS:
+        scales = _scales(one, base)
+        if not scales:
+            continue
+        size = gain * _standstill(one, base.robot)
+        off = {name: abs(math.log(max(size * scale, 1e-12))) for name, scale in scales.items()}
+        # without a motion that shows it, the smallest number that holds them all
+        ranked = sorted(scales, key=lambda name: off[name] if math.isfinite(size) else -scales[name])
+        scale = scales[ranked[0]]
+        ratios[one] = scale, size * scale
+        if one == kind:
+            others = [name for name in ranked[1:] if abs(math.log(scales[name] / scale)) > math.log(1.2)]
+            nearer = off[others[0]] - off[ranked[0]] if others else math.inf
+            fits = one != "duty" or off[ranked[0]] < FULL_SCALE_FITS
+            if others and not (nearer > CLEARLY_NEARER + NEARER_ERRORS * error and fits):
+                alike = (ranked[0], *others[:3])
+    return kind, ratios[kind][0] if kind in ratios else 1.0, alike, ratios
+
+
+def _scales(kind: InputKind, base: Columned) -> dict[str, float]:
+    """Return by name the scales that the commands may have, by their largest and the unit of their heading."""
+    named, full = base.roles.unit(base.roles.commands), base.stated.full_scale
+    if kind != "duty":
+        return {named: _SCALES[kind][named]} if named in _SCALES[kind] else _SCALES[kind]
+    commands = base.stacked(base.roles.commands)
+    fitting = [one for one in FULL_SCALES if float(np.abs(commands).max()) <= 1.01 * one]
+    if full is not None:
+        fitting = [full]
+    elif named == "%":
+        fitting = [100.0]
+    elif fitting[:1] == [1.0] and not np.array_equal(commands, np.round(commands)):
+        fitting = [1.0]  # no robot balances with a hundredth of its voltage
+    return {f"{one:g}": 1.0 / one for one in fitting}

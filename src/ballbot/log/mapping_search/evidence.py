@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -49,17 +49,28 @@ def jackknife_error(estimates: NDArray[np.float64]) -> float:
     return float(np.sqrt((count - 1) / count * np.square(estimates - estimates.mean()).sum()))
 
 
-def without_each_block(
-    sums: NDArray[np.float64], estimate: Callable[[NDArray[np.float64]], float]
-) -> NDArray[np.float64]:
-    """Return an estimate (B,) from sums (B, ...) over blocks, with each block left out in turn."""
-    total = sums.sum(axis=0)
-    return np.array([estimate(total - one) for one in sums])
-
-
 def solved(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the coefficients (k,) of normal equations [A b] (k, k + 1), each column scaled to its size."""
     normal, right = sums[:, :-1], sums[:, -1]
     size = np.sqrt(np.abs(np.diag(normal))) + 1e-12
     scaled = normal / np.outer(size, size)
     return np.linalg.lstsq(scaled, right / size, rcond=1e-9)[0] / size
+
+
+def vertex_with_error(places: NDArray[np.float64], by_block: NDArray[np.float64]) -> tuple[float, float]:
+    """Return where the sum over blocks of values (K, B) at K places is least, and its standard error; inf at an end."""
+    total = by_block.sum(axis=1)
+    if np.argmin(total) in (0, len(total) - 1):
+        return _vertex(places, total), math.inf  # it may lie beyond
+    used = by_block.sum(axis=0) > 0.0
+    each = np.array([_vertex(places, total - one) for one in by_block.T[used]])
+    return _vertex(places, total), jackknife_error(each)
+
+
+def _vertex(places: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    """Return where a parabola through the least of the values and its neighbours has its vertex."""
+    k = int(np.clip(np.argmin(values), 1, len(places) - 2))
+    before, at, after = values[k - 1 : k + 2]
+    curve = before - 2.0 * at + after
+    shift = 0.5 * (before - after) / curve if curve > 0.0 else 0.0
+    return float(places[k] + np.clip(shift, -1.0, 1.0) * (places[1] - places[0]))

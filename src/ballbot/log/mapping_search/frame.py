@@ -85,7 +85,12 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
     if tested is None:
         return Frame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
     best, beta = tested.placements[0], robot.wheels.azimuths
-    same = _same_handedness(tested, mirrored=best.mirrored)
+    same = 0.0 if heading is None else tested.handedness
+    prior = SAME_IF_MIRRORED if best.mirrored else SAME_HANDEDNESS
+    weight = STILL_WEIGHT if tested.headings < STILL_HEADING else HANDEDNESS_WEIGHT
+    shown = max(advantage_confidence(same, weight=weight), 1.0 - MOST)
+    odds = prior / (1.0 - prior) * shown / (1.0 - shown)
+    same = odds / (1.0 + odds)
     positions, phase, axes = best.positions, best.phase, (1, 1, 1)
     if same < 0.5:
         reflected = tuple((1 - place) % count + 1 for place in positions)
@@ -94,11 +99,11 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
         else:
             positions, phase, axes = reflected, -phase - 2.0 * beta[0], (1, -1, 1)
     known = heading is not None and heading.confidence >= CONFIDENT
-    seen = advantage_confidence(abs(tested.forwards))  # without a yaw alone
+    seen = advantage_confidence(abs(tested.handedness)) if heading is None else 0.5
     if heading is not None and known:
         backwards = axes[2] * heading.correlation > 0.0
     else:  # without a heading, the smaller turn is the likelier
-        backwards = tested.forwards < 0.0 if seen >= CONFIDENT else np.cos(phase) < 0.0
+        backwards = tested.handedness < 0.0 if seen >= CONFIDENT else np.cos(phase) < 0.0
     signs = np.asarray(best.signs) * (-1 if backwards else 1)
     turn = -_within_half_a_turn(phase + (np.pi if backwards else 0.0))
     near = GRID * round(turn / GRID)
@@ -115,15 +120,6 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
         # without a heading that turns, the other handedness gives the same log
         handedness=max(same, 1.0 - same) if known else 0.97,
     )
-
-
-def _same_handedness(tested: LeanTest, *, mirrored: bool) -> float:
-    """Return the probability that lean and yaw have the same handedness."""
-    prior = SAME_IF_MIRRORED if mirrored else SAME_HANDEDNESS
-    weight = STILL_WEIGHT if tested.headings < STILL_HEADING else HANDEDNESS_WEIGHT
-    seen = max(advantage_confidence(tested.same_handedness, weight=weight), 1.0 - MOST)
-    odds = prior / (1.0 - prior) * seen / (1.0 - seen)
-    return odds / (1.0 + odds)
 
 
 def _within_half_a_turn(angle: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from pathlib import Path
@@ -10,23 +11,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.checks.stuck_encoders import Balancing, stuck_encoders
 from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.found import Continued, Gyro, Signals, Stated
 from ballbot.log.mapping_search.frame import HeadingTest, heading_test
+from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.placement import LeanTest, lean_test
 from ballbot.log.mapping_search.roles import Roles
-from ballbot.log.mapping_search.units import (
-    MotionGains,
-    Unit,
-    fastest,
-    heading_units,
-    lean_units,
-    likeliest_units,
-    wheel_units,
-)
+from ballbot.log.mapping_search.units import Unit, Units, fastest, lean_units, likeliest_units, wheel_units
 from ballbot.log.signals import (
     INTERVAL,
     Smooth,
@@ -44,8 +36,9 @@ from ballbot.robot import Robot
 
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
 IMPOSSIBLE_SPEED = 3.0
-#: filters that the test of the lean tries [s]
-LEAN_WIDTHS = (0.05, 0.12, 0.2)
+#: filters that the tests of the lean and of the gyro try [s]: the wheels of light robots move quickly, and encoders of
+#: heavy ones are coarse
+WIDTHS = (0.05, 0.12, 0.2)
 #: times are repaired if that leaves less than this part of the speed's noise, judged by so many rows
 WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
 #: rows whose intervals differ by less than this part need no repair
@@ -56,38 +49,50 @@ GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
 PERIODS = tuple(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """What the user says of the firmware that wrote the log."""
+
+    command: InputKind | None = None
+    full_scale: float | None = None  #: the file's number for full duty
+    counts_per_turn: float | None = None  #: of a wheel's encoder
+    columns: Sequence[str] | None = None  #: names in the file's order
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Columned:
     """The columns that have a role."""
 
     path: Path
-    cut: Columns
+    cut: Columns  #: the rows that are taken
     roles: Roles
-    time: Unit
+    t: NDArray[np.float64]  #: (M,) [s]
     robot: Robot
     stated: Stated
 
-    def stacked(self, names: tuple[str, ...]) -> NDArray[np.float64]:
-        return np.column_stack([filled(self.cut[name]) for name in names])
+    def stacked(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """Return columns (M, k) with missing values interpolated; counts stay whole numbers."""
+        return np.column_stack([_filled(self.cut[name]) for name in names])
+
+    def held_commands(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the latest command of each motor (N, n) at times (N,) [s]."""
+        latest = np.searchsorted(self.t, rows, side="right") - 1
+        return self.stacked(self.roles.commands)[np.maximum(latest, 0)]
 
     @property
-    def t(self) -> NDArray[np.float64]:
-        return self.cut[self.roles.time] * self.time.factor
-
-    @property
-    def attitude(self) -> NDArray[np.float64]:
-        """Roll, pitch and, if there is one, yaw (M, 2 or 3) in the roll's unit, upright."""
+    def raw_attitude(self) -> NDArray[np.float64]:
+        """Roll, pitch and, if there is one, yaw (M, 2 or 3) in the file's units, upright."""
         values = self.stacked(self.roles.attitude)
         if self.roles.half_turn is not None:
             values[:, 0] = less_half_a_turn(values[:, 0], self.roles.half_turn)
-        units, table = [self.roles.unit((name,)) for name in self.roles.attitude[:2]], FACTORS["rad"]
-        if units[0] in table and units[1] in table and not self.roles.quaternion:
-            values[:, 1] *= table[units[1] or ""] / table[units[0] or ""]
         return values
 
+    def angle_units(self, lean: str) -> list[str]:
+        """Return the units of roll, pitch and yaw: a heading's, else that of the lean."""
+        return [self.roles.unit((name,)) or lean for name in self.roles.attitude]
 
-def filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a column with missing values interpolated; counts stay whole numbers."""
+
+def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
     known = np.isfinite(values)
     if known.all() or not known.any():
         return np.where(known, values, 0.0)
@@ -96,15 +101,39 @@ def filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.round(found) if np.array_equal(values[known], np.round(values[known])) else found
 
 
+@dataclass(frozen=True, kw_only=True)
+class Gyro:
+    """How the columns of a gyro belong to roll, pitch and yaw."""
+
+    order: tuple[int, ...]  #: for x, y, z in turn, the place of its column (from 0) among the gyro's
+    signs: tuple[int, ...]
+    unit: str
+    correlations: tuple[float, ...]  #: with the rates of the angles
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Signals:
+    """A file's signals on even rows."""
+
+    rows: NDArray[np.float64]  #: (N,) [s]
+    wheels: Smooth
+    lean: Smooth | None
+    heading: Smooth | None
+    usable: NDArray[np.bool_]  #: moving and not fallen
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
     """What the sensors show with the units that the motion supports."""
 
-    units: tuple[Unit, Unit, Unit]  #: of lean, wheels and heading
-    likely: dict[tuple[Unit, Unit, Unit], float]
+    units: Units
+    likely: dict[Units, float]
     angles: NDArray[np.float64]  #: (M, n) [rad]
     sampled: NDArray[np.float64]  #: (M,) [s]
-    continued: Continued
+    #: noise of the speeds [rad/s] with the file's times and with those of the encoders, if these are taken
+    noise: tuple[float, float] | None
+    largest_speed: float | None  #: [rad/s], if an encoder was reset
+    wrap: float | None  #: period of the wheel angles in the file's numbers
     signals: Signals
     gyro: Gyro | None
     tested: LeanTest | None
@@ -113,32 +142,35 @@ class Motion:
 
 def motion_of_file(base: Columned) -> Motion:
     """Return the likeliest units and what the sensors show with them."""
-    roles, robot, t = base.roles, base.robot, base.t
+    roles, t = base.roles, base.t
     raw, wrap = _continued(base.stacked(roles.angles), of_speeds=roles.of_speeds)
-    named = roles.unit(roles.angles)
     wheels = wheel_units(
-        t, raw, robot, named, of_speeds=roles.of_speeds, counts_per_turn=base.stated.counts_per_turn
+        t,
+        raw,
+        base.robot,
+        roles.unit(roles.angles),
+        of_speeds=roles.of_speeds,
+        counts_per_turn=base.stated.counts_per_turn,
     )
     if roles.of_speeds:
         raw = np.column_stack([integral_of(t, speed) for speed in raw.T])
-    none = Unit(name="rad", factor=1.0, named=True)
-    leans, headings = [none], [none]
-    if roles.attitude:
-        leans = [none] if roles.quaternion else lean_units(base.attitude[:, :2], roles.unit(roles.attitude))
-    if len(roles.attitude) > 2 and not roles.quaternion:
-        headings = heading_units(base.attitude[:, 2], roles.unit(roles.attitude[2:]))
-    likely = likeliest_units(leans, wheels, headings, None)
+    leans = [Unit(name="rad", factor=1.0, reason="of a quaternion")]
+    if roles.attitude and not roles.quaternion:
+        leans = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))
+    likely = likeliest_units(leans, wheels)
     units = next(iter(likely))
     found = _with_units(base, raw, wrap, units)
     for _ in range(3):
         tested, heading = found.tested, found.heading
         turns = heading is not None and abs(heading.correlation) > 0.9 and heading.confidence >= CONFIDENT
-        gains = MotionGains(
-            assumed=units,
+        likely = likeliest_units(
+            leans,
+            wheels,
+            units,
             gain=tested.gain if tested else None,
             turning=heading.gain if heading and turns else None,
+            heading_named=roles.unit(roles.attitude[2:]) is not None,
         )
-        likely = likeliest_units(leans, wheels, headings, gains)
         if next(iter(likely)) == units:
             break
         units = next(iter(likely))
@@ -156,25 +188,17 @@ def _continued(angles: NDArray[np.float64], *, of_speeds: bool) -> tuple[NDArray
     return np.column_stack([unwrapped(column, period=period) for column in angles.T]), period
 
 
-def _with_units(
-    base: Columned, raw: NDArray[np.float64], wrap: float | None, units: tuple[Unit, Unit, Unit]
-) -> Motion:
+def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, units: Units) -> Motion:
     roles, robot, t = base.roles, base.robot, base.t
-    lean, wheel, yaw = units
+    lean, wheel = units
     angles, limit = raw * wheel.factor, IMPOSSIBLE_SPEED * fastest(robot)
     carried = angles if roles.of_speeds else without_resets(t, angles, limit)
     sampled, noise = (t, None) if roles.of_speeds else _sampled(t, carried)
-    attitude = None
+    attitude, gyro = None, None
     if roles.attitude:
-        attitude = base.attitude * np.array([lean.factor, lean.factor, yaw.factor])[: len(roles.attitude)]
-    gyro = _gyro(base, sampled, attitude) if attitude is not None and roles.gyro else None
-    tried = [_signals(base, carried, sampled, attitude, gyro, width) for width in LEAN_WIDTHS]
-    if attitude is not None:
-        stuck = stuck_encoders(balancing_of(t, carried, attitude))
-        near = [(one.start - 1.0, one.end + 1.0) for one in stuck]
-        for signals in tried:
-            for start, end in near:
-                signals.usable[(signals.rows > start) & (signals.rows < end)] = False
+        attitude = base.raw_attitude * [FACTORS["rad"][unit] for unit in base.angle_units(lean.name)]
+        gyro = _gyro(base, sampled, attitude) if roles.gyro else None
+    tried = [_signals(base, carried, sampled, attitude, gyro, width) for width in WIDTHS]
     tests = [
         (one, lean_test(robot, one.lean, one.wheels, one.heading, one.usable))
         for one in tried
@@ -182,34 +206,21 @@ def _with_units(
     ]
     known = [(one, test) for one, test in tests if test is not None]
     signals, tested = min(known, key=lambda one: _doubt(one[1])) if known else (tried[0], None)
-    heading = (
-        heading_test(robot, signals.wheels, signals.heading, tested)
-        if tested is not None and signals.heading is not None
-        else None
-    )
     return Motion(
         units=units,
         likely={},
         angles=carried,
         sampled=sampled,
-        continued=Continued(
-            noise=noise,
-            largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit,
-            wrap=wrap,
-        ),
+        noise=noise,
+        largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit,
+        wrap=wrap,
         signals=signals,
         gyro=gyro,
         tested=tested,
-        heading=heading,
+        heading=heading_test(robot, signals.wheels, signals.heading, tested)
+        if tested is not None and signals.heading is not None
+        else None,
     )
-
-
-def balancing_of(
-    t: NDArray[np.float64], angles: NDArray[np.float64], attitude: NDArray[np.float64]
-) -> Balancing:
-    """Return times (N,) [s], wheel angles (N, n) and roll, pitch and perhaps yaw (N, 2 or 3) [rad], named."""
-    yaw = np.unwrap(attitude[:, 2]) if attitude.shape[1] > 2 else None
-    return Balancing(t=t, wheels=angles, lean=attitude[:, :2], heading=yaw)
 
 
 def _doubt(tested: LeanTest) -> float:
@@ -243,18 +254,19 @@ def _signals(
 ) -> Signals:
     """Return the signals on even rows; with a gyro, the lean's rates are the gyro's, and the heading without a yaw."""
     rows, kept = even_rows(base.t), new_messages(sampled)
-    wheels = smooth(rows, sampled[kept], angles[kept], width=width)
-    tilt, heading, commands = None, None, None
-    if base.roles.commands:
-        latest = np.searchsorted(base.t, rows, side="right") - 1
-        commands = base.stacked(base.roles.commands)[np.maximum(latest, 0)]
+
+    def smoothed(values: NDArray[np.float64]) -> Smooth:
+        return smooth(rows, sampled[kept], values[kept], width=width)
+
+    wheels, tilt, heading = smoothed(angles), None, None
+    commands = base.held_commands(rows) if base.roles.commands else None
     if attitude is not None:
-        tilt = smooth(rows, sampled[kept], attitude[kept, :2], width=width)
+        tilt = smoothed(attitude[:, :2])
         if attitude.shape[1] > 2:
-            heading = smooth(rows, sampled[kept], np.unwrap(attitude[kept, 2:], axis=0), width=width)
+            heading = smoothed(np.unwrap(attitude[:, 2:], axis=0))
     if gyro is not None and tilt is not None:
-        rates = base.stacked(base.roles.gyro)[:, list(gyro.order)] * gyro.unit.factor * np.asarray(gyro.signs)
-        found = smooth(rows, sampled[kept], rates[kept], width=width)
+        factors = FACTORS["rad/s"][gyro.unit] * np.asarray(gyro.signs)
+        found = smoothed(base.stacked(base.roles.gyro)[:, list(gyro.order)] * factors)
         tilt = Smooth(value=tilt.value, rate=found.value[:, :2], acceleration=found.rate[:, :2])
         if heading is None:
             turning = found.value[:, 2:]
@@ -269,22 +281,21 @@ def _gyro(base: Columned, sampled: NDArray[np.float64], attitude: NDArray[np.flo
     """Return which of the 48 ways of a cube a gyro's columns fit the rates of the angles; None if none fits them."""
     rows, kept, with_yaw = even_rows(base.t), new_messages(sampled), attitude.shape[1] > 2
     yaw = np.unwrap(attitude[:, 2]) if with_yaw else np.zeros(len(attitude))
-    angles = np.column_stack([attitude[:, :2], yaw])
-    gyro = base.stacked(base.roles.gyro)
-    best: Gyro | None = None
-    for width in (0.05, 0.1, 0.2):
-        seen = smooth(rows, sampled[kept], angles[kept], width=width)
-        x = smooth(rows, sampled[kept], gyro[kept], width=width).value
-        found = _gyro_fit(x, _body_rates(seen), base.roles.unit(base.roles.gyro), with_yaw=with_yaw)
-        if found is not None and (best is None or min(found.correlations[:2]) > min(best.correlations[:2])):
-            best = found
-    return best
+    angles, gyro = np.column_stack([attitude[:, :2], yaw]), base.stacked(base.roles.gyro)
+    named, found = base.roles.unit(base.roles.gyro), list[Gyro]()
+    for width in WIDTHS:
+        rates = _body_rates(smooth(rows, sampled[kept], angles[kept], width=width))
+        turning = smooth(rows, sampled[kept], gyro[kept], width=width).value
+        one = _gyro_fit(turning, rates, named, with_yaw=with_yaw)
+        found += [one] if one else []
+    return max(found, key=lambda one: min(one.correlations[:2]), default=None)
 
 
 def _gyro_fit(
-    gyro: NDArray[np.float64], rates: NDArray[np.float64], named: str | None, *, with_yaw: bool
+    a: NDArray[np.float64], b: NDArray[np.float64], named: str | None, *, with_yaw: bool
 ) -> Gyro | None:
-    a, b = gyro - gyro.mean(axis=0), rates - rates.mean(axis=0)
+    """Return how a gyro (N, 3) fits rates (N, 3) [rad/s]; None if it does not."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
     R = np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 1e-12)
     axes = (0, 1, 2) if with_yaw else (0, 1)
@@ -300,10 +311,9 @@ def _gyro_fit(
     gain = float(np.linalg.norm(a[:, order[best]]) / np.linalg.norm(b[:, best]))
     table = FACTORS["rad/s"]
     names = (named,) if named in table else ("rad/s", "deg/s")
-    name = min(names, key=lambda one: abs(math.log(gain * table[one or ""]))) or "rad/s"
-    if abs(math.log(gain * table[name])) > GYRO_GAIN:
+    unit = min(names, key=lambda one: abs(math.log(gain * table[one])))
+    if abs(math.log(gain * table[unit])) > GYRO_GAIN:
         return None
-    unit = Unit(name=name, factor=table[name], named=named is not None)
     return Gyro(order=order, signs=tuple(signs), unit=unit, correlations=tuple(found))
 
 

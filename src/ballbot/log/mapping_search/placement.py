@@ -28,6 +28,10 @@ third, and off by 17 degrees, in the worst of the development logs.
 Where nothing measures the heading, the wheels give it, up to the direction in which all of them count: a ball that does
 not spin turns them by psi_dot alike (`ballbot.log.mapping_search.frame`). A mirrored IMU with mirrored wheels makes
 the same log then, so that the lean counts as right-handed, and sigma = -1 says that all wheels count backwards.
+
+A placement is judged by the residual of the lean's acceleration, and by the part of the wheels' motion that is neither
+lean nor heading. Both come from sums over blocks of the log, so that every placement, with each block left out in turn,
+takes a small system of equations.
 """
 
 from __future__ import annotations
@@ -35,6 +39,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,37 +47,99 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from ballbot.log.checks.lean import block_sums, clarity
-from ballbot.log.mapping_search.evidence import ERRORS_WEIGHT, jackknife_error
-from ballbot.log.mapping_search.placements import (
-    LEAST_RATIO,
-    Placement,
-    block_numbers,
-    each_wheel,
-    lean_sums_of,
-    placement_way,
-    ranked_placements,
+from ballbot.log.mapping_search.evidence import (
+    CONFIDENT,
+    ERRORS_WEIGHT,
+    MOST,
+    TINY,
+    jackknife_error,
+    probabilities,
+    vertex_with_error,
 )
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
 #: lean later than wheels that is tried [s]: an IMU's filter takes 15 to 20 ms. Whole rows: between them, interpolation
-#: smooths, which looks like a better fit
-LAGS = INTERVAL * np.arange(-1.0, 11.0)
+#: smooths, which looks like a better fit; and the lag with which the weights are first found
+LAGS, USUAL_LAG = INTERVAL * np.arange(-1.0, 11.0), 0.0175
+#: windows [s] that share one weight, one over their residual's size, and that the jackknife leaves out in turn
+BLOCK = 1.0
 #: a block is a push, not balancing, if its residual is this many times the median block's, and this share of the lean's
 #: acceleration in it: quick motion leaves more, too. The share is 0.19 to 0.94 in the blocks of hands and lifts of a
 #: course robot's log, and at most 0.06 in those of undisturbed twins whose residual is large
 PUSHED, PUSHED_SHARE = 3.0, 0.12
-FIT_ROUNDS = 4
-#: a block's residual counts as at least this part of the median block's
-LEAST_SIZE = 0.3
-#: lean later than wheels at which the weights are first found [s]
-USUAL_LAG = 0.0175
+#: rounds of weighting; a block's residual counts as at least this part of the median block's
+FIT_ROUNDS, LEAST_SIZE = 4, 0.3
 #: over which disturbance and gravity are compared [s], about the time in which the robot falls
 SLOW = 0.25
 #: two explanations whose residuals differ by less than this part are one: the heading stands still
 ALIKE = 0.01
-#: the fewest seconds of balancing
-LEAST_TIME = 3.0
+#: the fewest seconds of balancing, and the rows at its ends, where the lag looks past the log, that are not used [s]
+LEAST_TIME, EDGE = 3.0, 0.3
+#: below this many seconds an order or a sign must fit `SHORT_MARGIN` times better than any other
+SHORT_TIME, SHORT_MARGIN = 8.0, 2.0
+#: share of the lean's acceleration that may be left, and at which the confidence is zero
+USUAL_REST, LARGEST_REST = 0.5, 0.85
+#: share of the wheels' motion that rollers and slip leave anyway
+LEAST_TOGETHER = 0.003
+#: weight of motion that all wheels share in a log without heading, over motion that no rolling ball allows. Four wheels
+#: have both: opposite wheels exchanged and negated turn the one into the other, and change nothing else
+UNKNOWN_HEADING = 0.3
+#: before the log is seen: wheels in the robot's order, and in the opposite one; wheels of equal signs
+OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
+#: power of the prior in the confidence: a usual order is preferred among placements that fit alike, but does not make
+#: one certain
+PRIOR_POWER = 0.7
+#: logarithm of the ratio of two misfits from which it counts, too, and its weight for each second;
+#: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
+LEAST_RATIO, EACH_SECOND = 0.2, 0.6
+#: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
+#: 0.03 is still right (campaigns/mapping_corpus.py). Less probable ones would add little to the confidence
+SAME_WHEELS, TINY_PROBABILITY = 0.028, 1e-3
+#: wheel speed (root of the sum of squares) below which the ball hardly rolls, and rolling friction has no sign [rad/s]
+ROLLING = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """One way in which the wheels' columns may sit on the robot, and how well the log agrees."""
+
+    positions: tuple[int, ...]  #: for the file's wheels in turn, the robot's wheel (from 1)
+    signs: tuple[int, ...]  #: of the file's wheels in turn, up to all of them
+    phase: float  #: [rad], the angle of gamma
+    gain: float  #: its size, over the robot's own gamma
+    unexplained: float  #: share of the lean's acceleration
+    together: float  #: share of the wheels' motion that is neither lean nor heading
+    misfit: float  #: unexplained, times the root of together
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the wheels are numbered in the direction opposite to the robot's."""
+        count = len(self.positions)
+        return count > 2 and self.positions == (1, *range(count, 1, -1))
+
+    @property
+    def reversed_wheels(self) -> tuple[int, ...]:
+        """The file's wheels (from 1) that count against the others."""
+        return tuple(i for i, sign in enumerate(self.signs, start=1) if sign < 0)
+
+    @property
+    def description(self) -> str:
+        """The placement in words."""
+        own = self.positions == tuple(range(1, len(self.positions) + 1))
+        order = "mirrored" if self.mirrored else "as the robot's" if own else f"order {self.positions}"
+        wheels = self.reversed_wheels
+        if not wheels:
+            return order
+        return f"{order}, wheel{'s' if len(wheels) > 1 else ''} {' and '.join(map(str, wheels))} reversed"
+
+
+#: the wheels' motion that is neither lean nor heading is so small a share under the right signs, and so many times as
+#: large under wrong ones: on the recordings at most 0.02, and 15 times
+RIGHT_TOGETHER, WRONG_TOGETHER = 0.05, 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,14 +149,13 @@ class LeanTest:
     placements: tuple[Placement, ...]  #: best first
     confidence: float  #: in the best one
     phase_error: float | None  #: standard error of the best one's phase [rad]; None with too few blocks
-    gain_error: float  #: standard error of the logarithm of the best one's gain
     lag: float  #: lean later than wheels [s]
     lag_error: float  #: its standard error [s]
-    same_handedness: float  #: by how many standard errors sigma = 1 is better than -1; 0 without yaw
-    forwards: float  #: the same with the heading that the wheels give; 0 with a yaw
-    body_frame: (
-        float  #: by how many standard errors lean about the body's axes fits better than about the world's
+    handedness: (
+        float  #: by how many standard errors sigma = 1 is better than -1, with the yaw or the wheels' heading
     )
+    #: by how many standard errors lean about the body's axes fits better than about the world's
+    body_frame: float
     headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
     balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
@@ -106,6 +172,26 @@ class LeanTest:
         first, second = self.placements[:2]
         return second.misfit / max(first.misfit, 1e-12)
 
+    @property
+    def evidence(self) -> str:
+        """The best placement and the next one in words."""
+        best, other = self.placements[:2]
+        return f"{best.description}; the next best, {other.description}, fits {self.margin:.1f} times worse"
+
+    @property
+    def reversed_wheels(self) -> tuple[int, ...]:
+        """The wheels (from 1) in the robot's order that count against the others; none if the log leaves it open.
+
+        The wheels' motion by itself may decide if the lean does not.
+        """
+        count = len(self.placements[0].positions)
+        own = [one for one in self.placements if one.positions == tuple(range(1, count + 1))]
+        if self.placements[0] is own[0] and self.confidence >= CONFIDENT:
+            return own[0].reversed_wheels
+        best, second = sorted(own, key=lambda one: one.together)[:2]
+        clear = best.together < RIGHT_TOGETHER and second.together > WRONG_TOGETHER * best.together
+        return best.reversed_wheels if clear else ()
+
 
 def torque_free_gains(robot: Robot) -> tuple[float, float]:
     """Return kappa [1/s^2] and gamma [-] of the module's text."""
@@ -121,13 +207,9 @@ def torque_free_gains(robot: Robot) -> tuple[float, float]:
 
 
 def lean_test(
-    robot: Robot,
-    lean: Smooth,
-    wheels: Smooth,
-    heading: Smooth | None,
-    usable: NDArray[np.bool_],
+    robot: Robot, lean: Smooth, wheels: Smooth, heading: Smooth | None, usable: NDArray[np.bool_]
 ) -> LeanTest | None:
-    """Find how the wheels sit.
+    """Find how the wheels sit; None if too little of the log is balancing.
 
     Parameters
     ----------
@@ -141,50 +223,45 @@ def lean_test(
         Yaw [rad].
     usable : ndarray (N,)
         Rows of the robot moving on its ball, not falling.
-
-    Returns
-    -------
-    LeanTest or None
-        None if too little of the log is balancing.
     """
-    # rows at the ends, where the lag looks past the log and fits have one side
-    usable = usable.copy()
-    edge = round(0.3 / INTERVAL)
+    usable, edge = usable.copy(), round(EDGE / INTERVAL)
     usable[:edge] = usable[-edge:] = False
     if usable.sum() * INTERVAL < LEAST_TIME:
         return None
     kappa, gamma = torque_free_gains(robot)
     law = _Law(lean=lean, wheels=wheels, heading=heading, kappa=kappa, lag=USUAL_LAG, sigma=0.0)
-    law = _turning_by_wheels(robot, law, usable, gamma) if heading is None else _turning(law, usable)
-    weights, pushed = _weights(law, usable)
-    lag, lag_error = _best_lag(law, weights)
+    weights, _ = _weights(law, usable)
+    sigmas = (1.0, -1.0)
+    if heading is None:  # that which the wheels give, as the likeliest placement without one has them
+        ranked, _ = _ranked_placements(robot, law, None, weights, gamma)
+        law, sigmas = replace(law, heading=_heading_of(robot, wheels, ranked[0])), (0.0, 1.0, -1.0)
+    law = min((replace(law, sigma=sigma) for sigma in sigmas), key=lambda one: float(one.left(weights).sum()))
+    weights, _ = _weights(law, usable)
+    by_lag = np.array([replace(law, lag=float(lag)).left(weights) for lag in LAGS])
+    lag, lag_error = vertex_with_error(LAGS, by_lag)
     law = replace(law, lag=lag)
     weights, pushed = _weights(law, usable)
     balanced, usable = usable, usable & ~pushed
-    driven = law.driven
-    placements, confidence = ranked_placements(robot, driven, law.rolled, wheels, heading, weights, gamma)
+    placements, confidence = _ranked_placements(robot, law, heading, weights, gamma)
     best = placements[0]
-    turned_to = _heading_of(robot, wheels, best) if heading is None else heading
-    turning = law.turning(robot, best)
-    gains = _block_gains(turning, driven, weights)
+    law = replace(law, way=_way(robot, best), heading=heading or _heading_of(robot, wheels, best))
+    turning, driven = law.columns, law.driven
+    sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
+    gains = [_solved(sums.sum(axis=0) - one)[0] for one in sums]
     rest = driven - turning @ _solve(turning, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
-    turned = np.angle(gains * np.exp(-1j * best.phase))
-    phase_error = jackknife_error(turned)
+    phase_error = jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase)))
+    same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (1.0, -1.0))
     return LeanTest(
         placements=tuple(placements),
         confidence=confidence,
         phase_error=None if math.isnan(phase_error) else phase_error,
-        gain_error=jackknife_error(np.log(np.abs(gains))),
         lag=lag,
         lag_error=lag_error,
-        same_handedness=0.0 if heading is None else _handedness(robot, law, best, weights),
-        forwards=_handedness(robot, replace(law, heading=turned_to), best, weights)
-        if heading is None
-        else 0.0,
-        body_frame=0.0 if heading is None else _body_frame(robot, law, best, weights),
+        handedness=_advantage(same, opposite, weights),
+        body_frame=0.0 if heading is None else _body_frame(law, weights),
         # with the rows of pushes: a lean about other axes looks like one where the heading is away from its mean
-        headings=float(np.std(turned_to.value[balanced])),
+        headings=float(np.std(law.heading.value[balanced])) if law.heading else 0.0,
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
         pushed=pushed,
@@ -201,62 +278,50 @@ class _Law:
     kappa: float  #: [1/s^2]
     lag: float  #: lean later than wheels [s]
     sigma: float  #: 1 if lean and yaw have one handedness, -1 if not, 0 for a frame that stands still
+    way: Complex | None = (
+        None  #: s_i e^{j beta} (n,) of the file's wheels; None gives each wheel gains of its own
+    )
+
+    def late(self, values: Floats) -> Floats:
+        """Return columns (N, k), a lag later."""
+        rows = np.arange(len(values), dtype=np.float64)
+        return np.column_stack([np.interp(rows + self.lag / INTERVAL, rows, column) for column in values.T])
 
     @property
-    def turn_rate(self) -> NDArray[np.float64]:
+    def turn_rate(self) -> Floats:
         """sigma psi_dot (N,) [rad/s], later by the lag as the lean is."""
-        if self.heading is None or not self.sigma:
+        if self.heading is None:
             return np.zeros(len(self.lean.value))
-        return self.sigma * _later(np.repeat(self.heading.rate, 2, axis=1), self.lag).real
+        return self.sigma * self.late(self.heading.rate)[:, 0]
 
     @property
-    def accelerated(self) -> NDArray[np.complex128]:
-        """D^2 Theta (N,)."""
-        value, rate, acceleration = (
-            _later(part, self.lag) for part in (self.lean.value, self.lean.rate, self.lean.acceleration)
-        )
-        if self.heading is None or not self.sigma:
-            return acceleration
-        turn = self.turn_rate
-        changing = self.sigma * _later(np.repeat(self.heading.acceleration, 2, axis=1), self.lag).real
-        return acceleration + 2j * turn * rate + (1j * changing - turn**2) * value
-
-    @property
-    def driven(self) -> NDArray[np.complex128]:
+    def driven(self) -> Complex:
         """D^2 Theta - kappa Theta (N,), a lag later: what the wheels must explain."""
-        return self.accelerated - self.kappa * _later(self.lean.value, self.lag)
+        plane = np.array([1.0, 1j])
+        value, rate, acceleration = (
+            self.late(one) @ plane for one in (self.lean.value, self.lean.rate, self.lean.acceleration)
+        )
+        turn, changing = self.turn_rate, 0.0
+        if self.heading is not None:
+            changing = self.sigma * self.late(self.heading.acceleration)[:, 0]
+        return acceleration + 2j * turn * rate + (1j * changing - turn**2 - self.kappa) * value
 
     @property
-    def rolled(self) -> NDArray[np.complex128]:
-        """The columns (N, 2 n + 1) of `each_wheel`."""
-        return each_wheel(self.wheels, self.turn_rate)
+    def columns(self) -> Complex:
+        """D W, W/|W| and ones (N, 3); without a way those of each wheel (N, 2 n + 1)."""
+        speed = self.wheels.rate
+        size = np.sqrt((speed**2).sum(axis=1, keepdims=True))
+        # in a frame that turns, a rate of the wheels' motion has a part of its size
+        parts = [self.wheels.acceleration + 1j * self.turn_rate[:, None] * speed, speed / (size + ROLLING)]
+        if self.way is not None:
+            parts = [part @ self.way for part in parts]
+        return np.column_stack([*parts, np.ones(len(speed))]).astype(np.complex128)
 
-    def turning(self, robot: Robot, placement: Placement) -> NDArray[np.complex128]:
-        """Return D W, W/|W| and ones (N, 3)."""
-        way, n = placement_way(robot, placement), self.wheels.rate.shape[1]
-        rolled = self.rolled
-        return np.column_stack([rolled[:, :n] @ way, rolled[:, n : 2 * n] @ way, rolled[:, -1]])
-
-    def left(
-        self, columns: NDArray[np.complex128], driven: NDArray[np.complex128], weights: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the squares (B,) that a fit of columns leaves of what is driven, weighted, by blocks."""
+    def left(self, weights: Floats, driven: Complex | None = None) -> Floats:
+        """Return the squares (B,) that a fit leaves of what is driven, weighted, by blocks."""
+        columns, driven = self.columns, self.driven if driven is None else driven
         rest = np.abs((driven - columns @ _solve(columns, driven, weights)) * weights) ** 2
-        return block_sums(rest, block_numbers(len(rest)))
-
-
-def _turning(law: _Law, usable: NDArray[np.bool_], sigmas: Sequence[float] = (1.0, -1.0)) -> _Law:
-    """Return the law with the sigma with which wheels that have gains of their own explain the lean better."""
-    weights, _ = _weights(law, usable)
-    turned = [replace(law, sigma=sigma) for sigma in sigmas]
-    return min(turned, key=lambda one: float(one.left(one.rolled, one.driven, weights).sum()))
-
-
-def _turning_by_wheels(robot: Robot, law: _Law, usable: NDArray[np.bool_], gamma: float) -> _Law:
-    """Return the law with the heading that the wheels give, as the likeliest placement without one has them."""
-    weights, _ = _weights(law, usable)
-    ranked, _ = ranked_placements(robot, law.driven, law.rolled, law.wheels, None, weights, gamma)
-    return _turning(replace(law, heading=_heading_of(robot, law.wheels, ranked[0])), usable, (0.0, 1.0, -1.0))
+        return block_sums(rest, _blocks(len(rest)))
 
 
 def _heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
@@ -267,36 +332,18 @@ def _heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
     return Smooth(value=wheels.value @ way, rate=wheels.rate @ way, acceleration=wheels.acceleration @ way)
 
 
-def _block_gains(
-    turning: NDArray[np.complex128], driven: NDArray[np.complex128], weights: NDArray[np.float64]
-) -> NDArray[np.complex128]:
-    """Return gamma (B,) with each block left out."""
-    sums = lean_sums_of(turning, driven, weights)
-    total = sums.sum(axis=0)
-    return np.array([_solved(total - one)[0] for one in sums])
+def _way(robot: Robot, placement: Placement) -> Complex:
+    beta = np.asarray(robot.wheels.azimuths)[np.asarray(placement.positions) - 1]
+    return np.asarray(placement.signs) * np.exp(1j * beta)
 
 
-def _solved(sums: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    return np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=None)[0].astype(np.complex128)
-
-
-def _handedness(robot: Robot, law: _Law, best: Placement, weights: NDArray[np.float64]) -> float:
-    """Return by how many standard errors yaw and lean of the same handedness fit better."""
-    same, opposite = (
-        one.left(one.turning(robot, best), one.driven, weights)
-        for one in (replace(law, sigma=1.0), replace(law, sigma=-1.0))
-    )
-    return _advantage(same, opposite, weights)
-
-
-def _advantage(one: NDArray[np.float64], other: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
     """Return by how many standard errors the first of two explanations is better, from what they leave by blocks (B,).
 
-    Either the difference repeats in every block, or it is so large that few blocks are enough
-    (`ballbot.log.mapping_search.placements`). The spread of few blocks is itself not well known: Student's t, taken
-    for the normal deviate of the same probability.
+    Either the difference repeats in every block, or it is so large that few blocks are enough. The spread of few blocks
+    is itself not well known: Student's t, taken for the normal deviate of the same probability.
     """
-    used = np.bincount(block_numbers(len(weights)), weights=weights) > 0.0
+    used = np.bincount(_blocks(len(weights)), weights=weights) > 0.0
     gained = (other - one)[used] / float((one + other)[used].mean())
     if len(gained) < 3:
         return 0.0
@@ -306,7 +353,7 @@ def _advantage(one: NDArray[np.float64], other: NDArray[np.float64], weights: ND
     return math.copysign(max(repeated, large), ratio)
 
 
-def _body_frame(robot: Robot, law: _Law, best: Placement, weights: NDArray[np.float64]) -> float:
+def _body_frame(law: _Law, weights: Floats) -> float:
     """Return by how many standard errors a lean about the body's axes fits better than one about the world's.
 
     A lean about the world's axes is that about the body's, turned by the heading. Where the heading stands still, both
@@ -314,82 +361,209 @@ def _body_frame(robot: Robot, law: _Law, best: Placement, weights: NDArray[np.fl
     """
     if law.heading is None:
         return 0.0
-    body = law.left(law.turning(robot, best), law.driven, weights)
-    still = replace(law, sigma=0.0).driven
-    worlds = []
-    for sigma in (1.0, -1.0):
-        turned = still * np.exp(-1j * sigma * law.heading.value[:, 0])
-        worlds.append(law.left(replace(law, sigma=sigma).turning(robot, best), turned, weights))
+    body, still = law.left(weights), replace(law, sigma=0.0).driven
+    worlds = [
+        replace(law, sigma=sigma).left(weights, still * np.exp(-1j * sigma * law.heading.value[:, 0]))
+        for sigma in (1.0, -1.0)
+    ]
     world = min(worlds, key=lambda one: float(one.sum()))
     if abs(float(world.sum() / body.sum()) - 1.0) < ALIKE:
         return 0.0
     return _advantage(body, world, weights)
 
 
-def _later(values: NDArray[np.float64], lag: float) -> NDArray[np.complex128]:
-    """Return columns (N, 2), a lag later, as one complex number."""
-    rows = np.arange(len(values), dtype=np.float64)
-    first, second = (np.interp(rows + lag / INTERVAL, rows, column) for column in values.T)
-    return first + 1j * second
+def _solve(X: Complex, y: Complex, weights: Floats) -> Complex:
+    # by the normal equations, columns scaled: as there are few columns and many rows, much faster than by an SVD
+    weighted = X * weights[:, None]
+    scale = np.sqrt(np.maximum((weighted.real**2 + weighted.imag**2).sum(axis=0), np.finfo(float).tiny))
+    weighted /= scale
+    adjoint = weighted.conj().T
+    found = np.linalg.lstsq(adjoint @ weighted, adjoint @ (y * weights), rcond=1e-12)[0]
+    return (found / scale).astype(np.complex128)
 
 
-def _solve(
-    X: NDArray[np.complex128], y: NDArray[np.complex128], weights: NDArray[np.float64]
-) -> NDArray[np.complex128]:
-    rows = weights > 0.0
-    found = np.linalg.lstsq(X[rows] * weights[rows, None], y[rows] * weights[rows], rcond=None)[0]
-    return found.astype(np.complex128)
+def _solved(sums: Complex) -> Complex:
+    return np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=None)[0].astype(np.complex128)
 
 
-def _slow(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _slow(values: Complex) -> Complex:
     """Return running means over `SLOW`: what has time to make the robot fall."""
     count = round(SLOW / INTERVAL)
     return np.convolve(values, np.full(count, 1.0 / count), mode="same")
 
 
-def _best_lag(law: _Law, weights: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the lag at which the wheels, each with a gain of its own, explain the lean best, and its error."""
-    left = []
-    for lag in LAGS:
-        one = replace(law, lag=float(lag))
-        left.append(one.left(one.rolled, one.driven, weights))
-    return vertex_with_error(LAGS, np.array(left))
+def _blocks(count: int) -> NDArray[np.intp]:
+    """Return the number of the block (N,) that each of `count` even rows is in."""
+    return np.arange(count) // round(BLOCK / INTERVAL)
 
 
-def _weights(law: _Law, usable: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _sums(table: Complex, weights: Floats) -> Complex:
+    """Return products of columns (B, k, k) by the blocks that have a weight."""
+    blocks = _blocks(len(weights))
+    return np.array(
+        [table[blocks == b].conj().T @ table[blocks == b] for b in np.unique(blocks[weights > 0.0])]
+    )
+
+
+def _weights(law: _Law, usable: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
     """Return weights (N,), one over a block's residual, and the rows of blocks that the wheels do not explain.
 
     Rows that are not usable, and those pushed, have weight zero.
     """
-    X, driven = law.rolled, law.driven
-    blocks = block_numbers(len(usable))
+    X, driven = law.columns, law.driven
+    blocks = _blocks(len(usable))
     count = np.bincount(blocks, weights=usable)
     weights, pushed = usable.astype(np.float64), np.zeros_like(usable)
     swings = np.abs(driven - np.average(driven, weights=weights)) ** 2
     for _ in range(FIT_ROUNDS):
         rest = np.abs(driven - X @ _solve(X, driven, weights)) ** 2
-        size = np.sqrt(np.bincount(blocks, weights=rest * usable) / np.maximum(count, 1.0))
+        size, whole = (
+            np.sqrt(np.bincount(blocks, weights=one * usable) / np.maximum(count, 1.0))
+            for one in (rest, swings)
+        )
         usual = float(np.median(size[count > 0]))
-        whole = np.sqrt(np.bincount(blocks, weights=swings * usable) / np.maximum(count, 1.0))
         pushed = usable & (size > np.maximum(PUSHED * usual, math.sqrt(PUSHED_SHARE) * whole))[blocks]
         weights = np.where(usable & ~pushed, usual / np.maximum(size, LEAST_SIZE * usual)[blocks], 0.0)
     return weights, pushed
 
 
-def vertex_with_error(places: NDArray[np.float64], by_block: NDArray[np.float64]) -> tuple[float, float]:
-    """Return where the sum over blocks of values (K, B) at K places is least, and its standard error; inf at an end."""
-    total = by_block.sum(axis=1)
-    if np.argmin(total) in (0, len(total) - 1):
-        return vertex(places, total), math.inf  # it may lie beyond
-    used = by_block.sum(axis=0) > 0.0
-    each = np.array([vertex(places, total - one) for one in by_block.T[used]])
-    return vertex(places, total), jackknife_error(each)
+#: the robot's wheel (from 0) of the file's wheels in turn, and their signs
+_Way = tuple[tuple[int, ...], tuple[int, ...]]
 
 
-def vertex(places: NDArray[np.float64], values: NDArray[np.float64]) -> float:
-    """Return where a parabola through the least of the values and its neighbours has its vertex."""
-    k = int(np.clip(np.argmin(values), 1, len(places) - 2))
-    before, at, after = values[k - 1 : k + 2]
-    curve = before - 2.0 * at + after
-    shift = 0.5 * (before - after) / curve if curve > 0.0 else 0.0
-    return float(places[k] + np.clip(shift, -1.0, 1.0) * (places[1] - places[0]))
+def _every_way(robot: Robot) -> list[_Way]:
+    """Return every order and every choice of signs of the file's wheels, up to a turn of the robot and all signs."""
+    n, beta = robot.wheel_count, np.asarray(robot.wheels.azimuths)
+    even = np.allclose(np.exp(1j * np.diff(beta)), np.exp(2j * np.pi / n), atol=1e-3)
+    orders = [p for p in permutations(range(n)) if p[0] == 0 or not even]
+    # the fewest wheels are reversed; of half of them, not the first
+    signs = [s for s in product((1, -1), repeat=n) if 2 * sum(s) + s[0] > 0]
+    return [(p, s) for p in orders for s in signs]
+
+
+def _ranked_placements(
+    robot: Robot, law: _Law, heading: Smooth | None, weights: Floats, gamma: float
+) -> tuple[list[Placement], float]:
+    """Return all placements, the best first, and the confidence in the best; `law` gives each wheel its own gains."""
+    every, beta, wheels = _every_way(robot), np.asarray(robot.wheels.azimuths), law.wheels
+    lean_sums = _sums(np.column_stack([law.columns, law.driven]) * weights[:, None], weights)
+    rate = np.zeros(len(weights)) if heading is None else heading.rate[:, 0]
+    table = np.column_stack([wheels.rate, rate])
+    table = np.where(weights[:, None] > 0.0, table - table[weights > 0.0].mean(axis=0), 0.0)
+    wheel_sums = _sums(table.astype(np.complex128), weights).real
+    total = _scores(every, lean_sums.sum(axis=0), wheel_sums.sum(axis=0), beta)
+    blocks = np.array(
+        [
+            _scores(every, lean_sums.sum(axis=0) - one, wheel_sums.sum(axis=0) - other, beta).score
+            for one, other in zip(lean_sums, wheel_sums, strict=True)
+        ]
+    )
+    likely, found = (_weighed(every, total.score, blocks, usual=part) for part in (1.0, PRIOR_POWER))
+    best = next(iter(likely))
+    ranked = [best, *sorted((h for h in likely if h != best), key=lambda h: (-likely[h], total.score[h]))]
+    same = [
+        h
+        for h in ranked[1:]
+        if found[h] > TINY_PROBABILITY and _same_wheels(wheels.value, every[best], every[h])
+    ]
+    explained = (LARGEST_REST - float(total.unexplained.min())) / (LARGEST_REST - USUAL_REST)
+    confidence = min(found[best] + sum(found[h] for h in same), MOST) * min(max(explained, 0.0), 1.0)
+    placements = [
+        Placement(
+            positions=tuple(place + 1 for place in every[h][0]),
+            signs=every[h][1],
+            phase=float(np.angle(total.gain[h])),
+            gain=float(abs(total.gain[h])) / gamma,
+            unexplained=float(total.unexplained[h]),
+            together=float(total.together[h]),
+            misfit=float(np.exp(total.score[h])),
+        )
+        for h in ranked
+    ]
+    return placements, confidence
+
+
+def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats, *, usual: float) -> dict[int, float]:
+    """Return the probability of each placement, by its place in `every`, the likeliest first.
+
+    `usual` is the power of the prior. A placement is behind the best by the jackknife of the best's gain, or by so much
+    that few seconds are enough.
+    """
+    best, seconds, n = int(np.argmin(score)), len(blocks) * BLOCK, len(every[0][0])
+    own, mirrored = tuple(range(n)), (0, *range(n - 1, 0, -1))
+    orders = len({order for order, _ in every})
+    weights = {}
+    for other, (order, signs) in enumerate(every):
+        gained = float(score[other] - score[best])
+        error = jackknife_error(blocks[:, other] - blocks[:, best])
+        z = ERRORS_WEIGHT * min(gained / error, 60.0) if error > 0.0 else 0.0
+        if seconds < SHORT_TIME and gained < math.log(SHORT_MARGIN):
+            z = min(z, 1.0)
+        behind = max(0.5 * z**2, EACH_SECOND * seconds * max(gained - LEAST_RATIO, 0.0))
+        rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / orders
+        p = OWN_ORDER if order == own else MIRRORED_ORDER if order == mirrored else rare
+        p *= EQUAL_SIGNS if len(set(signs)) == 1 else (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1)
+        weights[other] = usual * math.log(p) - behind
+    return probabilities(weights)
+
+
+def _same_wheels(angles: Floats, one: _Way, other: _Way) -> bool:
+    """Return whether two placements give the robot's wheels the same angles, up to a turn of the robot and all signs.
+
+    With four wheels and a heading that stands still, opposite wheels have opposite angles.
+    """
+    n = angles.shape[1]
+    moved = angles - angles.mean(axis=0)
+    mine, others = ((moved * signs)[:, np.argsort(order)] for order, signs in (one, other))
+    size = np.maximum(mine.std(axis=0), 1e-9)
+    return any(
+        float((np.std(mine - sign * np.roll(others, turn, axis=1), axis=0) / size).max()) < SAME_WHEELS
+        for turn in range(n)
+        for sign in (1.0, -1.0)
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Scores:
+    """Of every placement (H,)."""
+
+    gain: Complex
+    unexplained: Floats
+    together: Floats
+    score: Floats
+
+
+def _scores(every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats, beta: Floats) -> _Scores:
+    """Return how well placements fit products of columns: each wheel's and the lean; the wheels and the heading."""
+    ways = np.array([np.array(signs) * np.exp(1j * beta[list(order)]) for order, signs in every])
+    H, n = ways.shape
+    C = np.zeros((H, 2 * n + 1, 3), dtype=np.complex128)
+    C[:, :n, 0], C[:, n : 2 * n, 1], C[:, 2 * n, 2] = ways, ways, 1.0
+    G, r, y = lean_sums[:-1, :-1], lean_sums[:-1, -1], float(lean_sums[-1, -1].real)
+    left = C.conj().transpose(0, 2, 1)
+    normal, right = left @ G @ C, left @ r
+    normal = normal + 1e-12 * np.trace(normal, axis1=1, axis2=2).real[:, None, None] * np.eye(3)
+    found = np.linalg.solve(normal, right[..., None])[..., 0].astype(np.complex128)
+    offset = float(abs(r[-1]) ** 2 / max(float(G[-1, -1].real), TINY))
+    rest = y - np.einsum("hi,hi->h", right.conj(), found).real
+    unexplained = np.maximum(rest, TINY) / max(y - offset, TINY)
+    together = np.array([_together(one, wheel_sums, beta) for one in every])
+    score = np.log(unexplained) + 0.5 * np.log(together + LEAST_TOGETHER)
+    return _Scores(gain=found[:, 0], unexplained=unexplained, together=together, score=score)
+
+
+def _together(way: _Way, sums: Floats, beta: Floats) -> float:
+    """Return the share of the wheels' motion that is neither lean nor, together, heading."""
+    (order, signs), n = way, len(beta)
+    s, angles = np.asarray(signs, dtype=np.float64), beta[list(order)]
+    G = sums[:n, :n] * np.outer(s, s)
+    with_rate, rate = sums[:n, n] * s, float(sums[n, n])
+    ones = np.full(n, n**-0.5)
+    basis, _ = np.linalg.qr(np.column_stack([ones, np.cos(angles), np.sin(angles)]))
+    outside = float(np.trace(G) - np.trace(basis.T @ G @ basis))
+    total = float(ones @ G @ ones)
+    if rate > 0.0:
+        total -= float(ones @ with_rate) ** 2 / rate
+    elif n > 3:
+        total *= UNKNOWN_HEADING
+    return max(outside + total, 0.0) / max(float(np.trace(G)), TINY)

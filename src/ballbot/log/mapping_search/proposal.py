@@ -12,31 +12,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, Place, Severity
-from ballbot.log.checks.stuck_encoders import stuck_encoders, stuck_findings
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.formats.inference import ForeignTable
-from ballbot.log.mapping_search.drive import drive_of, turned_by
+from ballbot.log.mapping_search.commands import KINDS, drive_of, needs_of, turned_by
 from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.found import KINDS, Continued, Drive, Proposal, Question, Stated, What
 from ballbot.log.mapping_search.frame import frame_of
-from ballbot.log.mapping_search.motion import Columned, Motion, balancing_of, motion_of_file
-from ballbot.log.mapping_search.roles import Roles, roles_of, unused
-from ballbot.log.mapping_search.units import (
-    Unit,
-    lean_units,
-    other_encoder,
-    time_unit,
-)
+from ballbot.log.mapping_search.motion import Columned, Motion, Stated, motion_of_file
+from ballbot.log.mapping_search.roles import Roles, roles_of
+from ballbot.log.mapping_search.text import Proposal, Question, What, mapped
+from ballbot.log.mapping_search.units import lean_units, other_encoder, time_unit
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows, rows_in_order
-from ballbot.log.signals import (
-    INTERVAL,
-    MOVING_SPEED,
-    row_spans,
-)
+from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
 from ballbot.log.wrapping import clock_note, continuous_clock
 from ballbot.robot import Robot
 
@@ -48,9 +36,9 @@ GAIN_RANGE = (0.5, 2.0)
 HELD = 0.8
 #: no robot on a ball leans further than this [rad] in a tenth of the time in which its wheels turn
 LARGEST_LEAN = 0.2
-#: a scale is taken by the motion if it is this much [log] nearer than the next one; and the largest ratio of torques,
-#: in either direction, that friction which the law lacks explains in a weak motion (2.8 on a real log)
-CLEARLY_NEARER, LARGEST_RATIO = 0.5, 4.0
+#: the largest ratio of torques, in either direction, that friction which the law lacks explains in a weak motion (2.8
+#: on a real log)
+LARGEST_RATIO = 4.0
 
 
 def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Proposal:
@@ -73,8 +61,10 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     stated = stated or Stated()
     table, roles = roles_of(path, read_foreign_table(path, names=stated.columns), robot.wheel_count)
     clock, again = continuous_clock(table.columns[roles.time])
-    notes = [_finding("warning", "time", clock_note(roles.time, again), (roles.time,))] if again.size else []
     table = replace(table, columns={**table.columns, roles.time: clock})
+    notes = [_finding("note", "file", note) for note in table.notes]
+    if again.size:
+        notes.append(_finding("warning", "time", clock_note(roles.time, again), (roles.time,)))
     time = time_unit(clock, roles.unit((roles.time,)))
     if time is None:
         raise InputError(
@@ -92,70 +82,57 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     if not whole:
         sentence = f"The longest run is rows {first + 1} to {last}; others are left out."
         notes.append(_finding("warning", "time", sentence))
-    base = Columned(path=Path(path), cut=cut, roles=roles, time=time, robot=robot, stated=stated)
+    base = Columned(
+        path=Path(path),
+        cut=cut,
+        roles=roles,
+        t=cut[roles.time] * time.factor,
+        robot=robot,
+        stated=stated,
+    )
     motion = motion_of_file(base) if roles.angles else None
     if motion and roles.commands and _what(roles, motion) != "free wheels" and _on_a_stand(base, motion):
         base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
         motion = motion_of_file(base)
-    proposal = replace(
-        _proposed(base, table, motion),
+    tested = motion.tested if motion else None
+    lean = motion.units[0] if motion else lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
+    proposal = Proposal(
+        table=table,
+        base=base,
         rows=None if whole else (first + 1, last),
         repeated=bool(repeated.any()),
         unordered=unordered,
+        time=time,
+        lean=lean if base.roles.attitude else None,
+        motion=motion,
+        frame=frame_of(robot, tested, motion.heading if motion else None),
+        keep=row_spans(motion.signals.rows, motion.signals.usable & ~tested.pushed) or None
+        if motion and tested
+        else None,
+        what=_what(base.roles, motion),
     )
-    if motion is not None and roles.commands:
-        proposal = replace(proposal, drive=drive_of(proposal, base, motion))
+    if motion is None:
+        return replace(proposal, findings=tuple(notes))
+    if roles.commands:
+        try:
+            needs = needs_of(mapped(proposal, robot), robot) if base.roles.attitude and tested else None
+        except InputError:  # too short, or rows without a value
+            needs = None
+        proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
     return replace(
         proposal,
         questions=tuple(_questions(proposal, motion)),
-        contradiction=_contradiction(proposal, base),
-        findings=(*notes, *_findings(proposal, base, motion)),
+        contradiction=_contradiction(proposal, motion),
+        findings=(*notes, *_findings(proposal, motion)),
     )
 
 
-def _proposed(base: Columned, table: ForeignTable, motion: Motion | None) -> Proposal:
-    """Return what the sensors show, before the commands are looked at."""
-    roles, tested, heading, lean = base.roles, None, None, None
-    if motion is not None:
-        tested, heading = motion.tested, motion.heading
-    if roles.attitude:
-        alone = lean_units(base.attitude[:, :2], roles.unit(roles.attitude))
-        lean = motion.units[0] if motion else alone[0]
-    return Proposal(
-        file=base.path,
-        table=table,
-        roles=roles,
-        cut=base.cut,
-        rows=None,
-        repeated=False,
-        unordered=False,
-        time=base.time,
-        wheel=motion.units[1] if motion else Unit(name="rad", factor=1.0),
-        lean=lean,
-        heading_unit=motion.units[2] if motion and len(roles.attitude) > 2 else None,
-        gyro=motion.gyro if motion else None,
-        continued=motion.continued if motion else Continued(),
-        tested=tested,
-        heading=heading,
-        frame=frame_of(base.robot, tested, heading),
-        drive=None,
-        keep=_keep(motion),
-        sample_time=_sample_time(base.t),
-        what=_what(roles, motion),
-        questions=(),
-        contradiction="",
-        findings=(),
-        stated=base.stated,
-    )
-
-
-def _contradiction(proposal: Proposal, base: Columned) -> str:
+def _contradiction(proposal: Proposal, motion: Motion) -> str:
     """Return why it is not this robot's log; empty if nothing says so."""
-    tested, roles = proposal.tested, proposal.roles
-    if roles.angles and not roles.of_speeds:
-        other = other_encoder(
-            base.stacked(roles.angles), proposal.wheel, base.robot, proposal.stated.counts_per_turn
-        )
+    base, tested = proposal.base, motion.tested
+    if not base.roles.of_speeds:
+        angles = base.stacked(base.roles.angles)
+        other = other_encoder(angles, motion.units[1], base.robot, base.stated.counts_per_turn)
         if other:
             return other
     if proposal.what != "balancing" or tested is None or tested.confidence < CONFIDENT:
@@ -191,197 +168,142 @@ def _on_a_stand(base: Columned, motion: Motion) -> bool:
     return bool(one_way and turned_by(base, motion) is not None)
 
 
-def _keep(motion: Motion | None) -> tuple[tuple[float, float], ...] | None:
-    if motion is None or motion.tested is None:
-        return None
-    return row_spans(motion.signals.rows, motion.signals.usable & ~motion.tested.pushed) or None
-
-
-def _sample_time(t: NDArray[np.float64]) -> float:
-    """Return an even interval near the rows' own: 5 ms or a multiple, 1 ms if rows come faster."""
-    return max(0.005 * int(float(np.median(np.diff(t))) / 0.005 + 0.1), 0.001)
-
-
-def _question(key: str, name: str, answers: Sequence[str], evidence: str) -> Question:
-    return Question(key=key, name=name, answers=tuple(answers), evidence=evidence)
-
-
-def _questions(proposal: Proposal, motion: Motion | None) -> Iterator[Question]:
+def _questions(proposal: Proposal, motion: Motion) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
-    roles = proposal.roles
-    if roles.doubt:
-        yield _question("--columns", "columns", (roles.doubt,), "the names leave it open")
-    if motion is None or proposal.what == "held by hand":
+
+    def question(key: str, name: str, answers: Sequence[str], evidence: str) -> Question:
+        return Question(key=key, name=name, answers=tuple(answers), evidence=evidence)
+
+    if proposal.what == "held by hand":
         return
-    keys = ("[attitude] unit", "[wheels] angle", "[attitude] unit of the yaw")
-    for place, (key, name) in enumerate(zip(keys, ("lean", "wheels", "heading"), strict=True)):
+    for place, (key, name) in enumerate((("[attitude] unit", "lean"), ("[wheels] angle", "wheels"))):
         shares: dict[str, float] = {}
         for units, share in motion.likely.items():
             shares[units[place].name] = shares.get(units[place].name, 0.0) + share
         ranked = sorted(shares, key=lambda one: -shares[one])[:3]
         if shares[ranked[0]] < CONFIDENT:
             shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
-            yield _question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
-    yield from _frame_questions(proposal)
-    if proposal.drive is not None:
-        yield from _command_questions(proposal, proposal.drive)
-
-
-def _frame_questions(proposal: Proposal) -> Iterator[Question]:
-    tested, frame = proposal.tested, proposal.frame
-    if tested is None:
-        if proposal.roles.attitude:
-            yield _question(
-                "[wheels] order",
-                "order and signs of the wheels",
-                ("as in the file",),
-                "the robot hardly moves",
+            yield question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
+    tested, frame = motion.tested, proposal.frame
+    if tested is not None:
+        best, other = tested.placements[:2]
+        if tested.confidence < CONFIDENT:
+            words, evidence = (
+                (best.description, other.description),
+                f"the first fits {tested.margin:.2f} times better than the second",
             )
+            yield question("[wheels] order", "order and signs of the wheels", words, evidence)
+        elif frame.direction < CONFIDENT:
+            words = str(list(frame.signs)), str([-sign for sign in frame.signs])
+            evidence = (
+                "the heading turns too little; with the other signs the IMU is turned by half a turn more"
+            )
+            yield question("[wheels] sign", "direction in which all wheels count", words, evidence)
+        elif frame.handedness < CONFIDENT:
+            evidence = f"the turning of the heading shows it by {abs(tested.handedness):.1f} standard errors"
+            words = str(list(frame.axis_signs)), "one axis reversed"
+            yield question("[attitude] sign", "axes of the IMU", words, evidence)
+        if tested.body_frame < -WORLD_BETTER:
+            words = "about the world's axes", "about the IMU's axes"
+            evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
+            yield question("[attitude] from", "axes of the lean", words, evidence)
+        if tested.phase_error is None or tested.phase_error > CLEAR_TURN:
+            known = (
+                "unknown"
+                if tested.phase_error is None
+                else f"known to {math.degrees(tested.phase_error):.0f} deg"
+            )
+            yield question(
+                "[attitude] turn", "turn of the IMU", (f"{math.degrees(frame.turn):.0f} deg",), known
+            )
+    elif proposal.roles.attitude:
+        words = "order and signs of the wheels"
+        yield question("[wheels] order", words, ("as in the file",), "the robot hardly moves")
+    drive = proposal.drive
+    if drive is None:
         return
-    best, other = tested.placements[:2]
-    error = tested.phase_error
-    if tested.confidence < CONFIDENT:
-        evidence = f"the first fits {tested.margin:.2f} times better than the second"
-        yield _question(
-            "[wheels] order",
-            "order and signs of the wheels",
-            (best.description, other.description),
-            evidence,
-        )
-    elif frame.direction < CONFIDENT:
-        opposite = str([-sign for sign in frame.signs])
-        evidence = "the heading turns too little; with the other signs the IMU is turned by half a turn more"
-        yield _question(
-            "[wheels] sign",
-            "direction in which all wheels count",
-            (str(list(frame.signs)), opposite),
-            evidence,
-        )
-    elif frame.handedness < CONFIDENT:
-        evidence = f"the turning of the heading shows it by {abs(tested.same_handedness):.1f} standard errors"
-        yield _question(
-            "[attitude] sign",
-            "axes of the IMU",
-            (str(list(frame.axis_signs)), "one axis reversed"),
-            evidence,
-        )
-    if tested.body_frame < -WORLD_BETTER:
-        evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
-        yield _question(
-            "[attitude] from",
-            "axes of the lean",
-            ("about the world's axes", "about the IMU's axes"),
-            evidence,
-        )
-    if error is None or error > CLEAR_TURN:
-        shown = "unknown" if error is None else f"{math.degrees(error):.0f} deg"
-        yield _question(
-            "[attitude] turn",
-            "turn of the IMU",
-            (f"{math.degrees(frame.turn):.0f} deg",),
-            f"known to {shown}",
-        )
-
-
-def _command_questions(proposal: Proposal, drive: Drive) -> Iterator[Question]:
-    _, ratio = drive.ratios.get(drive.kind, (1.0, math.nan)) if drive.kind else (1.0, math.nan)
     if drive.kind is None:
         shown = [
             f"as {one} the torques are {times:.2g} times those that the motion needs"
             for one, (_, times) in drive.ratios.items()
             if math.isfinite(times)
         ]
-        yield _question(
-            "[input] kind", "kind of the command", KINDS, "; ".join(shown) or "state it with --command"
-        )
-    elif drive.reason:
+        evidence = "; ".join(shown) or "state it with --command"
+        yield question("[input] kind", "kind of the command", KINDS, evidence)
+    elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        yield _question("[input] scale", name, drive.reason.split(" or "), "the motion fits both")
-    elif math.isfinite(ratio) and not 1.0 / LARGEST_RATIO < ratio < LARGEST_RATIO:
-        evidence = f"as it is stated the torques are {ratio:.2g} times those that the motion needs"
-        yield _question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
-    if proposal.tested is None:
+        yield question("[input] scale", name, drive.scales, "the motion fits both")
+    elif math.isfinite(drive.ratio) and not 1.0 / LARGEST_RATIO < drive.ratio < LARGEST_RATIO:
+        evidence = f"as it is stated the torques are {drive.ratio:.2g} times those that the motion needs"
+        yield question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
+    if tested is None:
         return
-    values = np.column_stack([proposal.cut[name] for name in proposal.roles.commands])
-    one = drive.assigned
+    values, one = (
+        np.column_stack([proposal.base.cut[name] for name in proposal.roles.commands]),
+        drive.assigned,
+    )
     if not np.nanmin(values) < 0.0:
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
-        answers = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
-        yield _question("[input] zero", "sign of the commands", answers, evidence)
-    elif one is None:
-        yield _question(
-            "[input] sign", "order and signs of the commands", ("as numbered",), "too little motion"
-        )
-    elif one.confidence < CONFIDENT:
-        wheels = f"for wheels {[wheel + 1 for wheel in one.wheels]}, signs {list(one.signs)}"
-        evidence = (
-            f"the first explains {100.0 * one.explained:.0f} %, {one.advantage:.1f} standard errors better"
-        )
-        yield _question("[input] sign", "order and signs of the commands", (wheels, one.next_best), evidence)
+        words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
+        yield question("[input] zero", "sign of the commands", words, evidence)
+    elif one is None or one.confidence < CONFIDENT:
+        words, evidence = ("as numbered",), "too little motion"
+        if one is not None:
+            words = (
+                f"for wheels {[wheel + 1 for wheel in one.wheels]}, signs {list(one.signs)}",
+                one.next_best,
+            )
+            explained = f"the first explains {100.0 * one.explained:.0f} %"
+            evidence = f"{explained}, {one.advantage:.1f} standard errors better"
+        yield question("[input] sign", "order and signs of the commands", words, evidence)
 
 
 def _finding(severity: Severity, code: str, sentence: str, columns: tuple[str, ...] = ()) -> Finding:
     return Finding(severity=severity, code=code, text=sentence, where=Place(columns=columns))
 
 
-def _findings(proposal: Proposal, base: Columned, motion: Motion | None) -> list[Finding]:
-    """Return what was noticed and not changed."""
-    roles, found = proposal.roles, [_finding("note", "file", note) for note in proposal.table.notes]
-    used = [
-        name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in base.cut
-    ]
-    holes = sum(int((~np.isfinite(base.cut[name])).sum()) for name in used)
+def _findings(proposal: Proposal, motion: Motion) -> Iterator[Finding]:
+    """Yield what was noticed and not changed."""
+    roles, tested, drive, cut = proposal.roles, motion.tested, proposal.drive, proposal.base.cut
+    used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in cut]
+    holes = sum(int((~np.isfinite(cut[name])).sum()) for name in used)
     if holes:
-        found.append(_finding("warning", "missing", f"{holes} cells are missing; short gaps are filled."))
-    if motion is None:
-        return found
-    if proposal.continued.largest_speed is not None or proposal.continued.wrap is not None:
+        yield _finding("warning", "missing", f"{holes} cells are missing; short gaps are filled.")
+    if motion.largest_speed is not None or motion.wrap is not None:
         sentence = (
             "A wheel angle jumps by more than a wheel can turn: a reset or a full counter; it is continued."
         )
-        found.append(_finding("warning", "reset", sentence, roles.angles))
-    if roles.attitude and proposal.lean is not None:
-        angles = base.attitude * proposal.lean.factor
-        if angles.shape[1] > 2 and proposal.heading_unit is not None:
-            angles[:, 2] *= proposal.heading_unit.factor / proposal.lean.factor
-        found += stuck_findings(
-            tuple(stuck_encoders(balancing_of(base.t, motion.angles, angles))), names=roles.angles
-        )
-    if roles.gyro and proposal.gyro is None and roles.attitude:
+        yield _finding("warning", "reset", sentence, roles.angles)
+    if roles.gyro and motion.gyro is None and roles.attitude:
         sentence = (
             f"The gyro ({', '.join(roles.gyro)}) does not follow the rates of the angles, which are used."
         )
-        found.append(_finding("warning", "columns", sentence, roles.gyro))
+        yield _finding("warning", "columns", sentence, roles.gyro)
     if not roles.commands:
-        perhaps = unused(proposal.table.columns, roles)
-        hint = f" If {', '.join(perhaps)} are, name them u1, u2, .. with --columns." if perhaps else ""
-        body = f" {', '.join(roles.body_commands)} are about the body's axes." if roles.body_commands else ""
-        sentence = f"No column is a command of a motor, so that the log has no torques.{body}{hint}"
-        found.append(_finding("warning", "columns", sentence))
-    tested, drive = proposal.tested, proposal.drive
+        sentence = (
+            "No column is named as a command of a motor, so that the log has no torques. If some are commands, name "
+            "them u1, u2, .. with --columns."
+        )
+        yield _finding("warning", "columns", sentence)
     if tested is not None and tested.pushed.any():
         seconds = float(tested.pushed.sum()) * INTERVAL
-        found.append(
-            _finding(
-                "warning",
-                "hands",
-                f"For {seconds:.1f} s something other than the wheels moves the robot; left out.",
-            )
-        )
+        sentence = f"For {seconds:.1f} s something other than the wheels moves the robot; left out."
+        yield _finding("warning", "hands", sentence)
     if tested is not None and tested.lag > 0.01 + tested.lag_error:
         sentence = (
             f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too: write [attitude] delay if the "
             "IMU's data sheet gives one."
         )
-        found.append(_finding("note", "timing", sentence, roles.attitude))
-    if drive is not None and drive.kind is not None:
-        _, ratio = drive.ratios.get(drive.kind, (1.0, math.nan))
-        if math.isfinite(ratio) and abs(math.log(max(ratio, 1e-12))) > math.log(1.25):
-            sentence = (
-                f"The torques are {ratio:.2f} times those that the motion and the robot file's masses need."
-            )
-            found.append(_finding("warning", "scale", sentence, roles.commands))
-    return found
+        yield _finding("note", "timing", sentence, roles.attitude)
+    if (
+        drive is not None
+        and math.isfinite(drive.ratio)
+        and abs(math.log(max(drive.ratio, 1e-12))) > math.log(1.25)
+    ):
+        sentence = (
+            f"The torques are {drive.ratio:.2f} times those that the motion and the robot file's masses need."
+        )
+        yield _finding("warning", "scale", sentence, roles.commands)
 
 
 def agreement(proposals: Sequence[Proposal]) -> list[tuple[Proposal, str]]:
@@ -394,23 +316,18 @@ def agreement(proposals: Sequence[Proposal]) -> list[tuple[Proposal, str]]:
             if one.frame.direction >= CONFIDENT:
                 found["signs of the wheels"] = one.frame.signs
                 found["turn of the IMU"] = round(math.degrees(one.frame.turn) / 30.0) % 12
-        if (
-            one.drive is not None
-            and one.drive.assigned is not None
-            and one.drive.assigned.confidence >= CONFIDENT
-        ):
-            found["order and signs of the commands"] = (one.drive.assigned.wheels, one.drive.assigned.signs)
+        assigned = one.drive.assigned if one.drive else None
+        if assigned is not None and assigned.confidence >= CONFIDENT:
+            found["order and signs of the commands"] = (assigned.wheels, assigned.signs)
         return found
 
     wrong = []
     for one in proposals:
-        mine = answer(one)
-        for key, value in mine.items():
+        for key, value in answer(one).items():
             votes = [answer(other).get(key) for other in proposals]
             others = [vote for vote in votes if vote is not None and vote != value]
-            if len(others) > votes.count(value) or (
-                others and one is not proposals[0] and votes.count(value) == 1
-            ):
+            alone = others and one is not proposals[0] and votes.count(value) == 1
+            if alone or len(others) > votes.count(value):
                 wrong.append((one, key))
                 break
     return wrong

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -13,11 +15,18 @@ from ballbot.file_formats import format_line
 from ballbot.findings import Finding, by_severity
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import disturbance_findings
+from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_search.found import KINDS, Proposal, Question
-from ballbot.log.mapping_search.name_words import InputKind
+from ballbot.log.mapping_search.commands import Drive
+from ballbot.log.mapping_search.frame import Frame
+from ballbot.log.mapping_search.motion import Columned, Motion
+from ballbot.log.mapping_search.names import InputKind
+from ballbot.log.mapping_search.placement import LeanTest
+from ballbot.log.mapping_search.roles import Roles
+from ballbot.log.mapping_search.units import Unit
+from ballbot.log.pose import with_odometry
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -25,10 +34,64 @@ from ballbot.schema import toml_line
 #: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
 #: names them again, and not the mapping
 OF_THE_RECORDING = frozenset(
-    ("copied", "corrupted", "gap", "held", "jump", "missing", "rows", "spike", "stuck", "torque-clipped")
+    ("copied", "corrupted", "gap", "held", "jump", "missing", "rows", "spike", "torque-clipped")
 )
+#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8
+#: rows a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
+MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
+
+
+What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """What the log and its user leave open."""
+
+    key: str  #: where the answer stands: "[input] kind"
+    name: str  #: "kind of the command"
+    answers: tuple[str, ...]  #: the likeliest first
+    evidence: str
+
+    @property
+    def text(self) -> str:
+        """The question with its alternatives."""
+        return f"{self.name} ({' or '.join(self.answers)}): {self.evidence}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Proposal:
+    """What a foreign log is."""
+
+    table: ForeignTable
+    base: Columned
+    rows: tuple[int, int] | None  #: first and last row to take, from 1; None for all
+    repeated: bool
+    unordered: bool
+    time: Unit
+    lean: Unit | None
+    motion: Motion | None  #: None without wheels
+    frame: Frame
+    keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]
+    what: What
+    drive: Drive | None = None
+    questions: tuple[Question, ...] = ()
+    contradiction: str = ""  #: why it is not this robot's log, in a sentence; empty if nothing says so
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def file(self) -> Path:
+        return self.base.path
+
+    @property
+    def roles(self) -> Roles:
+        return self.base.roles
+
+    @property
+    def tested(self) -> LeanTest | None:
+        return self.motion.tested if self.motion else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,8 +131,7 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
     refusal = _refusal(proposal, robot)
     if not refusal:
         try:
-            log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.cut))
-            log = _with_path(log, proposal, robot)
+            log = mapped(proposal, robot)
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
@@ -78,9 +140,32 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
         findings = by_severity((*findings, *errors))
         if wrong:
             refusal = f"the log contradicts the robot {robot.name}: {wrong[0].text}"
+        refusal = refusal or _too_coarse(log)
     if proposal.tested is not None:
         findings = by_severity((*findings, *disturbance_findings(proposal.tested.disturbance)))
     return Evaluation(proposal=proposal, findings=findings, text=text, log=log, refusal=refusal)
+
+
+def mapped(proposal: Proposal, robot: Robot) -> Log:
+    """Return the log that a proposal makes; one without a drive takes the commands for torques."""
+    text = mapping_text(replace(proposal, questions=()), robot)
+    log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
+    return with_odometry(log, robot) if proposal.roles.attitude else log
+
+
+def _too_coarse(log: Log) -> str:
+    """Return why the rows of a log are too far apart for its torques; empty if they are not."""
+    if "u1" not in log:
+        return ""
+    u = log.torques
+    power = 2.0 * float(np.var(u, axis=0).sum())
+    share = float(np.var(np.diff(u, axis=0), axis=0).sum()) / power if power > 0.0 else 0.0
+    if share <= MOST_CHANGE:
+        return ""
+    return (
+        f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
+        "ms apart, which is too coarse to show when they act. Log every control period."
+    )
 
 
 def _answered(proposal: Proposal, common: Proposal) -> Proposal:
@@ -96,12 +181,6 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
     return answered
 
 
-def _with_path(log: Log, proposal: Proposal, robot: Robot) -> Log:
-    from ballbot.log.pose import with_odometry
-
-    return with_odometry(log, robot) if proposal.roles.attitude else log
-
-
 def _refusal(proposal: Proposal, robot: Robot) -> str:
     if proposal.what == "IMU only":
         return (
@@ -115,251 +194,201 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
         )
     if proposal.contradiction:
         return f"the log contradicts the robot {robot.name}: {proposal.contradiction}"
-    stuck = [one for one in proposal.findings if one.code == "stuck"]
-    if stuck:
-        return stuck[0].text
     if proposal.questions:
         names = ", ".join(f"{one.name} ({one.key})" for one in proposal.questions)
         return f"cannot determine: {names}; the lines to fill in are in the mapping file."
     return ""
 
 
-def raw_log(proposal: Proposal, robot: Robot) -> Log:
-    """Return the log of a proposal without a drive, with the commands as torques in its order of the wheels."""
-    text = mapping_text(replace(proposal, questions=()), robot)
-    # a hole in one column does not keep the commands' effect from showing
-    return Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.cut))
+#: the key of an entry, its value, which is left out if it is None, and the reason; or a line that begins with #
+_Entry = tuple[str, object, str]
 
 
 def mapping_text(proposal: Proposal, robot: Robot) -> str:
     """Return the TOML of the mapping (see `ballbot.log.mapping_file`) that a proposal describes."""
-    header = [
+    lines = [
         f"# {printable_line(proposal.file.name)} as a log of the robot {robot.name}, by `ballbot check-log`.",
         format_line("mapping"),
     ]
     if proposal.questions:
-        header.append(
-            toml_line("complete", False, "answer the lines with cannot determine, then remove this line")
-        )
-    parts = [
-        header,
-        _file_lines(proposal),
-        _time_lines(proposal),
-        _column_lines(proposal),
-        _attitude_lines(proposal),
-        _wheel_lines(proposal),
-        _input_lines(proposal, robot),
-    ]
-    return "\n\n".join("\n".join(_asked(part, proposal.questions)) for part in parts if part) + "\n"
+        reason = "answer the lines with cannot determine, then remove this line"
+        lines.append(toml_line("complete", False, reason))
+    asked = {" ".join(one.key.split()[:2]): one.text for one in proposal.questions}
+    tables = {
+        "[file]": _file_entries(proposal),
+        "[time]": _time_entries(proposal),
+        "[columns]": _column_entries(proposal),
+        "[attitude]": _attitude_entries(proposal),
+        "[wheels]": _wheel_entries(proposal),
+        "[input]": _input_entries(proposal, robot),
+    }
+    for table, entries in tables.items():
+        if not entries:
+            continue
+        lines += ["", table]
+        for key, value, reason in [("zero", None, ""), *entries] if table == "[input]" else entries:
+            if f"{table} {key}" in asked:
+                lines.append(printable_line(f"# cannot determine: {asked[f'{table} {key}']}"))
+            if key.startswith("#") or value is not None:
+                lines.append(_line((key, value, reason)))
+    return "\n".join(lines) + "\n"
 
 
-def _asked(lines: list[str], questions: Sequence[Question]) -> list[str]:
-    """Return the lines of a table with the question before each key that is open, or after its heading."""
-    made, table = list[str](), ""
-    asked = {" ".join(one.key.split()[:2]): one for one in questions}
-    for line in lines:
-        table = line if line.startswith("[") else table
-        found = asked.get(f"{table} {line.split(' = ')[0].lstrip('# ')}")
-        if found is None and line.startswith("complete"):
-            found = asked.get("--columns")
-        if found is None and table == line == "[input]":
-            found = asked.get("[input] zero")
-        if found is not None:
-            made.append(printable_line(f"# cannot determine: {found.text}"))
-        made.append(line)
-    return made
+def _line(entry: _Entry) -> str:
+    return entry[0] if entry[0].startswith("#") else toml_line(*entry)
 
 
-def _file_lines(proposal: Proposal) -> list[str]:
+def _file_entries(proposal: Proposal) -> list[_Entry]:
     layout = proposal.table.layout
-    lines = [
-        "[file]",
-        toml_line("separator", proposal.table.separator),
-        toml_line("header_lines", layout.header_lines),
+    return [
+        ("separator", proposal.table.separator, ""),
+        ("header_lines", layout.header_lines, ""),
+        ("decimal", "comma" if layout.decimal_comma else None, ""),
+        ("names", layout.names, ""),
+        ("missing", layout.missing or None, ""),
+        ("damaged_rows", "drop" if layout.drop_damaged else None, ""),
+        ("repeated_rows", "drop" if proposal.repeated else None, ""),
+        ("unordered_rows", "drop" if proposal.unordered else None, ""),
+        ("rows", proposal.rows, "time starts again outside these rows"),
     ]
-    if layout.decimal_comma:
-        lines.append(toml_line("decimal", "comma"))
-    if layout.names is not None:
-        lines.append(toml_line("names", layout.names))
-    if layout.missing:
-        lines.append(toml_line("missing", layout.missing))
-    if layout.drop_damaged:
-        lines.append(toml_line("damaged_rows", "drop"))
-    if proposal.repeated:
-        lines.append(toml_line("repeated_rows", "drop"))
-    if proposal.unordered:
-        lines.append(toml_line("unordered_rows", "drop"))
-    if proposal.rows is not None:
-        lines.append(toml_line("rows", proposal.rows, "time starts again outside these rows"))
-    return lines
 
 
-def _time_lines(proposal: Proposal) -> list[str]:
-    lines = ["[time]"]
-    if proposal.continued.noise is not None:
-        before, after = proposal.continued.noise
-        reason = (
-            f"noise of the wheel speeds {before:.2g} rad/s; with the times that the encoders give {after:.2g}"
-        )
-        lines.append(toml_line("repair", True, reason))
-    lines.append(toml_line("sample_time", float(f"{proposal.sample_time:g}")))
-    if proposal.keep is not None:
-        spans = [(round(start, 3), round(end, 3)) for start, end in proposal.keep]
-        lines.append(toml_line("keep", spans, "balancing: neither at rest nor fallen nor held by hand"))
-    return lines
+def _time_entries(proposal: Proposal) -> list[_Entry]:
+    noise = proposal.motion.noise if proposal.motion else None
+    reason = (
+        f"noise of the wheel speeds {noise[0]:.2g} rad/s; with the times that the encoders give {noise[1]:.2g}"
+        if noise
+        else ""
+    )
+    # an even interval near the rows' own: 5 ms or a multiple, 1 ms if rows come faster
+    interval = max(0.005 * int(float(np.median(np.diff(proposal.base.t))) / 0.005 + 0.1), 0.001)
+    spans = [(round(start, 3), round(end, 3)) for start, end in proposal.keep or ()]
+    return [
+        ("repair", True if noise else None, reason),
+        ("sample_time", float(f"{interval:g}"), ""),
+        ("keep", spans or None, "balancing: neither at rest nor fallen nor held by hand"),
+    ]
 
 
-def _column_lines(proposal: Proposal) -> list[str]:
+def _column_entries(proposal: Proposal) -> list[_Entry]:
     roles, time = proposal.roles, proposal.time
-    source: object = roles.time
-    if roles.time_parts:
-        source = dict(zip(("from", "nanoseconds"), roles.time_parts, strict=True))
-    elif time.name != "s":
-        source = {"from": roles.time, "unit": time.name}
-    lines = ["[columns]", toml_line("t", source, time.reason)]
-    if roles.attitude and proposal.gyro is None:
-        lines += [toml_line(f"{name}_dot", {"derivative_of": name}) for name in ("theta", "phi", "psi")]
-    return lines
+    source = roles.time if time.name == "s" else {"from": roles.time, "unit": time.name}
+    entries: list[_Entry] = [("t", source, time.reason)]
+    if roles.attitude and (proposal.motion is None or proposal.motion.gyro is None):
+        entries += [(f"{name}_dot", {"derivative_of": name}, "") for name in ("theta", "phi", "psi")]
+    return entries
 
 
-def _attitude_lines(proposal: Proposal) -> list[str]:
-    roles, frame, tested, gyro = proposal.roles, proposal.frame, proposal.tested, proposal.gyro
-    if not roles.attitude or proposal.lean is None:
+def _attitude_entries(proposal: Proposal) -> list[_Entry]:
+    roles, frame, tested, lean = proposal.roles, proposal.frame, proposal.tested, proposal.lean
+    gyro = proposal.motion.gyro if proposal.motion else None
+    if lean is None:
         return []
-    lines = ["[attitude]"]
+    units = proposal.base.angle_units(lean.name)
+    entries: list[_Entry] = [
+        ("from", roles.attitude, ""),
+        ("unit", units[0] if len(set(units)) == 1 else units, lean.reason),
+    ]
     if roles.quaternion:
-        lines.append(toml_line("from", roles.quaternion, "a quaternion w, x, y, z"))
-    else:
-        own = [roles.unit((name,)) or proposal.lean.name for name in roles.attitude[:2]]
-        units = [*own, *([proposal.heading_unit.name] if proposal.heading_unit else [])]
-        unit: object = units[0] if len(set(units)) == 1 else units
-        lines += [toml_line("from", roles.attitude), toml_line("unit", unit, proposal.lean.reason)]
-    if roles.half_turn is not None:
-        lines.append(toml_line("upside_down", True, "the roll stays near half a turn"))
+        entries = [("from", roles.quaternion, "a quaternion w, x, y, z")]
+    entries.append(("upside_down", roles.half_turn and True, "the roll stays near half a turn"))
     if -1 in frame.axis_signs or any(one.key == "[attitude] sign" for one in proposal.questions):
-        lines.append(toml_line("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
+        entries.append(("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
     if tested is not None:
-        error = (
-            ""
-            if tested.phase_error is None
-            else f", standard error {math.degrees(tested.phase_error):.1f} deg"
-        )
-        reason = f"measured {math.degrees(frame.measured_turn):.1f} deg{error}"
-        lines.append(toml_line("turn", round(math.degrees(frame.turn), 1), reason))
+        reason = f"measured {math.degrees(frame.measured_turn):.1f} deg"
+        if tested.phase_error is not None:
+            reason += f", standard error {math.degrees(tested.phase_error):.1f} deg"
+        entries.append(("turn", round(math.degrees(frame.turn), 1), reason))
     if gyro is not None:
         rates = {
             "from": [roles.gyro[place] for place in gyro.order],
-            "unit": gyro.unit.name,
+            "unit": gyro.unit,
             "sign": [sign * axis for sign, axis in zip(gyro.signs, frame.axis_signs, strict=True)],
         }
         shown = ", ".join(f"{one:.2f}" for one in gyro.correlations)
-        lines.append(toml_line("rates", rates, f"correlations with the rates of the angles {shown}"))
-    return lines
+        entries.append(("rates", rates, f"correlations with the rates of the angles {shown}"))
+    return entries
 
 
-def _wheel_lines(proposal: Proposal) -> list[str]:
-    roles, frame, wheel, tested = proposal.roles, proposal.frame, proposal.wheel, proposal.tested
-    if not roles.angles:
+def _wheel_entries(proposal: Proposal) -> list[_Entry]:
+    roles, frame, tested, motion = proposal.roles, proposal.frame, proposal.tested, proposal.motion
+    if motion is None:
         return []
-    lines, reason = ["[wheels]"], "as in the file: nothing tests it"
-    if tested is not None:
-        best, other = tested.placements[:2]
-        reason = (
-            f"{best.description}; the next best, {other.description}, fits {tested.margin:.1f} times worse"
-        )
-    lines.append(toml_line("order", frame.order, reason))
-    shown = "as in the file"
-    if proposal.heading is not None:
-        shown = f"the wheels' sum and the heading's rate correlate by {proposal.heading.correlation:.2f}"
-    elif tested is not None:
-        shown = "with the smaller turn of the IMU; a log that turns its heading would show it"
-    lines.append(toml_line("sign", frame.signs, shown))
+    shown = "with the smaller turn of the IMU; a log that turns its heading would show it"
+    if motion.heading is not None:
+        shown = f"the wheels' sum and the heading's rate correlate by {motion.heading.correlation:.2f}"
+    wheel = motion.units[1]
     table: dict[str, object] = {"from": roles.angles, "unit": wheel.name}
     if wheel.name.startswith("counts"):
         table["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
-    if proposal.continued.wrap is not None:
-        table["wrap"] = proposal.continued.wrap
-    if proposal.continued.largest_speed is not None:
-        table["largest_speed"] = float(f"{proposal.continued.largest_speed:.4g}")
-    if roles.of_speeds:
-        return [*lines, toml_line("angle", {"integral_of": "speed"}), toml_line("speed", table, wheel.reason)]
-    return [*lines, toml_line("angle", table, wheel.reason), toml_line("speed", {"derivative_of": "angle"})]
+    if motion.wrap is not None:
+        table["wrap"] = motion.wrap
+    if motion.largest_speed is not None:
+        table["largest_speed"] = float(f"{motion.largest_speed:.4g}")
+    own: _Entry = ("speed" if roles.of_speeds else "angle", table, wheel.reason)
+    made: _Entry = ("speed", {"derivative_of": "angle"}, "")
+    return [
+        ("order", frame.order, tested.evidence if tested else "as in the file: nothing tests it"),
+        ("sign", frame.signs, shown if tested else "as in the file"),
+        *([("angle", {"integral_of": "speed"}, ""), own] if roles.of_speeds else [own, made]),
+    ]
 
 
-def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
-    names, drive, frame = proposal.roles.commands, proposal.drive, proposal.frame
+def _input_entries(proposal: Proposal, robot: Robot) -> list[_Entry]:
+    names, drive, order = proposal.roles.commands, proposal.drive, proposal.frame.order
     if not names:
         return []
-    by_wheel = [names[place - 1] for place in frame.order]
-    signs: list[int] = [1] * len(names)
-    if drive is None:
-        lines = ["[input]", toml_line("kind", "torque"), toml_line("scale", 1.0)]
-        return [*lines, *_listed(proposal, by_wheel, signs), toml_line("delay", 0.0)]
-    assigned, kind = drive.assigned, drive.kind
-    if assigned is not None:  # command j of the log that was compared is the file's number order[j]
-        for j, wheel in enumerate(assigned.wheels):
-            by_wheel[wheel], signs[wheel] = names[frame.order[j] - 1], assigned.signs[j]
-    lines = ["[input]", *kind_lines(kind or "torque", drive.scale, robot, stated=kind is not None)]
-    if kind is None:
-        for other in KINDS:
-            if other in drive.ratios:
-                lines.append(f"# if it is a {other}, these lines in place of the three above:")
-                lines += [
-                    f"#   {one}" for one in kind_lines(other, drive.ratios[other][0], robot, stated=True)
-                ]
-    if any(one.key == "[input] zero" for one in proposal.questions):
-        lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
-    clear = drive.delay > CLEAR_DELAY * drive.delay_error
-    shown = f"{1e3 * drive.delay:.0f} ms, standard error {1e3 * drive.delay_error:.0f} ms"
-    delay = toml_line(
-        "delay", round(drive.delay, 4) if clear else 0.0, f"by the wheels' accelerations {shown}"
-    )
-    return [*lines, *_listed(proposal, by_wheel, signs), delay]
-
-
-def _listed(proposal: Proposal, by_wheel: list[str], signs: list[int]) -> list[str]:
-    """Return the motors' columns in the order of the wheels' columns, as `order` in [wheels] applies to them, too."""
-    listed = {place: wheel for wheel, place in enumerate(proposal.frame.order)}
-    places = [listed[place] for place in sorted(listed)]
-    reason = "nothing tests it"
-    assigned = proposal.drive.assigned if proposal.drive else None
+    # by the file's wheels, as `order` in [wheels] applies to the motors, too
+    columns, signs = list(names), [1] * len(names)
+    assigned = drive.assigned if drive else None
     if assigned is not None:
-        reason = (
-            f"the motion explains {100.0 * assigned.explained:.0f} % of them, {assigned.advantage:.1f} standard errors "
-            "better than any other order or signs"
-        )
+        for j, wheel in enumerate(
+            assigned.wheels
+        ):  # command j of the log that was compared is number order[j]
+            columns[order[wheel] - 1], signs[order[wheel] - 1] = names[order[j] - 1], assigned.signs[j]
+    kind, scale = (drive.kind, drive.scale) if drive else ("torque", 1.0)
+    entries = _kind_entries(kind or "torque", scale, robot)
+    if drive and kind is None:
+        entries[0] = ("kind", "torque", "not stated")
+        for other, (other_scale, _) in drive.ratios.items():
+            lines = [f"#   {_line(one)}" for one in _kind_entries(other, other_scale, robot)]
+            alternative = f"# if it is a {other}, these lines in place of the three above:"
+            entries += [(line, None, "") for line in (alternative, *lines)]
+    if any(one.key == "[input] zero" for one in proposal.questions):
+        entries += [("# zero = ..  # the number that stands for no command", None, "")]
+        entries += [("# direction = [..]", None, "")]
+    delay, reason = 0.0, ""
+    if drive:
+        delay = round(drive.delay, 4) if drive.delay > CLEAR_DELAY * drive.delay_error else 0.0
+        shown = f"{1e3 * drive.delay:.0f} ms, standard error {1e3 * drive.delay_error:.0f} ms"
+        reason = f"by the wheels' accelerations {shown}"
     return [
-        toml_line("from", [by_wheel[wheel] for wheel in places]),
-        toml_line("sign", [signs[wheel] for wheel in places], reason),
+        *entries,
+        ("from", columns, ""),
+        ("sign", signs, assigned.evidence if assigned else "nothing tests it"),
+        ("delay", delay, reason),
     ]
 
 
-def kind_lines(kind: InputKind, scale: float, robot: Robot, *, stated: bool) -> list[str]:
-    """Return the lines of [input] that depend on the kind of the command."""
+def _kind_entries(kind: InputKind, scale: float, robot: Robot) -> list[_Entry]:
+    """Return the entries of [input] that depend on the kind of the command."""
     drive, source = robot.drive, "from the robot file"
-    lines = [
-        toml_line("kind", kind, "" if stated else "not stated"),
-        toml_line("scale", scale),
+    entries: list[_Entry] = [("kind", kind, ""), ("scale", scale, "")]
+    motor: list[_Entry] = [
+        ("torque_constant", drive.torque_constant, source),
+        ("gear_ratio", drive.gear_ratio, source),
     ]
-    if kind == "torque":
-        return lines
-    motor = [
-        toml_line("torque_constant", drive.torque_constant, source),
-        toml_line("gear_ratio", drive.gear_ratio, source),
-    ]
-    if kind == "current":
-        return [*lines, *motor]
-    band = toml_line("dead_band", 0.0, "what the firmware adds; not stated, it counts as less dry friction")
+    if kind in ("torque", "current"):
+        return entries + (motor if kind == "current" else [])
+    band = "dead_band = 0.0  # what the firmware adds; not stated, it counts as less dry friction"
     stall = drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
     return [
-        *lines,
-        f"# {band}" if kind == "duty" else toml_line("dead_band", 0.0, "a voltage has none"),
-        toml_line("supply_voltage", drive.supply_voltage, source),
+        *entries,
+        (f"# {band}", None, "") if kind == "duty" else ("dead_band", 0.0, "a voltage has none"),
+        ("supply_voltage", drive.supply_voltage, source),
         *motor,
-        toml_line("back_emf_constant", 1.0 / drive.speed_constant, f"{source}: 1 / speed constant"),
-        toml_line(
-            "resistance", float(f"{stall:.6g}"), "assumed: full duty at standstill gives the torque limit"
-        ),
+        ("back_emf_constant", 1.0 / drive.speed_constant, f"{source}: 1 / speed constant"),
+        ("resistance", float(f"{stall:.6g}"), "assumed: full duty at standstill gives the torque limit"),
     ]
 
 
@@ -376,41 +405,34 @@ MOST_LINES = 30
 
 def answer_lines(found: Evaluation) -> list[str]:
     """Return what the log is, what was found in it and what is open, in at most `MOST_LINES` lines."""
-    one, roles = found.proposal, found.proposal.roles
-    seconds = float(np.ptp(one.cut[roles.time])) * one.time.factor
+    one, frame = found.proposal, found.proposal.frame
+    roles, tested, drive = one.roles, one.tested, one.drive
     without = " (without torques)" if one.what == "balancing" and not roles.commands else ""
-    lines = [f"{one.file.name}: {one.what}, {seconds:.0f} s; usable for {_USES[one.what]}{without}."]
-    lines.append(f"time       {roles.time} [{one.time.name}]: {one.time.reason}")
+    lines = [
+        f"{one.file.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}.",
+        f"time       {roles.time} [{one.time.name}]: {one.time.reason}",
+    ]
     if one.lean is not None:
         lines.append(f"lean       {', '.join(roles.attitude)} [{one.lean.name}]: {one.lean.reason}")
-    if roles.angles:
-        lines.append(f"wheels     {', '.join(roles.angles)} [{one.wheel.name}]: {one.wheel.reason}")
-    if one.tested is not None:
-        best, other = one.tested.placements[:2]
-        lines.append(
-            f"order      {list(one.frame.order)}, signs {list(one.frame.signs)}: {best.description}; the next best, "
-            f"{other.description}, fits {one.tested.margin:.1f} times worse"
-        )
-        error = one.tested.phase_error
-        shown = "" if error is None else f" +- {math.degrees(error):.1f}"
-        lines.append(
-            f"IMU        turned by {math.degrees(one.frame.turn):.1f} deg (measured "
-            f"{math.degrees(one.frame.measured_turn):.1f}{shown}); wheel 1 is where the robot file has it"
-        )
-    if one.drive is not None:
-        drive, assigned = one.drive, one.drive.assigned
-        _, ratio = drive.ratios.get(drive.kind, (1.0, math.nan)) if drive.kind else (1.0, math.nan)
-        fits = f", {ratio:.2f} times the torques that the motion needs" if math.isfinite(ratio) else ""
-        lines.append(
-            f"commands   {', '.join(roles.commands)}: {drive.kind or 'kind not stated'} x {drive.scale:.6g}{fits}"
-        )
-        if assigned is not None:
-            by_file = sorted(range(len(assigned.wheels)), key=lambda j: one.frame.order[j])
-            lines.append(
-                f"           for wheels {[assigned.wheels[j] + 1 for j in by_file]}, signs "
-                f"{[assigned.signs[j] for j in by_file]}: {100.0 * assigned.explained:.0f} % explained, "
-                f"{assigned.advantage:.1f} standard errors before any other order or signs"
-            )
+    if one.motion is not None:
+        wheel = one.motion.units[1]
+        lines.append(f"wheels     {', '.join(roles.angles)} [{wheel.name}]: {wheel.reason}")
+    if tested is not None:
+        lines.append(f"order      {list(frame.order)}, signs {list(frame.signs)}: {tested.evidence}")
+        error = "" if tested.phase_error is None else f" +- {math.degrees(tested.phase_error):.1f}"
+        turn, measured = math.degrees(frame.turn), f"{math.degrees(frame.measured_turn):.1f}{error}"
+        words = f"turned by {turn:.1f} deg (measured {measured}); wheel 1 is where the robot file has it"
+        lines.append(f"IMU        {words}")
+    if drive is not None:
+        words = f"{', '.join(roles.commands)}: {drive.kind or 'kind not stated'} x {drive.scale:.6g}"
+        if math.isfinite(drive.ratio):
+            words += f", {drive.ratio:.2f} times the torques that the motion needs"
+        lines.append(f"commands   {words}")
+    if drive is not None and drive.assigned is not None:
+        wheels, signs, order = drive.assigned.wheels, drive.assigned.signs, frame.order
+        by_file = sorted(range(len(order)), key=lambda j: order[j])
+        words = f"wheels {[wheels[j] + 1 for j in by_file]}, signs {[signs[j] for j in by_file]}"
+        lines.append(f"           for {words}: {drive.assigned.evidence}")
     lines += [f"cannot determine: {question.text}" for question in one.questions]
     told = [f"{finding.severity}: {finding.text}" for finding in found.findings]
     room = MOST_LINES - len(lines) - 1

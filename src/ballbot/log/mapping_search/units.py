@@ -1,4 +1,4 @@
-"""In which units a foreign file has its time, wheels, lean and heading: by its headings, else by what physics supports.
+"""In which units a foreign file has its time, wheels and lean: by its headings, else by what physics supports.
 
 A unit in a heading is taken. Without one every choice of units has a weight: the encoder's step, the size of the
 lean, and the response of the lean to the wheels, which must be the robot's (`placement`), and the turning of the wheels
@@ -31,10 +31,8 @@ BEYOND_LIMIT = 1.5
 #: the robot file's radii, masses and heights give the lean's response to this [log]; a ball that pivots turns the
 #: wheels less than the heading says, so that the second counts for little
 GAIN_DEVIATION, TURNING_DEVIATION, PIVOTS = 0.25, 0.1, 0.15
-#: log weights: of steps of one count, whole numbers that are counts, and a heading in another unit than the lean
-ONE_COUNT, WHOLE, OTHER_THAN_LEAN = 5.0, 8.0, -4.0
-#: largest heading [rad] without a jump that is usual, and how near a jump must be to a turn to be one
-LARGEST_HEADING, NEAR_TURN = 4.0 * math.pi, 0.02
+#: log weights: of steps of one count, and whole numbers that are counts
+ONE_COUNT, WHOLE = 5.0, 8.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +42,10 @@ class Unit:
     name: str
     factor: float
     reason: str = ""
-    named: bool = False  #: whether the heading has it
     weight: float = 0.0  #: logarithm, before the motion is seen
+
+
+Units = tuple[Unit, Unit]  #: of the lean and the wheels
 
 
 def time_unit(t: NDArray[np.float64], named: str | None) -> Unit | None:
@@ -55,20 +55,29 @@ def time_unit(t: NDArray[np.float64], named: str | None) -> Unit | None:
     for unit, factor in FACTORS["s"].items():
         if INTERVALS[0] <= usual * factor < INTERVALS[1] and named in (None, unit):
             reason = f"rows come every {1e3 * usual * factor:.4g} ms"
-            return Unit(name=unit, factor=factor, reason=reason, named=named is not None)
+            return Unit(name=unit, factor=factor, reason=reason)
     return None
 
 
-def step_of(values: NDArray[np.float64]) -> float | None:
-    """Return the smallest step of which all steps of a column are multiples; None if there is no such step."""
-    steps = np.abs(np.diff(values[np.isfinite(values)]))
-    steps = steps[steps > 1e-9]
-    if len(steps) < 20:
-        return None
-    step = float(np.quantile(steps, 0.001, method="lower"))
-    multiples = steps[steps < 20.5 * step] / step
-    whole = np.abs(multiples - np.round(multiples)) < 0.05
-    return step if len(multiples) >= 20 and whole.mean() > 0.95 else None
+def _step_of(angles: NDArray[np.float64]) -> float | None:
+    """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
+    found = []
+    for column in angles.T:
+        steps = np.abs(np.diff(column))
+        steps = steps[steps > 1e-9]
+        if len(steps) < 20:
+            continue
+        step = float(np.quantile(steps, 0.001, method="lower"))
+        multiples = steps[steps < 20.5 * step] / step
+        whole = np.abs(multiples - np.round(multiples)) < 0.05
+        if len(multiples) >= 20 and whole.mean() > 0.95:
+            found.append(step)
+    return float(np.median(found)) if found else None
+
+
+def _counts_of(robot: Robot, given: float | None) -> float:
+    """Return the counts in a turn of a wheel."""
+    return given or robot.sensors.encoder_counts * robot.drive.gear_ratio
 
 
 #: a step over one count of the encoder that is no other step, other edges of its lines, and how near a step must be to
@@ -80,13 +89,9 @@ def other_encoder(
     angles: NDArray[np.float64], unit: Unit, robot: Robot, counts_per_turn: float | None
 ) -> str:
     """Return that angles (N, n) step as no encoder of the robot does; empty if they do, or show no steps."""
-    steps = [step for step in (step_of(column) for column in angles.T) if step is not None]
-    if unit.name.startswith("counts") or not steps:
+    step, per_turn = _step_of(angles), _counts_of(robot, counts_per_turn)
+    if unit.name.startswith("counts") or step is None:
         return ""
-    step, per_turn = (
-        float(np.median(steps)),
-        counts_per_turn or robot.sensors.encoder_counts * robot.drive.gear_ratio,
-    )
     digits = step / 10.0 ** math.floor(math.log10(step))
     ratio = step * unit.factor * per_turn / (2.0 * math.pi)
     edges = any(abs(ratio / one - 1.0) < STEP_AGREEMENT for one in EDGES)
@@ -118,35 +123,27 @@ def wheel_units(
     counts_per_turn: float | None,
 ) -> list[Unit]:
     """Return the units that wheel angles (N, n) may have, or their speeds; one alone if the heading has it."""
-    turn, rate = 2.0 * math.pi, "/s" if of_speeds else ""
-    per_turn = counts_per_turn or robot.sensors.encoder_counts * robot.drive.gear_ratio
-    source = "as given" if counts_per_turn else "by the robot file"
-    table = dict(FACTORS["rad/s" if of_speeds else "rad"]) | {f"counts{rate}": turn / per_turn}
+    per_turn, rate = _counts_of(robot, counts_per_turn), "/s" if of_speeds else ""
+    of_counts = f"{per_turn:g} a turn {'as given' if counts_per_turn else 'by the robot file'}"
+    count = 2.0 * math.pi / per_turn
+    table = {**FACTORS["rad" + rate], "counts" + rate: count}
     if named in table:
-        reason = f"the heading has it{f', {per_turn:g} a turn {source}' if 'counts' in named else ''}"
-        return [Unit(name=named, factor=table[named], reason=reason, named=True)]
-    known = angles[np.isfinite(angles).all(axis=1)]
-    whole = bool(np.all(known == np.round(known)))
-    steps = [step for step in (step_of(column) for column in angles.T) if step is not None]
-    step = float(np.median(steps)) if steps else None
+        reason = f"the heading has it{f', {of_counts}' if 'counts' in named else ''}"
+        return [Unit(name=named, factor=table[named], reason=reason)]
+    whole, step = bool(np.all(angles == np.round(angles))), None if of_speeds else _step_of(angles)
+    speeds = np.abs(angles) if of_speeds else np.abs(np.diff(angles, axis=0)) / float(np.median(np.diff(t)))
+    largest = float(np.quantile(speeds, 0.98)) if speeds.size else 0.0
     found = []
-    names = ("rad/s", "deg/s", "rpm", "counts/s") if of_speeds else ("rad", "deg", "turn", "counts")
-    for name in names:
-        factor = table[name]
-        counts = name.startswith("counts")
+    for name in ("rad/s", "deg/s", "rpm", "counts/s") if of_speeds else ("rad", "deg", "turn", "counts"):
+        factor, reason = table[name], "no other unit fits as well"
         weight = 0.0 if name.startswith("rad") or name == "rpm" else -1.0
-        reason = f"{per_turn:g} a turn {source}" if counts else "no other unit fits as well"
-        if counts or whole:
-            weight += (WHOLE if whole else -20.0) if counts else 0.0
-        elif (
-            not of_speeds and step is not None and abs(step * factor * per_turn / turn - 1.0) < STEP_AGREEMENT
-        ):
-            weight += ONE_COUNT
-            reason = f"steps of {step:.5g} are one encoder count"
-        speeds = np.abs(known) if of_speeds else np.abs(np.diff(known, axis=0))
-        interval = 1.0 if of_speeds else float(np.median(np.diff(t)))
-        largest = float(np.quantile(speeds, 0.98)) * factor / interval if speeds.size else 0.0
-        weight -= 9.0 if largest > BEYOND_LIMIT * fastest(robot) else 0.0
+        if name.startswith("counts"):
+            if not whole:
+                continue
+            weight, reason = weight + WHOLE, of_counts
+        elif not whole and step is not None and abs(step * factor / count - 1.0) < STEP_AGREEMENT:
+            weight, reason = weight + ONE_COUNT, f"steps of {step:.5g} are one encoder count"
+        weight -= 9.0 if largest * factor > BEYOND_LIMIT * fastest(robot) else 0.0
         found.append(Unit(name=name, factor=factor, reason=reason, weight=weight))
     return found
 
@@ -155,7 +152,7 @@ def lean_units(lean: NDArray[np.float64], named: str | None) -> list[Unit]:
     """Return the units that roll and pitch (N, 2) may have; one alone if the heading has it."""
     table = FACTORS["rad"]
     if named in table:
-        return [Unit(name=named, factor=table[named], reason="the heading has it", named=True)]
+        return [Unit(name=named, factor=table[named], reason="the heading has it")]
     size = float(np.nanquantile(np.abs(lean - np.nanmedian(lean, axis=0)), 0.9))
     reason = f"nine tenths of the angles are within {size:.2g}"
     weights = {
@@ -165,62 +162,45 @@ def lean_units(lean: NDArray[np.float64], named: str | None) -> list[Unit]:
     return [Unit(name=name, factor=table[name], reason=reason, weight=w) for name, w in weights.items()]
 
 
-def heading_units(heading: NDArray[np.float64], named: str | None) -> list[Unit]:
-    """Return the units that a yaw (N,) may have; one alone if its heading has it."""
-    table = FACTORS["rad"]
-    if named in table:
-        return [Unit(name=named, factor=table[named], reason="the heading has it", named=True)]
-    known = heading[np.isfinite(heading)]
-    largest = float(np.abs(known - np.median(known)).max(initial=0.0)) if len(known) else 0.0
-    jump = float(np.abs(np.diff(known)).max(initial=0.0))
-    found = []
-    for name in ("rad", "deg"):
-        weight = -4.0 if name == "rad" and largest > LARGEST_HEADING else 0.0
-        weight += 5.0 if abs(jump * table[name] / (2.0 * math.pi) - 1.0) < NEAR_TURN else 0.0
-        reason = f"it is within {largest:.2g} of its middle"
-        found.append(Unit(name=name, factor=table[name], reason=reason, weight=weight))
-    return found
+def likeliest_units(
+    leans: Sequence[Unit],
+    wheels: Sequence[Unit],
+    assumed: Units | None = None,
+    *,
+    gain: float | None = None,
+    turning: float | None = None,
+    heading_named: bool = False,
+) -> dict[Units, float]:
+    """Return the probability of each choice of units of lean and wheels, the likeliest first.
 
-
-@dataclass(frozen=True, kw_only=True)
-class MotionGains:
-    """What the motion shows with assumed units of lean, wheels and heading."""
-
-    assumed: tuple[Unit, Unit, Unit]
-    gain: (
-        float | None
-    )  #: response of the lean to the wheels over the robot's; None if the log does not show it
-    turning: (
-        float | None
-    )  #: turning of the wheels over the heading's, over a ball's that does not pivot; or None
-
-    def log_weight(self, lean: Unit, wheel: Unit, heading: Unit) -> float:
-        """Return the logarithm of how well units fit the motion."""
-        turned = wheel.factor / self.assumed[1].factor
-        weight = 0.0
-        if self.gain is not None:
+    Parameters
+    ----------
+    leans, wheels : sequence of Unit
+    assumed : tuple of Unit, optional
+        With which the motion shows gain and turning.
+    gain : float, optional
+        Response of the lean to the wheels over the robot's.
+    turning : float, optional
+        Turning of the wheels over the heading's, over that of a ball that does not pivot.
+    heading_named : bool
+        Whether the heading has a unit of its own; otherwise it has the lean's.
+    """
+    weights = {}
+    for lean, wheel in product(leans, wheels):
+        weight = lean.weight + wheel.weight
+        old_lean, old_wheel = assumed or (lean, wheel)
+        leaned, turned = lean.factor / old_lean.factor, wheel.factor / old_wheel.factor
+        if gain is not None:
             # noise of the wheels, and rolling on play, make the gain too small
-            off = math.log(max(self.gain, 1e-12) * lean.factor / self.assumed[0].factor / turned) + 0.1
+            off = math.log(max(gain, 1e-12) * leaned / turned) + 0.1
             weight += math.log(_normal(off, GAIN_DEVIATION) + 1e-3)
-        if self.turning is not None:
-            off = math.log(max(self.turning, 1e-12) * turned * self.assumed[2].factor / heading.factor)
-            weight += math.log(
-                (1.0 - PIVOTS) * _normal(off, TURNING_DEVIATION) + PIVOTS * _normal(off, 0.7) + 1e-3
-            )
-        return weight
+        if turning is not None:
+            off = math.log(max(turning, 1e-12) * turned / (1.0 if heading_named else leaned))
+            likely = (1.0 - PIVOTS) * _normal(off, TURNING_DEVIATION) + PIVOTS * _normal(off, 0.7)
+            weight += math.log(likely + 1e-3)
+        weights[lean, wheel] = weight
+    return probabilities(weights)
 
 
 def _normal(value: float, deviation: float) -> float:
     return math.exp(-0.5 * min((value / deviation) ** 2, 1400.0))
-
-
-def likeliest_units(
-    leans: Sequence[Unit], wheels: Sequence[Unit], headings: Sequence[Unit], motion: MotionGains | None
-) -> dict[tuple[Unit, Unit, Unit], float]:
-    """Return the probability of each choice of units of lean, wheels and heading, the likeliest first."""
-    weights = {}
-    for lean, wheel, heading in product(leans, wheels, headings):
-        weight = lean.weight + wheel.weight + heading.weight
-        weight += OTHER_THAN_LEAN if heading.name != lean.name and not heading.named else 0.0
-        weights[lean, wheel, heading] = weight + (motion.log_weight(lean, wheel, heading) if motion else 0.0)
-    return probabilities(weights)

@@ -1,5 +1,5 @@
-// What every page does: its theme is the browser's at first, then as the reader chooses, and light on paper; a narrow
-// page folds tables, which paper shows.
+// What every page does: its theme is the browser's at first, then as the reader chooses, and light on paper,
+// which shows what is folded.
 
 const root = document.documentElement;
 const prefersDark = matchMedia("(prefers-color-scheme: dark)");
@@ -19,23 +19,9 @@ if (typeof repaint === "function") {
   new MutationObserver(repaint).observe(root, { attributeFilter: ["data-theme"] });
 }
 
-/** Mark what can be scrolled further, so that it shows that there is more. */
-for (const box of document.querySelectorAll(".scroll")) {
-  const mark = () => box.classList.toggle("more", box.scrollLeft + box.clientWidth < box.scrollWidth - 2);
-  box.addEventListener("scroll", mark, { passive: true });
-  new ResizeObserver(mark).observe(box);
-}
-/** Fold on a narrow page what may be folded there; a wide one has nothing to open it with. */
-const isNarrow = matchMedia("(max-width: 40rem)");
-const fold = (closed) => {
-  for (const one of document.querySelectorAll("[data-report-fold]")) one.open = !closed;
-};
-isNarrow.addEventListener("change", () => fold(isNarrow.matches));
-fold(isNarrow.matches);
-
 let before;
 addEventListener("beforeprint", () => {
-  fold(false);
+  for (const one of document.querySelectorAll("details")) one.open = true;
   before = root.dataset.theme;
   root.dataset.theme = "light";
   if (typeof repaint === "function") repaint();

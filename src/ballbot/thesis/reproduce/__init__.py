@@ -1,15 +1,13 @@
-"""The thesis reproduced: every figure and table from the twin and the models, beside what the thesis shows.
+"""The thesis reproduced: its figures and tables from the twin and the models, beside what the thesis shows.
 
 item.py         the result for one figure or table: `Item`, and the numbers that decide its verdict, `Check`
-chapters_2_to_4.py, chapter5.py, appendices.py
-                each figure and table: what is measured, what the thesis shows, and the drawing
+figures.py      each figure and table: what is measured, what the thesis shows, and the drawing
 mistakes.py     the thesis's misprints and mistakes, each with the number that shows it
 recordings.py   recordings of the twin, kept in a folder so that the command goes on where it was stopped
 runs.py         how runs are measured and compared with the models
 bench.py        what several figures share: recordings, the friction identified from them, runs of the models
 campaign.py     the command's work: all items in the thesis's order
-drawing.py, page.py
-                what several drawings share, and the page
+page.py         the page
 """
 
 from ballbot.thesis.reproduce.campaign import Reproduction, reproduce

@@ -2,8 +2,7 @@
 
 The recordings are of the nominal twin; the friction is identified from two of them, as a user would; models, gains and
 compensation know that friction and nothing else of the twin. A model has no chance in it, but the loop around it is
-chaotic: a model with friction is evaluated over several initial states. The ball on the upside-down twin is
-recorded on video and tracked (Appendix V).
+chaotic: a model with friction is evaluated over several initial states.
 """
 
 from __future__ import annotations
@@ -13,10 +12,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, held
@@ -38,69 +37,7 @@ from ballbot.thesis.reproduce.item import RUNS, run_seed
 from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, Logs, ModelOnGrid, record
 from ballbot.thesis.reproduce.runs import Validated, validated
 from ballbot.validation.alignment import Alignment, align
-from ballbot.vision.rendering import MPEG4, Scene, motion_of, render, write_video
-from ballbot.vision.seam_pixels import ball_pixels, seam_finder
-from ballbot.vision.spin import Spin, WheelComparison, compare_with_wheels, facing, measure_spin
-from ballbot.vision.video import open_video
 from ballbot.workflows.ball_movement import BallMovement, ball_movement
-
-#: where the robot's x points in the picture [rad]
-_FORWARD = 0.4
-#: the renderer's motion has so many rows a second
-_ROWS = 1000.0
-#: the video shows the beginning of the ball on the wheels of the robot upside down [s]
-_VIDEO_LENGTH = 8.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BallVideo:
-    """What the video shows."""
-
-    scene: Scene
-    spin: Spin
-    comparison: WheelComparison  #: with T_obw times the wheels' speeds
-    row: int  #: the frame that is looked at
-    frame: NDArray[np.uint8]  #: (height, width, 3), as OpenCV has it
-    seen: NDArray[np.float64]  #: (k, 3) unit vectors, camera frame: where the seam's colour was seen
-    curve: NDArray[np.float64]  #: (m, 3) the seam's curve, fitted
-    distances: NDArray[np.float64]  #: (k,) of what was seen from the curve [rad]
-
-
-def _ball_video(robot: Robot, logs: Logs, *, path: Path, seed: int) -> BallVideo:
-    """Film the ball of a bench run with a real codec, follow its seam, and set it against the wheels.
-
-    What is shown is the middle one of the tracked frames.
-    """
-    scene, truth = Scene(), logs["truth"]
-    t = np.arange(0.0, truth.t[-1], 1.0 / _ROWS)
-    omega = np.column_stack([np.interp(t, truth.t, truth[f"ball_omega_{axis}"]) for axis in "xyz"])
-    motion = motion_of(t, omega @ facing(_FORWARD).as_matrix())
-    rate = scene.camera.frame_rate
-    duration = np.floor((t[-1] - 1.0 / rate) * rate) / rate
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_video(path, render(scene, motion, duration=duration, seed=seed), frame_rate=rate, codec=MPEG4)
-    spin = measure_spin(open_video(path))
-    comparison = compare_with_wheels(spin, logs["log"], robot)
-    spin = spin.turned(comparison.robot_camera)
-    tracked = np.flatnonzero(spin.track.tracked)
-    row = int(tracked[len(tracked) // 2])
-    frame = next(frame for k, (_, frame) in enumerate(spin.video.frames()) if k == row)
-    finder = seam_finder(ball_pixels(spin.view, spin.video.size), spin.colour)
-    seen = np.asarray(finder.find(frame)[0].p, dtype=np.float64)
-    curve = spin.seam.points @ spin.track.R[row].T
-    # chords are as good as arcs at these distances
-    distances = np.asarray(KDTree(curve).query(seen)[0], dtype=np.float64)
-    return BallVideo(
-        scene=scene,
-        spin=spin,
-        comparison=comparison,
-        row=row,
-        frame=frame,
-        seen=seen,
-        curve=curve,
-        distances=distances,
-    )
-
 
 #: a run that stands about the origin lasts so long [s], from a lean of so much [rad]
 STANDING, FIRST_LEAN = 60.0, 0.02
@@ -171,7 +108,7 @@ class Bench:
     @cached_property
     def driveline_fit(self) -> DrivelineFit:
         """Wheel 1's friction, from its sweep (Figure 3.2)."""
-        return fit_driveline(self.sweeps[0], run=Run(seed=self.seed))
+        return fit_driveline(self.sweeps[0])
 
     @cached_property
     def contact(self) -> Robot:
@@ -226,24 +163,16 @@ class Bench:
             kind: tuple(self._change(number, *how) for number in range(RUNS)) for kind, how in KINDS.items()
         }
 
-    @cached_property
-    def twin_changes(self) -> dict[str, tuple[Log, ...]]:
-        """The twin through it, "none" and "full" compensation."""
-        return {"none": self.uncompensated, "full": self._logs("with_compensation")}
-
-    @cached_property
-    def uncompensated(self) -> tuple[Log, ...]:
-        """The twin through it without compensation."""
-        return self._logs("without_compensation")
-
-    def _logs(self, kind: str) -> tuple[Log, ...]:
-        return tuple(one["log"] for one in self.recorded(kind))
+    def twin_changes(self, kind: Literal["none", "full"]) -> tuple[Log, ...]:
+        """Return the twin's runs through it with that compensation."""
+        name = {"none": "without_compensation", "full": "with_compensation"}[kind]
+        return tuple(one["log"] for one in self.recorded(name))
 
     @cached_property
     def validations(self) -> tuple[Validated, ...]:
         """The models with and without friction against each of the twin's runs without compensation (chapter 4)."""
         return tuple(
-            validated(self.robot, self.identified, log.without_truth()) for log in self.uncompensated
+            validated(self.robot, self.identified, log.without_truth()) for log in self.twin_changes("none")
         )
 
     @cached_property
@@ -269,14 +198,6 @@ class Bench:
             error = TRACKING_ERROR * random.standard_normal(len(t))
             fits.append(fit_swing(swing_of(t, angle + error, kind="angle", source="a simulated swing")))
         return tuple(fits)
-
-    @cached_property
-    def ball_video(self) -> BallVideo:
-        """The ball of the robot held upside down, recorded on video and tracked (Appendix V)."""
-        logs = {
-            name: log.between(0.0, _VIDEO_LENGTH) for name, log in self.recorded("upside_down")[0].items()
-        }
-        return _ball_video(self.robot, logs, path=self.folder / "ball.mp4", seed=self.seed)
 
     def _linear(self, formulation: Formulation, reference: Reference) -> Log:
         gain = self.design.gain

@@ -10,39 +10,10 @@ from pathlib import Path
 from ballbot.errors import InputError
 from ballbot.progress import Progress, ProgressCallback
 from ballbot.robot import Friction, Robot
-from ballbot.thesis.reproduce import appendices, chapter5, chapters_2_to_4
 from ballbot.thesis.reproduce.bench import Bench
+from ballbot.thesis.reproduce.figures import ITEMS
 from ballbot.thesis.reproduce.item import VERDICTS, Item, Mistake, Verdict
 from ballbot.thesis.reproduce.mistakes import MISTAKES
-
-ITEMS: tuple[Callable[[Bench], Item], ...] = (
-    chapters_2_to_4.figure_2_1,
-    chapters_2_to_4.figure_3_1,
-    chapters_2_to_4.figure_3_2,
-    chapters_2_to_4.figure_3_4,
-    chapters_2_to_4.figure_3_5,
-    chapters_2_to_4.figure_4_1,
-    chapters_2_to_4.table_4_1,
-    chapters_2_to_4.figure_4_2,
-    chapters_2_to_4.table_4_2,
-    chapters_2_to_4.figure_4_3,
-    chapter5.figure_5_1,
-    chapter5.figure_5_2,
-    chapter5.figure_5_3,
-    chapter5.figure_5_4,
-    chapter5.figure_5_5,
-    chapter5.figure_5_6,
-    chapter5.figure_5_7,
-    chapter5.figure_5_8,
-    appendices.figure_i_1,
-    appendices.figure_iii_1,
-    appendices.figure_iv_1,
-    appendices.figure_iv_2,
-    appendices.figure_iv_3,
-    appendices.figure_iv_4,
-    appendices.figure_v_1,
-    appendices.figure_v_2,
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,7 +63,7 @@ def items_named(only: str | None) -> tuple[Callable[[Bench], Item], ...]:
 def reproduce(
     folder: Path, *, seed: int, only: str | None = None, progress: ProgressCallback
 ) -> Reproduction:
-    """Reproduce every figure and table; equal seeds give equal results, also after an interruption.
+    """Reproduce the figures and tables; equal seeds give equal results, also after an interruption.
 
     Parameters
     ----------

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from ballbot.report.series import TimeSeries
 from ballbot.results import reported
 from ballbot.workflows.comparison import median_with_interval
 
@@ -28,7 +30,7 @@ def run_seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
 
 
-Verdict = Literal["agrees", "agrees in part", "does not agree", "undecided", "drawn"]
+Verdict = Literal["agrees", "agrees in part", "does not agree", "undecided"]
 #: the verdicts in a summary of several items, in its order
 VERDICTS: Mapping[Verdict, str] = MappingProxyType(
     {
@@ -36,14 +38,13 @@ VERDICTS: Mapping[Verdict, str] = MappingProxyType(
         "agrees in part": "agree in part",
         "does not agree": "do not agree",
         "undecided": "are undecided",
-        "drawn": "are drawings",
     }
 )
 #: below this a number is rounding, which differs from machine to machine, and is printed as zero
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Check:
     """A claim, and our number that decides it.
 
@@ -54,29 +55,11 @@ class Check:
     claim: str  #: a clause: "without friction the ball reaches the reference"
     quantity: str  #: what is measured, in words
     value: float
-    unit: str = ""
-    _: KW_ONLY
-    lowest: float = -math.inf
-    highest: float = math.inf
+    unit: str
+    lowest: float
+    highest: float
     interval: tuple[float, float] | None = None  #: of the median, 95 %; None for a number without chance
     runs: int = 1
-
-    @staticmethod
-    def over(
-        claim: str,
-        quantity: str,
-        values: Sequence[float],
-        unit: str = "",
-        *,
-        lowest: float = -math.inf,
-        highest: float = math.inf,
-    ) -> Check:
-        """Return the check of the median of a number over several runs, with its 95 % interval by rank."""
-        found = median_with_interval(values)
-        interval, runs = (found.low, found.high), len(values)
-        return Check(
-            claim, quantity, found.median, unit, lowest=lowest, highest=highest, interval=interval, runs=runs
-        )
 
     @reported
     def agrees(self) -> bool:
@@ -102,6 +85,22 @@ class Check:
             criterion = f"at most {highest}" if math.isinf(self.lowest) else f"at least {lowest}"
         outcome = "yes" if self.agrees else "undecided" if self.undecided else "no"
         return self.claim, self.quantity, measured, f"{criterion}{unit}", outcome
+
+
+def check(
+    claim: str,
+    quantity: str,
+    value: float | Sequence[float],
+    unit: str = "",
+    lowest: float = -math.inf,
+    highest: float = math.inf,
+) -> Check:
+    """Return the check of a number, or of the median of several runs' numbers, with its 95 % interval by rank."""
+    made = partial(Check, claim=claim, quantity=quantity, unit=unit, lowest=lowest, highest=highest)
+    if isinstance(value, float | int):
+        return made(value=value)
+    found = median_with_interval(value)
+    return made(value=found.median, interval=(found.low, found.high), runs=len(value))
 
 
 def spread_text(value: float, interval: tuple[float, float]) -> str:
@@ -132,20 +131,14 @@ class Item:
     title: str
     thesis: str  #: what the thesis shows, a sentence
     ours: str  #: what ours shows, a sentence or two
-    checks: tuple[Check, ...] = ()  #: none for a drawing
+    checks: tuple[Check, ...]
     table: Rows | None = None
     figure: Callable[[], Figure] | None = None
-
-    @property
-    def key(self) -> str:
-        """The name for files: "figure_5_6"."""
-        return self.name.lower().replace(" ", "_").replace(".", "_")
+    series: Callable[[], TimeSeries] | None = None
 
     @property
     def verdict(self) -> Verdict:
         """The verdict of all checks together."""
-        if not self.checks:
-            return "drawn"
         if all(check.agrees for check in self.checks):
             return "agrees"
         if all(check.agrees or check.undecided for check in self.checks):
@@ -155,8 +148,6 @@ class Item:
     @property
     def sentence(self) -> str:
         """The verdict in words, with what does not agree."""
-        if self.verdict == "drawn":
-            return "A drawing; nothing is compared."
         if self.verdict == "agrees":
             return "Ours agrees."
         missing = [_missing(check) for check in self.checks if not check.agrees and not check.undecided]

@@ -24,7 +24,7 @@ from ballbot.robot.derived import (
 from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines, speed_clamp
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.bench import CHANGE, Bench
-from ballbot.thesis.reproduce.item import Check, Mistake
+from ballbot.thesis.reproduce.item import Mistake, check
 from ballbot.validation.models import thesis_error
 from ballbot.validation.statistics import Correlations
 from ballbot.vision.seam import thesis_seam
@@ -50,8 +50,8 @@ def rotation_about_y(bench: Bench) -> Mistake:  # noqa: ARG001
         thesis="R_y has -sin(theta) twice.",
         right="The upper one is +sin(theta); as printed it is no rotation, its determinant is cos(2 theta).",
         shown_by=(
-            Check("as printed it is no rotation", "determinant at 45 degrees", printed, highest=0.5),
-            Check("mended it is one", "determinant, mended, less 1", abs(mended - 1.0), highest=1e-12),
+            check("as printed it is no rotation", "determinant at 45 degrees", printed, highest=0.5),
+            check("mended it is one", "determinant, mended, less 1", abs(mended - 1.0), highest=1e-12),
         ),
     )
 
@@ -67,7 +67,7 @@ def velocity_over_ground(bench: Bench) -> Mistake:
         thesis="The velocity over ground from the ball's turning is divided by r_w.",
         right=f"A ball that turns by 1 rad/s rolls at r_b = {radius:g} m/s.",
         shown_by=(
-            Check("as printed the ball rolls too fast", "velocity at 1 rad/s over r_b", printed, lowest=1.01),
+            check("as printed the ball rolls too fast", "velocity at 1 rad/s over r_b", printed, lowest=1.01),
         ),
     )
 
@@ -90,10 +90,10 @@ def derivative_of_angles(bench: Bench) -> Mistake:
         right="It is the derivative of Phi_12; as printed the wheels' torque on the body pushes x and y and turns "
         "nothing, and the heading cannot be controlled.",
         shown_by=(
-            Check(
+            check(
                 "as printed the wheels do not turn the heading", quantity, printed, "rad/s^2", highest=1e-9
             ),
-            Check("mended they do", f"{quantity}, its size", mended, "rad/s^2", lowest=1.0),
+            check("mended they do", f"{quantity}, its size", mended, "rad/s^2", lowest=1.0),
         ),
     )
 
@@ -112,8 +112,8 @@ def rates_of_angles(bench: Bench) -> Mistake:  # noqa: ARG001
         right="In the body's frame it is B(Phi) Phi_dot, in the world's R B Phi_dot; Phi_dot is neither once the robot "
         "has turned or leans.",
         shown_by=(
-            Check("it is not the body's frame's", "share off, theta_dot, psi = 90 deg", off_body, lowest=0.1),
-            Check("nor the world's", "share off, psi_dot, at a lean of 10 deg", off_world, lowest=0.1),
+            check("it is not the body's frame's", "share off, theta_dot, psi = 90 deg", off_body, lowest=0.1),
+            check("nor the world's", "share off, psi_dot, at a lean of 10 deg", off_world, lowest=0.1),
         ),
     )
 
@@ -138,9 +138,9 @@ def inertia_counted_twice(bench: Bench) -> Mistake:
         f"{own.inertia[0]:.3f} kg m^2. Items 4 to 7 together make the printed model fall with {thesis:.2f} rad/s where "
         f"the robot falls with {exact:.2f}.",
         shown_by=(
-            Check("m_r l^2 counts twice", "m_r l^2", extra, "kg m^2", lowest=2.636, highest=2.639),
-            Check("it falls too slowly", "exact unstable pole over the printed", exact / thesis, lowest=1.4),
-            Check("by this alone", "the same, this mended", exact / mended, lowest=0.95, highest=1.05),
+            check("m_r l^2 counts twice", "m_r l^2", extra, "kg m^2", lowest=2.636, highest=2.639),
+            check("it falls too slowly", "exact unstable pole over the printed", exact / thesis, lowest=1.4),
+            check("by this alone", "the same, this mended", exact / mended, lowest=0.95, highest=1.05),
         ),
     )
 
@@ -158,8 +158,8 @@ def no_counter_torque(bench: Bench) -> Mistake:
         right="The motors stand on the body and turn it back by as much as they turn the wheels; the torque on the "
         "body is minus the torque on the ball.",
         shown_by=(
-            Check("the body feels more than the ball", "torque on it over the ball's", ratio, lowest=1.5),
-            Check("it turns too fast", "psi_dd printed over exact", heading[0] / heading[1], lowest=1.5),
+            check("the body feels more than the ball", "torque on it over the ball's", ratio, lowest=1.5),
+            check("it turns too fast", "psi_dd printed over exact", heading[0] / heading[1], lowest=1.5),
         ),
     )
 
@@ -176,7 +176,7 @@ def rotors_left_out(bench: Bench) -> Mistake:
         where="(II.27), (II.28)",
         thesis="The inertia of motors and gears is listed among the parameters and is in no equation.",
         right="At the wheel it counts n^2 times: n^2 (j_m + j_g), more than the wheel itself.",
-        shown_by=(Check("it is twice the wheel's", "n^2 (j_m + j_g) over j_w", ratio, lowest=1.9),),
+        shown_by=(check("it is twice the wheel's", "n^2 (j_m + j_g) over j_w", ratio, lowest=1.9),),
     )
 
 
@@ -195,8 +195,8 @@ def friction_on_absolute_spin(bench: Bench) -> Mistake:
         thesis="The drivelines' friction acts on the wheels' absolute spin.",
         right="Bearings, gear and motor feel the speed against the body, which the encoder sees.",
         shown_by=(
-            Check("as printed, friction acts", quantity, thesis, "rad/s", lowest=0.5),
-            Check("where no motor turns", "the encoder's there", exact, "rad/s", highest=1e-12),
+            check("as printed, friction acts", quantity, thesis, "rad/s", lowest=0.5),
+            check("where no motor turns", "the encoder's there", exact, "rad/s", highest=1e-12),
         ),
     )
 
@@ -219,9 +219,9 @@ def speed_clamp_printed(bench: Bench) -> Mistake:
         right="With l = -27.7 it is +27.7 whatever x_2 is. With l = 27.7 it limits the output and not the state, which "
         "winds up and leaves the limit late; the state itself must stop.",
         shown_by=(
-            Check("as printed all speeds are one", "its range from -100 to 100 rad/s", printed, highest=0.0),
-            Check("with l = 27.7 the state winds up", "largest x_2 in the sweep", wound, "rad/s", lowest=1e3),
-            Check("and leaves the limit late", "after the torque has turned", late, "s", lowest=1.0),
+            check("as printed all speeds are one", "its range from -100 to 100 rad/s", printed, highest=0.0),
+            check("with l = 27.7 the state winds up", "largest x_2 in the sweep", wound, "rad/s", lowest=1e3),
+            check("and leaves the limit late", "after the torque has turned", late, "s", lowest=1.0),
         ),
     )
 
@@ -245,9 +245,9 @@ def seam_curve(bench: Bench) -> Mistake:  # noqa: ARG001
         thesis="The second component has cos 3t, and c = sqrt(ab).",
         right="The second component has sin 3t, and c = 2 sqrt(ab); the seam then lies on the ball.",
         shown_by=(
-            Check("as printed the seam leaves the ball", "largest distance, in radii", off, lowest=0.01),
-            Check("sin 3t alone does not mend it", "the same with sin 3t", half_mended, lowest=0.01),
-            Check("both together do", "the same with both mended", mended, highest=1e-12),
+            check("as printed the seam leaves the ball", "largest distance, in radii", off, lowest=0.01),
+            check("sin 3t alone does not mend it", "the same with sin 3t", half_mended, lowest=0.01),
+            check("both together do", "the same with both mended", mended, highest=1e-12),
         ),
     )
 
@@ -265,8 +265,8 @@ def ball_inertia(bench: Bench) -> Mistake:
         right=f"That is a thin shell's; with the wall of {100.0 * wall:.1f} cm that Appendix I computes it is "
         f"{thick:.4f}.",
         shown_by=(
-            Check("it is a thin shell's", "2/3 m r^2", thin, "kg m^2", lowest=0.02415, highest=0.02425),
-            Check("the wall makes a difference", "thin shell over thick", thin / thick, lowest=1.2),
+            check("it is a thin shell's", "2/3 m r^2", thin, "kg m^2", lowest=0.02415, highest=0.02425),
+            check("the wall makes a difference", "thin shell over thick", thin / thick, lowest=1.2),
         ),
     )
 
@@ -286,11 +286,11 @@ def rounded_constants(bench: Bench) -> Mistake:
         right="31.7 is rounded from 303 rpm/V, from which 761.5 follows; the sweep shows 27.7 rad/s; the data sheet's "
         "wheel is 127 mm across, r_w = 63.5 mm.",
         shown_by=(
-            Check("31.7 times 24 is not 761.5", "761.5 less it", 761.5 - 31.7 * 24.0, "rad/s", lowest=0.5),
-            Check(
+            check("31.7 times 24 is not 761.5", "761.5 less it", 761.5 - 31.7 * 24.0, "rad/s", lowest=0.5),
+            check(
                 "the sweep went beyond the limit", "the sweep's 27.7, by how much", beyond, "%", lowest=0.2
             ),
-            Check("r_w is less than half of 127 mm", "63.5 mm less r_w", smaller, "mm", lowest=0.4),
+            check("r_w is less than half of 127 mm", "63.5 mm less r_w", smaller, "mm", lowest=0.4),
         ),
     )
 
@@ -307,11 +307,11 @@ def residual_pairs(bench: Bench) -> Mistake:
         right="Leaning about y moves the ball along x, leaning about x along y the other way: the pairs are (6, 9) and "
         "(7, 8), with opposite signs.",
         shown_by=(
-            Check.over(
+            check(
                 "7 does not go with 9", "correlation, its size", [abs(one) for one in named], highest=clear
             ),
-            Check.over("6 goes with 9, and not oppositely", "their correlation", first, lowest=clear),
-            Check.over("7 goes with 8, oppositely", "their correlation", second, highest=-clear),
+            check("6 goes with 9, and not oppositely", "their correlation", first, lowest=clear),
+            check("7 goes with 8, oppositely", "their correlation", second, highest=-clear),
         ),
     )
 
@@ -358,8 +358,8 @@ def gain_at_other_headings(bench: Bench) -> Mistake:
         right="The wheels turn with the body, so that the error must be turned into the heading's frame first, "
         "u = K S(psi) (r - x); the thesis has no word on it. Without, the robot falls on the thesis's own reference.",
         shown_by=(
-            Check("the change ends in a fall", "when, the change at t = 3 s", fell, "s", highest=20.0),
-            Check("with S(psi) it does not", "largest lean of the same run", turned, "deg", highest=10.0),
+            check("the change ends in a fall", "when, the change at t = 3 s", fell, "s", highest=20.0),
+            check("with S(psi) it does not", "largest lean of the same run", turned, "deg", highest=10.0),
         ),
     )
 
@@ -385,7 +385,7 @@ def error_over_count(bench: Bench) -> Mistake:
         right="The norm of n differences grows with sqrt(n), so that e shrinks with the length of the log; the root "
         "mean square error e sqrt(n) does not. The tables cannot be compared with other logs', nor with each other.",
         shown_by=(
-            Check(
+            check(
                 "e depends on the length", "of the same sine, 4 s over 48 s", ratio, lowest=3.46, highest=3.47
             ),
         ),
@@ -409,10 +409,10 @@ def nonholonomic_rates(bench: Bench) -> Mistake:
         "equation then has one force less; it does no work, and it is zero at rest, so that the linear model does "
         "not show it.",
         shown_by=(
-            Check(
+            check(
                 "it turns too little", "y_dd at 1 m/s and 2 rad/s, printed over mended", ratio, highest=0.5
             ),
-            Check("the force that is too much does no work", "its power, its size", power, "W", highest=1e-9),
+            check("the force that is too much does no work", "its power, its size", power, "W", highest=1e-9),
         ),
     )
 
@@ -460,7 +460,7 @@ def locked_wheels_twice(bench: Bench) -> Mistake:
         right="Locked wheels turn about their axles with a_i . w, and the swing measured that: j_w (a_i . w)^2 / 2 of "
         "each wheel has to be subtracted. It is little.",
         shown_by=(
-            Check(
+            check(
                 "about z it counts twice", "j_w sum of a_iz^2 over jrz", share, "%", lowest=0.5, highest=1.0
             ),
         ),
@@ -479,8 +479,8 @@ def undefined_inverses(bench: Bench) -> Mistake:
         "meant, which take the ball's turning about the vertical for zero: an assumption that the thesis does not "
         "list.",
         shown_by=(
-            Check("T_vgb has no inverse", "its rank, of 3", ranks[0], highest=2.0),
-            Check("T_tbg has none", "its rank, of 3 rows", ranks[1], highest=2.0),
+            check("T_vgb has no inverse", "its rank, of 3", ranks[0], highest=2.0),
+            check("T_tbg has none", "its rank, of 3 rows", ranks[1], highest=2.0),
         ),
     )
 
@@ -504,11 +504,11 @@ def reference_and_stability(bench: Bench) -> Mistake:
         right="A r is a constant input to (5.3): it moves the point of rest, e = (A - B K)^-1 A r, and nothing else. "
         "The eigenvalues of A - B K hold no r.",
         shown_by=(
-            Check(
+            check(
                 "the reference has A r other than 0", "its largest entry, phi = 2 deg", input_size, lowest=0.1
             ),
-            Check("the nonlinear model comes to rest", "largest rate after 60 s", rates, highest=1e-4),
-            Check("where (5.3) says", "x at rest over that of (5.3)", place, lowest=0.99, highest=1.01),
+            check("the nonlinear model comes to rest", "largest rate after 60 s", rates, highest=1e-4),
+            check("where (5.3) says", "x at rest over that of (5.3)", place, lowest=0.99, highest=1.01),
         ),
     )
 

@@ -1,33 +1,26 @@
-"""The page of the reproduction: one self-contained file, Markdown, the figures as files, and results.json."""
+"""The page of the reproduction: one self-contained file, Markdown, and results.json."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from markupsafe import Markup
 
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
-from ballbot.progress import Progress, ProgressCallback
-from ballbot.report.blocks import Paragraph, Picture, Report, Section, Sheet, section
+from ballbot.report.blocks import Paragraph, Report, Section, Sheet, section
 from ballbot.report.page import page_of
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_powers, with_symbols
 from ballbot.results import to_results
 from ballbot.robot import Friction
-from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
+from ballbot.thesis.reproduce.campaign import Reproduction
 from ballbot.thesis.reproduce.item import RUNS, VERDICTS, Check, Item, Mistake
 
-_DRAWN = tuple(make.__name__ for make in ITEMS if make.__name__.startswith("figure_"))
-REPRODUCTION_FILES = (
-    "report.html",
-    "reproduce.md",
-    "results.json",
-    *(f"figures/{key}.svg" for key in _DRAWN),
-)
+REPRODUCTION_FILES = ("report.html", "reproduce.md", "results.json")
 _HEADINGS = ("claim", "quantity", "value", "criterion", "agrees")
 
 _HEAD = """\
@@ -35,18 +28,17 @@ _HEAD = """\
 
     ballbot reproduce --out thesis
 
-reproduces every figure and table of the thesis from the nominal twin and the models, and shows its misprints and
+reproduces the figures and tables of the thesis from the nominal twin and the models, and shows its misprints and
 mistakes by numbers. It takes about ten minutes on two cores. Run the command again to continue an interrupted run.
 
 | file | what is in it |
 | :-- | :-- |
 | `thesis/report.html` | one self-contained page: each figure beside what the thesis shows and the numbers that decide |
-| `thesis/figures/*.svg` | the figures, as vectors |
 | `thesis/results.json` | all numbers, with their bounds and intervals |
 | `thesis/reproduce.md` | this page |
-| `thesis/runs/` | the recordings, the identified friction and the video of the ball, kept for the next run |
+| `thesis/runs/` | the recordings, kept for the next run |
 
-Each figure is a function of its name: Figure 5.6 is `figure_5_6` in `ballbot.thesis.reproduce.chapter5`.
+Each figure is a function of its name: Figure 5.6 is `figure_5_6` in `ballbot.thesis.reproduce.figures`.
 
 ## What it can show
 
@@ -68,7 +60,9 @@ depends on one run. A random quantity is given as the median of several runs wit
   finds what is there.
 - The thesis prints neither its gain nor its friction, so shapes and ratios must agree, and sizes such as those of
   Figure 5.8 only roughly.
-- Photographs and drawings of parts (Figures 1.1, 1.2, 3.3 and I.2) are not reproduced.
+- Not reproduced are photographs and drawings (Figures 1.1, 1.2, 2.1, 3.3, 5.2, I.1 and I.2; the numbers of Appendix I
+  are in mistakes 11 and 12), and figures that another one or another command shows better: 5.3 (see 5.6), 5.7 (5.8),
+  IV.1 (IV.2), IV.3 (IV.4), and V.1 and V.2, which `ballbot spin` draws of your own video.
 """
 
 
@@ -128,48 +122,30 @@ def mistake_markdown(mistake: Mistake) -> str:
     return with_symbols(f"{words}\n\n{markdown_table(_HEADINGS, rows)}")
 
 
-def write_reproduction(
-    made: Reproduction, folder: Path, *, provenance: Provenance, progress: ProgressCallback
-) -> Path:
-    """Write figures/*.svg, results.json, reproduce.md and report.html into a folder and return the page's path.
-
-    Parameters
-    ----------
-    made : Reproduction
-    folder : Path
-    provenance : Provenance
-    progress : callable
-        Called before each figure.
-    """
-    figures: dict[str, Picture] = {}
-    for done, item in enumerate(made.items):
-        progress(Progress(stage=f"drawing {item.name}", done=done, total=len(made.items)))
-        if item.figure:
-            picture = drawn_picture(item.key.replace("_", "-"), item.figure, _caption(item))
-            figures[item.key] = picture
-            write_text(folder / "figures" / f"{item.key}.svg", str(picture.markup))
+def write_reproduction(made: Reproduction, folder: Path, *, provenance: Provenance) -> Path:
+    """Write results.json, reproduce.md and report.html into a folder and return the page's path."""
     results = reproduction_results(made) | {"provenance": to_results(provenance)}
     write_text(folder / "results.json", results_text(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))
     page = folder / "report.html"
-    write_text(page, page_of(reproduction_report(made, provenance, figures)))
+    write_text(page, page_of(reproduction_report(made, provenance)))
     return page
 
 
-def reproduction_report(made: Reproduction, provenance: Provenance, figures: Mapping[str, Picture]) -> Report:
-    """Return what the page shows, with the figures by `Item.key`."""
+def reproduction_report(made: Reproduction, provenance: Provenance) -> Report:
+    """Return what the page shows."""
     counts = ", ".join(f"{count} {VERDICTS[verdict]}" for verdict, count in made.counts.items())
     proven = sum(mistake.proven for mistake in made.mistakes)
     whole = f"All {proven}" if proven == len(made.mistakes) > 1 else f"Of {len(made.mistakes)}, {proven}"
     return Report(
         title="The thesis reproduced",
-        lead="Every figure and table of the thesis on ALTEN's ball-balancing robot, from the twin and the models.",
+        lead="The figures and tables of the thesis on ALTEN's ball-balancing robot, from the twin and the models.",
         verdict=(
             ("Figures and tables", f"Of {len(made.items)}, {counts}."),
             *([("Misprints and mistakes", f"{whole} are confirmed by numbers.")] if made.mistakes else []),
         ),
         sections=(
-            *(_item_section(item, figures.get(item.key)) for item in made.items),
+            *(_item_section(item) for item in made.items),
             *([_mistake_section(made.mistakes)] if made.mistakes else []),
         ),
         undecided=(
@@ -190,9 +166,9 @@ def _caption(item: Item) -> str:
     return f"{item.name} of the thesis, reproduced."
 
 
-def _item_section(item: Item, figure: Picture | None) -> Section:
+def _item_section(item: Item) -> Section:
     """Return the section of a figure or table; its number in the thesis stands in the caption."""
-    table = item.table
+    table, name = item.table, item.name.lower().replace(" ", "-").replace(".", "-")
     return section(
         item.title,
         _labelled("The thesis", item.thesis),
@@ -205,12 +181,11 @@ def _item_section(item: Item, figure: Picture | None) -> Section:
             rows=[[with_symbols(cell) for cell in row] for row in table.rows],
             caption=_caption(item),
         ),
-        figure,
+        drawn_picture(name, item.figure, _caption(item)) if item.figure else None,
+        replace(item.series(), caption=_caption(item)) if item.series else None,
         _checks_sheet(
             "What the thesis claims, and the numbers that decide whether it is reproduced.", item.checks
-        )
-        if item.checks
-        else None,
+        ),
     )
 
 
@@ -262,5 +237,4 @@ def _item_results(item: Item) -> dict[str, object]:
         "verdict": item.verdict,
         "checks": item.checks,
         "table": None if item.table is None else [item.table.headings, *item.table.rows],
-        "figure": f"figures/{item.key}.svg" if item.figure else None,
     }

@@ -1,21 +1,7 @@
-"""Sensors against motion capture: clock, frame, lever arm and flips, then errors and drifts (thesis, Appendix IV)."""
+"""Sensors against motion capture: clock, frame and lever arm, then errors and drifts (thesis, Appendix IV)."""
 
-from ballbot.validation.alignment.align import Alignment, PositionError, SensorError, SensorErrors, align
-from ballbot.validation.alignment.clock import Clock
+from ballbot.validation.alignment.align import Alignment, SensorErrors, align
 from ballbot.validation.alignment.findings import alignment_findings
-from ballbot.validation.alignment.frame import Frame, Lever
-from ballbot.validation.alignment.motion import Flip, MotionFit
+from ballbot.validation.alignment.turning import Clock, MotionFit
 
-__all__ = [
-    "Alignment",
-    "Clock",
-    "Flip",
-    "Frame",
-    "Lever",
-    "MotionFit",
-    "PositionError",
-    "SensorError",
-    "SensorErrors",
-    "align",
-    "alignment_findings",
-]
+__all__ = ["Alignment", "Clock", "MotionFit", "SensorErrors", "align", "alignment_findings"]

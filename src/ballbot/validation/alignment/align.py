@@ -1,6 +1,18 @@
-"""A log against motion capture of the same run: clock, frame, lever arm, flips; then the errors of the log's sensors.
+"""A log against motion capture of the same run: clock, frames and lever arm; then the errors of the log's sensors.
 
 The cameras may be on any clock and in any frame, and their marker body may be mounted in any orientation.
+
+    R_seen = R_camera_world R_world_body R_body_marker
+    p_seen = R_camera_world p_world + origin + R_seen lever
+
+The log's own angles and position give the world. Its heading drifts, so the vertical comes from the whole log, heading
+and origin from the first two seconds. A constant error of the lean angles cannot be separated from a tilt of the frame
+and goes into it. The lever arm goes from the ball's centre to the point that the cameras track. Over some seconds, in
+the world's frame and with d the heading's error,
+
+    R_wc (p_k+1 - p_k) = (R_wm,k+1 - R_wm,k) a + [c -s; s c] Rz(-d) ((x y)_k+1 - (x y)_k) ,      height: no change
+
+linear in the arm a (marker frame), c and s; the last two let the log's path be longer than it was, or turned.
 
 Errors of the log's angles and position by the cameras, with drift and delay:
 
@@ -17,49 +29,91 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
 
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.pose import Poses, read_poses
-from ballbot.validation.alignment.clock import (
+from ballbot.validation.alignment.turning import (
     ANGLE_NAMES,
-    LARGEST_RATE,
-    Clock,
-    Turning,
-    candidate_clocks,
-    has_gyro,
-    log_turning,
-    longest_bridge,
-    poses_turning,
-)
-from ballbot.validation.alignment.frame import (
-    PREFIX,
-    Common,
-    Frame,
-    Lever,
-    aligned_columns,
-    common_rows,
-    fit_lever,
-    fit_origin,
-    fit_rotation,
-)
-from ballbot.validation.alignment.motion import (
     SPAN,
-    Flip,
+    Clock,
     MotionFit,
     fit_in_blocks,
-    fit_motion,
-    unbroken_stretches,
-    undo_flips,
-    wahba,
+    has_gyro,
+    log_rotations,
+    log_turning,
+    longest_bridge,
+    match_turning,
+    poses_turning,
 )
 
 #: share of the turning that must be common to both, or they are not of the same run
 _LEAST_SHARE = 0.5
-#: another clock is reported if its likelihood exceeds this share of the best's
-_RIVAL = 0.5
-#: clocks nearer than this in the log's middle are the same [s]
-_SAME = 0.05
+PREFIX = "mocap_"
+POSITIONS = ("x", "y")
+#: fewer rows together give no frame and no errors
+_LEAST_ROWS = 60
+#: heading and origin are those of the first so many seconds
+_START = 2.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frame:
+    """The pose of the log's world in the cameras' frame."""
+
+    camera_world: Rotation
+    tilt_half_width: float  #: 95 % [rad]
+    heading_half_width: float  #: 95 % [rad]
+    origin: NDArray[np.float64] | None  #: (3,) [m] at the ball centre's height; None without positions
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathFit:
+    """The lever arm, and how the log's path compares with the cameras' but for the heading's error."""
+
+    arm: NDArray[np.float64]  #: (3,) [m] marker frame, as fitted
+    arm_half_width: NDArray[np.float64]  #: (3,) 95 % [m], of chance alone
+    used: NDArray[np.float64]  #: (3,) [m] the arm that is subtracted, or zero if it is not significant
+    scale: float  #: the log's distances over the cameras'
+    scale_half_width: float
+    turn: float  #: from the cameras' path to the log's [rad]
+    turn_half_width: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorError:
+    """Of one angle [rad] or coordinate [m], logged less seen, while the robot stands."""
+
+    rms: float
+    largest: float
+    drift: float  #: slope of the straight line through the error [1/s]
+    drift_half_width: float  #: 95 %, by blocks of time
+    wander: float  #: rms about that line
+    delay: float | None  #: of the logged value behind the clock's signal [s]; None for a coordinate
+    delay_half_width: float | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PositionError:
+    """Contributions to the error of position."""
+
+    largest: float  #: its length [m]
+    path: float  #: length of the path that the cameras saw [m], over half a second at a time
+    by_heading: (
+        float  #: share of the error's square that the heading's error explains; below 0, it makes it worse
+    )
+    predicted: NDArray[np.float64]  #: (N, 2) [m] the error that the heading's makes; NaN if not seen
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorErrors:
+    """Errors of all that the log and the cameras both have."""
+
+    of: dict[str, SensorError]
+    errors: dict[str, NDArray[np.float64]]  #: by name, (N,) on the log's rows
+    position: PositionError | None
+    duration: float  #: from the first to the last row compared [s]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,21 +122,12 @@ class Alignment:
 
     log: Log  #: with the columns mocap_..., where it has angles
     motion: MotionFit
-    flips: tuple[Flip, ...]
     rival_clock: Clock | None  #: another clock that fits nearly as well
     clock_signal: str  #: the log's signal that the clock is matched to: "gyro" or "angles"
     unseen: float  #: share of the log's time that the cameras did not see
     frame: Frame | None  #: None for a log without angles
-    lever: Lever | None  #: None without positions
+    path: PathFit | None  #: None without positions
     sensors: SensorErrors | None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Candidate:
-    poses: Poses
-    flips: tuple[Flip, ...]
-    motion: MotionFit
-    gain: float  #: logarithm of the likelihood over that of no relation
 
 
 def align(log: Log, mocap: Log) -> Alignment:
@@ -99,180 +144,209 @@ def align(log: Log, mocap: Log) -> Alignment:
     Raises
     ------
     InputError
-        If they lack a needed column or are not of the same run.
+        If they lack a needed column, are not of the same run, or the cameras confused markers out of view.
     """
-    turning, poses = log_turning(log), read_poses(mocap).seen_only()
-    best, rival = _best(turning, poses)
-    unseen = _unseen(log, best.poses, best.motion.clock)
-    if not all(name in log for name in ANGLE_NAMES):
-        return Alignment(
-            log=log, motion=best.motion, flips=best.flips, rival_clock=rival, clock_signal="gyro", unseen=unseen,
-            frame=None, lever=None, sensors=None,
-        )  # fmt: skip
-    common = common_rows(log, best.poses, best.motion)
-    frame = fit_rotation(common, best.motion)
-    lever = fit_lever(common, frame, best.motion, _heading_error(common, frame))
-    arm = np.zeros(3) if lever is None else lever.used
-    if lever is not None:
-        frame = fit_origin(common, frame, arm, best.motion)
-    columns = aligned_columns(log, best.poses, best.motion.clock, best.motion.body_marker, frame, arm)
+    turning, poses = log_turning(log), _in_one_frame(read_poses(mocap).seen_only())
+    motion, rival = match_turning(turning, poses_turning(poses), least_share=_LEAST_SHARE)
+    seen = _on_rows(log, poses, motion)
+    frame = path = sensors = None
+    if all(name in log for name in ANGLE_NAMES):
+        log, frame, path = _with_poses(log, seen, motion)
+        sensors = _sensor_errors(log)
     return Alignment(
-        log=log.with_columns(columns),
-        motion=best.motion,
-        flips=best.flips,
-        rival_clock=rival,
-        clock_signal="gyro" if has_gyro(log) else "angles",
-        unseen=unseen,
-        frame=frame,
-        lever=lever,
-        sensors=sensor_errors(log, columns),
+        log=log, motion=motion, rival_clock=rival, clock_signal="gyro" if has_gyro(log) else "angles",
+        unseen=1.0 - len(seen.rows) / len(log), frame=frame, path=path, sensors=sensors,
+    )  # fmt: skip
+
+
+#: faster than any gyro's range, 2000 degrees a second: a jump of the marker body's frame, not a turning [rad/s]
+_FASTEST = 40.0
+#: smaller turns may be noise; larger ones are a jump over any time, as a quarter turn is [rad]
+_LEAST_JUMP, _SURE_JUMP = 0.35, 1.0
+
+
+def _in_one_frame(poses: Poses) -> Poses:
+    """Return the poses, all seen, without those in which the cameras confused markers.
+
+    Symmetric markers make the marker body's frame jump by 90 or 180 degrees, and back. The frame that most poses have
+    is kept; the jumps multiplied give how each stretch between two of them is turned against the first.
+    """
+    steps, dt = poses.rotations[:-1].inv() * poses.rotations[1:], np.diff(poses.t)
+    jumps = steps.magnitude() > np.clip(_FASTEST * dt, _LEAST_JUMP, _SURE_JUMP)
+    jumps &= dt <= longest_bridge(poses.t)
+    frames = [Rotation.identity()]
+    for place in np.flatnonzero(jumps):
+        frames.append(frames[-1] * steps[int(place)])
+    stretch = np.concatenate([[0], np.cumsum(jumps)])
+    counts = np.bincount(stretch)
+    turns = Rotation.concatenate(frames)
+    alike = np.array([(turns.inv() * one).magnitude() < _LEAST_JUMP for one in frames])
+    kept = alike[int(np.argmax(alike @ counts))][stretch]
+    return Poses(t=poses.t, rotations=poses.rotations, seen=kept, places=poses.places).seen_only()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Seen:
+    """What the cameras saw, on the rows of the log."""
+
+    rows: NDArray[np.intp]  #: (k,) of the log
+    camera_marker: Rotation  #: k of them
+    places: NDArray[np.float64]  #: (k, 3) [m], the cameras' frame; NaN if not seen
+
+
+def _on_rows(log: Log, poses: Poses, motion: MotionFit) -> _Seen:
+    """Return the poses at the log's rows that lie between two near ones."""
+    t, longest = motion.clock.to_cameras(log.t), longest_bridge(poses.t)
+    rows = np.flatnonzero(_bracketed(t, poses.t, longest))
+    t, known = t[rows], np.isfinite(poses.places).all(axis=1)
+    places = np.full((len(t), 3), np.nan)
+    if known.sum() > 1:
+        near = _bracketed(t, poses.t[known], longest)
+        columns = [np.interp(t, poses.t[known], one) for one in poses.places[known].T]
+        places = np.where(near[:, None], np.column_stack(columns), np.nan)
+    return _Seen(rows=rows, camera_marker=Slerp(poses.t, poses.rotations)(t), places=places)
+
+
+def _bracketed(t: NDArray[np.float64], seen: NDArray[np.float64], longest: float) -> NDArray[np.bool_]:
+    """Return which times (N,) lie between two of those seen that are no further apart than `longest`."""
+    after = np.clip(np.searchsorted(seen, t), 1, len(seen) - 1)
+    return (t >= seen[0]) & (t <= seen[-1]) & (seen[after] - seen[after - 1] <= longest)
+
+
+def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, Frame, PathFit | None]:
+    """Return the log with mocap_theta, _phi, _psi [rad] and mocap_x, _y, _z [m], and how these were placed."""
+    world_body, known = log_rotations(log)
+    kept, t = known[seen.rows], log.t[seen.rows]
+    if kept.sum() < _LEAST_ROWS:
+        raise InputError(f"The log's angles and the motion capture have only {kept.sum()} rows in common.")
+    camera_body = seen.camera_marker * motion.body_marker.inv()
+    by_log = Rotation.from_quat(world_body.as_quat()[seen.rows[kept]])
+    camera_world = _camera_world(t[kept], Rotation.from_quat(camera_body.as_quat()[kept]) * by_log.inv())
+    seen_body = camera_world.inv() * camera_body
+    angles = seen_body.as_euler("XYZ")
+    # the difference of two headings is slow, so that turns in a gap are not lost
+    off = np.unwrap(angles[:, 2] - np.interp(t, log.t[known], log["psi"][known]))
+    off -= 2.0 * np.pi * np.round(off[0] / (2.0 * np.pi))
+    angles[:, 2] = np.interp(t, log.t[known], log["psi"][known]) + off
+    columns = dict(zip(ANGLE_NAMES, angles.T, strict=True))
+    positions = np.column_stack(
+        [log.columns.get(name, np.full(len(log), np.nan))[seen.rows] for name in POSITIONS]
     )
+    world_marker, places = seen_body * motion.body_marker, camera_world.inv().apply(seen.places)
+    path = _path_fit(t, world_marker, places, positions, off)
+    arm = np.zeros(3) if path is None else path.used
+    places = places - world_marker.apply(arm)
+    away = places - np.column_stack([positions, np.zeros(len(t))])
+    both, origin = np.isfinite(away).all(axis=1), None
+    if both.any():
+        start = away[both & (t <= t[both][0] + _START)].mean(axis=0)
+        origin = camera_world.apply(start)
+        columns |= dict(zip("xyz", (places - start).T, strict=True))
+    filled = {}
+    for name, values in columns.items():
+        filled[f"{PREFIX}{name}"] = np.full(len(log), np.nan)
+        filled[f"{PREFIX}{name}"][seen.rows] = values
+    widths = motion.rotation_half_width
+    frame = Frame(
+        camera_world=camera_world, tilt_half_width=float(np.hypot(widths[0], widths[1])),
+        heading_half_width=float(widths[2]), origin=origin,
+    )  # fmt: skip
+    return log.with_columns(filled), frame, path
 
 
-def _best(turning: Turning, poses: Poses) -> tuple[_Candidate, Clock | None]:
-    """Return the likeliest fit and, if it is nearly as likely, the clock of another."""
-    cameras, parts = poses_turning(poses), unbroken_stretches(poses)
-    if not parts:
-        raise InputError("The motion capture has no two poses in succession without a gap between them.")
-    found: list[_Candidate] = []
-    for clock in candidate_clocks(turning, cameras):
-        one = _fitted(turning, poses, cameras, parts, clock)
-        if one is not None and abs(one.motion.clock.rate) < 2.0 * LARGEST_RATE:
-            found.append(one)
-    found.sort(key=lambda one: -one.gain)
-    if not found or _matching_share(found[0].motion) < _LEAST_SHARE:
-        share = 100.0 * _matching_share(found[0].motion) if found else 0.0
+def _camera_world(t: NDArray[np.float64], each: Rotation) -> Rotation:
+    """Return the world's orientation in the cameras' frame by that at each row.
+
+    Raises
+    ------
+    InputError
+        If it jumps.
+    """
+    jumps = (each[:-1].inv() * each[1:]).magnitude() > 2.0 * _LEAST_JUMP
+    if jumps.any():
         raise InputError(
-            f"Log and motion capture do not turn alike: with the best clock only {share:.0f} % of "
-            f"the turning is common to both; for the same run it is over {100 * _LEAST_SHARE:.0f} %."
+            f"The cameras' body turns against the log between two poses, at {t[int(np.argmax(jumps)) + 1]:.2f} s of "
+            "the log: out of view, markers were confused. Cut the motion capture there."
         )
-    middle = np.array(0.5 * (turning.t[0] + turning.t[-1]))
-    here = found[0].motion.clock.to_cameras(middle)
-    for other in found[1:]:
-        clock = other.motion.clock
-        if abs(clock.to_cameras(middle) - here) > _SAME and other.gain > _RIVAL * found[0].gain:
-            return found[0], clock
-    return found[0], None
+    up = np.median(each.apply([0.0, 0.0, 1.0]), axis=0)
+    leveled = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up / np.linalg.norm(up)])[0]
+    forward = (leveled * each).apply([1.0, 0.0, 0.0])[t <= t[0] + _START].mean(axis=0)
+    return leveled.inv() * Rotation.from_rotvec([0.0, 0.0, float(np.arctan2(forward[1], forward[0]))])
 
 
-def _fitted(
-    turning: Turning, poses: Poses, cameras: Turning, parts: list[tuple[int, int]], clock: Clock
-) -> _Candidate | None:
-    """Return the fit that starts from a clock, flips undone; None if they share too little."""
-    try:
-        # the longest stretch within the log's time
-        begin, end = clock.to_cameras(turning.t[[0, -1]])
-        shared = [min(poses.t[last], end) - max(poses.t[first], begin) for first, last in parts]
-        anchor = int(np.argmax(shared))
-        rows = parts[anchor] if len(parts) > 1 else None
-        start = wahba(turning, cameras, clock, rows=rows)
-        poses, flips = undo_flips(poses, parts, anchor, log=turning, clock=clock, body_marker=start)
-        motion = fit_motion(turning, poses_turning(poses) if flips else cameras, clock, start)
-    except InputError:
-        return None
-    gain = -motion.increments * float(np.log(motion.error / motion.motion))
-    return _Candidate(poses=poses, flips=flips, motion=motion, gain=gain)
-
-
-def _matching_share(motion: MotionFit) -> float:
-    return 1.0 - (motion.error / motion.motion) ** 2
-
-
-def _unseen(log: Log, poses: Poses, clock: Clock) -> float:
-    t = clock.to_cameras(log.t)
-    after = np.clip(np.searchsorted(poses.t, t), 1, len(poses.t) - 1)
-    near = poses.t[after] - poses.t[after - 1] <= longest_bridge(poses.t)
-    return 1.0 - float(np.mean(near & (t >= poses.t[0]) & (t <= poses.t[-1])))
-
-
-def _heading_error(common: Common, frame: Frame) -> NDArray[np.float64]:
-    """Return the log's heading less the cameras' (k,) [rad], without jumps."""
-    seen = (frame.camera_world.inv() * common.camera_body).as_euler("XYZ")[:, 2]
-    return np.unwrap(common.world_body.as_euler("XYZ")[:, 2] - seen)
-
-
-ANGLES = ("theta", "phi", "psi")
-POSITIONS = ("x", "y")
-#: beyond this angle from upright a robot is falling or in hands [rad]
-LARGEST_LEAN = 0.35
-#: rates are slopes over this, to either side [s]
-_SLOPE = 0.04
-_LEAST_ROWS = 60
-#: scale and turn of the path are fitted to pieces this long, in which a robot's rocking averages out [s]
+#: arm and scale of the path are fitted to pieces this long, in which a robot's rocking averages out [s]
 _STRETCH = 5.0
-#: the fit uses one row in so many
-_EVERY = 10
+#: and to one row in so many
+_EVERY = 5
+#: A ball's position computed from wheels is wrong by a little as the robot rocks (play, creep), and that looks like an
+#: arm: of 3 and 5 cm on two logs whose cameras report the ball's centre itself. Below this no arm is believed [m]
+LEAST_LEVER = 0.1
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SensorError:
-    """Of one angle [rad] or coordinate [m], logged less seen, while the robot stands."""
-
-    name: str
-    rms: float
-    largest: float
-    drift: float  #: slope of the straight line through the error [1/s]
-    drift_half_width: float  #: 95 %, by blocks of time
-    wander: float  #: rms about that line
-    delay: float | None  #: of the logged value behind the clock's signal [s]; None for a coordinate
-    delay_half_width: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class PathScale:
-    """How the log's path compares with the cameras', but for the heading's error; half widths of 95 %."""
-
-    scale: float  #: the log's distances over the cameras'
-    scale_half_width: float
-    turn: float  #: from the cameras' path to the log's [rad]
-    turn_half_width: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PositionError:
-    """Contributions to the error of position."""
-
-    largest: float  #: its length [m]
-    path: float  #: length of the path that the cameras saw [m], over half a second at a time
-    by_heading: (
-        float  #: share of the error's square that the heading's error explains; below 0, it makes it worse
-    )
-    predicted: NDArray[np.float64]  #: (N, 2) [m] the error that the heading's makes; NaN if not seen
-    scale: PathScale | None  #: None if the path is too short
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SensorErrors:
-    """Errors of all that the log and the cameras both have."""
-
-    of: dict[str, SensorError]
-    errors: dict[str, NDArray[np.float64]]  #: by name, (N,) on the log's rows
-    position: PositionError | None
-    duration: float  #: from the first to the last row compared [s]
-
-
-def sensor_errors(log: Log, columns: dict[str, NDArray[np.float64]]) -> SensorErrors | None:
-    """Return the errors, or None if log and cameras have hardly a row together.
+def _path_fit(
+    t: NDArray[np.float64], world_marker: Rotation, places: NDArray[np.float64], positions: NDArray[np.float64],
+    heading: NDArray[np.float64],
+) -> PathFit | None:  # fmt: skip
+    """Return the lever arm, scale and turn of the path, or None if log or cameras have hardly any positions.
 
     Parameters
     ----------
-    log : Log
-    columns : dict
-        From `aligned_columns`.
+    t : ndarray (k,)
+        [s]
+    world_marker : Rotation
+        k of them.
+    places : ndarray (k, 3)
+        Of the tracked point in the axes of the world [m].
+    positions : ndarray (k, 2)
+        The log's x and y [m].
+    heading : ndarray (k,)
+        The cameras' heading less the log's [rad].
     """
-    names = [name for name in (*ANGLES, *POSITIONS) if name in log and f"{PREFIX}{name}" in columns]
-    standing = np.hypot(columns[f"{PREFIX}theta"], columns[f"{PREFIX}phi"]) < LARGEST_LEAN
-    errors = {name: np.where(standing, log[name] - columns[f"{PREFIX}{name}"], np.nan) for name in names}
-    if np.isfinite(errors["psi"]).sum() < _LEAST_ROWS:
+    known = np.asarray(np.isfinite(np.hstack([places, positions])).all(axis=1))
+    ends = np.searchsorted(t, t + _STRETCH)
+    starts = np.flatnonzero(ends < len(t))[::_EVERY]
+    ends = ends[starts]
+    # without a gap, or nearly
+    kept = known[starts] & known[ends] & (t[ends] - t[starts] < 1.2 * _STRETCH)
+    starts, ends = starts[kept], ends[kept]
+    if len(starts) < _LEAST_ROWS:
         return None
+    marker, d = world_marker.as_matrix(), 0.5 * (heading[starts] + heading[ends])
+    x, y = (positions[ends] - positions[starts]).T
+    x, y = np.cos(d) * x - np.sin(d) * y, np.sin(d) * x + np.cos(d) * y
+    J = np.zeros((len(starts), 3, 5))
+    J[:, :, :3] = marker[ends] - marker[starts]
+    J[:, 0, 3], J[:, 1, 3], J[:, 0, 4], J[:, 1, 4] = x, y, -y, x
+    found, half = fit_in_blocks(J, places[ends] - places[starts], t[starts])
+    if half[3:].max() > 0.3 * np.hypot(*found[3:]):  # hardly a path
+        return None
+    arm, size = found[:3], float(np.hypot(*found[3:]))
+    believed = np.linalg.norm(arm) > LEAST_LEVER + np.linalg.norm(half[:3])
+    return PathFit(
+        arm=arm, arm_half_width=half[:3], used=arm if believed else np.zeros(3), scale=1.0 / size,
+        scale_half_width=float(half[3]) / size**2, turn=-float(np.arctan2(found[4], found[3])),
+        turn_half_width=float(half[4]) / size,
+    )  # fmt: skip
+
+
+#: beyond this angle from upright a robot is falling or in hands [rad]
+_LARGEST_LEAN = 0.35
+#: rates are slopes over this, to either side [s]
+_SLOPE = 0.04
+
+
+def _sensor_errors(log: Log) -> SensorErrors | None:
+    """Return the errors of a log with the columns of the cameras, or None if the two have hardly a row together."""
+    names = [name for name in (*ANGLE_NAMES, *POSITIONS) if name in log and f"{PREFIX}{name}" in log]
+    standing = np.hypot(log[f"{PREFIX}theta"], log[f"{PREFIX}phi"]) < _LARGEST_LEAN
+    errors = {name: np.where(standing, log[name] - log[f"{PREFIX}{name}"], np.nan) for name in names}
     compared = log.t[np.isfinite(errors["psi"])]
-    position = None
-    if all(name in errors for name in POSITIONS):
-        position = _position_error(log.t, columns, errors)
+    if len(compared) < _LEAST_ROWS:
+        return None
     return SensorErrors(
         of={name: _sensor_error(name, log, error) for name, error in errors.items()},
         errors=errors,
-        position=position,
+        position=_position_error(log, errors) if "x" in errors and "y" in errors else None,
         duration=float(compared[-1] - compared[0]),
     )
 
@@ -283,90 +357,49 @@ def _sensor_error(name: str, log: Log, error: NDArray[np.float64]) -> SensorErro
     J = np.column_stack([np.ones(len(t)), t - t.mean()])[:, None, :]
     (constant, drift), half = fit_in_blocks(J, e[:, None], t)
     wander = e - constant - drift * (t - t.mean())
-    delay = _delay(log, name, error) if name in ANGLES else None
+    delay, delay_half_width = _delay(log, name, error) if name in ANGLE_NAMES else (None, None)
     return SensorError(
-        name=name,
-        rms=float(np.sqrt(np.mean(e**2))),
-        largest=float(np.abs(e).max()),
-        drift=float(drift),
-        drift_half_width=float(half[1]),
-        wander=float(np.sqrt(np.mean(wander**2))),
-        delay=delay[0] if delay else None,
-        delay_half_width=delay[1] if delay else None,
-    )
+        rms=float(np.sqrt(np.mean(e**2))), largest=float(np.abs(e).max()), drift=float(drift),
+        drift_half_width=float(half[1]), wander=float(np.sqrt(np.mean(wander**2))), delay=delay,
+        delay_half_width=delay_half_width,
+    )  # fmt: skip
 
 
-def _delay(log: Log, name: str, error: NDArray[np.float64]) -> tuple[float, float] | None:
+def _delay(log: Log, name: str, error: NDArray[np.float64]) -> tuple[float | None, float | None]:
     """Return how late an angle is logged [s] and the 95 % half width, or None if too little is known."""
-    t = log.t
-    known = np.isfinite(log[name])
+    t, known = log.t, np.isfinite(log[name])
     times, angle = t[known], np.unwrap(log[name][known])
     rate = (np.interp(t + _SLOPE, times, angle) - np.interp(t - _SLOPE, times, angle)) / (2.0 * _SLOPE)
-    ahead = np.interp(t + SPAN, t, rate) - rate, np.interp(t + SPAN, t, error) - error
-    usable = np.isfinite(ahead[0]) & np.isfinite(ahead[1]) & (t + SPAN <= t[-1])
+    of_rate, of_error = np.interp(t + SPAN, t, rate) - rate, np.interp(t + SPAN, t, error) - error
+    usable = np.isfinite(of_rate) & np.isfinite(of_error) & (t + SPAN <= t[-1])
     if usable.sum() < _LEAST_ROWS:
-        return None
-    found, half = fit_in_blocks(-ahead[0][usable][:, None, None], ahead[1][usable][:, None], t[usable])
+        return None, None
+    found, half = fit_in_blocks(-of_rate[usable][:, None, None], of_error[usable][:, None], t[usable])
     return float(found[0]), float(half[0])
 
 
-def _position_error(
-    t: NDArray[np.float64], columns: dict[str, NDArray[np.float64]], errors: dict[str, NDArray[np.float64]]
-) -> PositionError | None:
-    seen = np.column_stack([columns[f"{PREFIX}{name}"] for name in POSITIONS])
+def _position_error(log: Log, errors: dict[str, NDArray[np.float64]]) -> PositionError | None:
+    seen = np.column_stack([log[f"{PREFIX}{name}"] for name in POSITIONS])
     error = np.column_stack([errors[name] for name in POSITIONS])
     known = np.isfinite(seen).all(axis=1) & np.isfinite(error).all(axis=1)
     if known.sum() < _LEAST_ROWS:
         return None
-    times, seen, seen_error, off = t[known], seen[known], error[known], errors["psi"][known]
-    turned = _turned(seen, off)
-    of_heading = turned - (seen - seen[0])
+    t, seen, found, off = log.t[known], seen[known], error[known], errors["psi"][known]
+    explained = _turned(seen, off) - (seen - seen[0])
     predicted = np.full_like(error, np.nan)
-    predicted[known] = of_heading
-    coarse = np.arange(times[0], times[-1], SPAN)
-    path = np.column_stack([np.interp(coarse, times, column) for column in seen.T])
+    predicted[known] = explained
+    coarse = np.arange(t[0], t[-1], SPAN)
+    path = np.column_stack([np.interp(coarse, t, column) for column in seen.T])
     return PositionError(
-        largest=float(np.linalg.norm(seen_error, axis=1).max()),
+        largest=float(np.linalg.norm(found, axis=1).max()),
         path=float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
-        by_heading=_share(seen_error, of_heading),
+        by_heading=1.0 - float(np.sum((found - explained) ** 2) / max(np.sum(found**2), 1e-300)),
         predicted=predicted,
-        scale=_fit_scale(times, turned, seen + seen_error),
-    )
-
-
-def _fit_scale(
-    t: NDArray[np.float64], turned: NDArray[np.float64], logged: NDArray[np.float64]
-) -> PathScale | None:
-    """Return how the logged path (k, 2) is scaled and turned against the one seen, its headings made the log's."""
-    ends = np.searchsorted(t, t + _STRETCH)
-    starts = np.flatnonzero(ends < len(t))[::_EVERY]
-    if len(starts) < _LEAST_ROWS:
-        return None
-    ends = ends[starts]
-    (x, y), moved = (turned[ends] - turned[starts]).T, logged[ends] - logged[starts]
-    J = np.stack([np.stack([x, -y], axis=1), np.stack([y, x], axis=1)], axis=1)
-    (c, s), half = fit_in_blocks(J, moved, t[starts])
-    size = float(np.hypot(c, s))
-    if not (size > 0.5 and half.max() < 0.5):
-        return None
-    return PathScale(
-        scale=size,
-        scale_half_width=float(half[0]),
-        turn=float(np.arctan2(s, c)),
-        turn_half_width=float(half[1]) / size,
     )
 
 
 def _turned(path: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a path (k, 2), from its start, whose every step is turned by an angle (k,)."""
-    steps = np.diff(path, axis=0)
-    angle = 0.5 * (turn[1:] + turn[:-1])
-    c, s = np.cos(angle), np.sin(angle)
-    turned = np.column_stack([c * steps[:, 0] - s * steps[:, 1], s * steps[:, 0] + c * steps[:, 1]])
-    return np.concatenate([np.zeros((1, 2)), np.cumsum(turned, axis=0)])
-
-
-def _share(error: NDArray[np.float64], explained: NDArray[np.float64]) -> float:
-    """Return the share of an error's square that is explained."""
-    total = float(np.sum(error**2))
-    return 1.0 - float(np.sum((error - explained) ** 2)) / total if total > 0.0 else 0.0
+    steps = np.diff(path, axis=0) @ np.array([1.0, 1.0j])
+    turned = np.cumsum(np.exp(0.5j * (turn[1:] + turn[:-1])) * steps)
+    return np.concatenate([np.zeros((1, 2)), np.column_stack([turned.real, turned.imag])])

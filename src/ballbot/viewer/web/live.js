@@ -117,16 +117,16 @@ class Live extends View {
   }
 
   keyOfReference(entry) {
-    entry("ring", this.data.monitor ? "reference" : "reference (drag it)");
+    entry("ring", "reference (drag it)");
   }
 
   makeControls() {
     const bar = element("div", { class: "controls" }, this.root);
-    if (!this.data.monitor) this.makePace(bar);
+    this.makePace(bar);
     this.toggle(bar, "Follow robot", "follow", () => (this.fitted = false));
     this.toggle(bar, "Forces", "arrows", () => this.makeKey());
     this.state = element("output", { class: "state", "aria-live": "polite", text: "Connecting …" }, this.root);
-    if (!this.data.monitor) this.makeTools();
+    this.makeTools();
   }
 
   makePace(bar) {
@@ -209,18 +209,17 @@ class Live extends View {
 
   makeNotes() {
     const box = element("details", { class: "notes" }, this.root);
-    element("summary", { text: this.data.monitor ? "What is shown" : "What is shown, and the keys" }, box);
+    element("summary", { text: "What is shown, and the keys" }, box);
     const list = element("ul", {}, box);
     const keys = [
       `${HINT} Drag anything else to orbit.`,
       "Space: pause. R: reset. Arrow keys: push, as seen from here.",
     ];
-    for (const note of [...(this.data.monitor ? [] : keys), ...this.data.notes]) element("li", { text: note }, list);
+    for (const note of [...keys, ...this.data.notes]) element("li", { text: note }, list);
   }
 
   /** Read keys, and take what is dragged in the picture before the camera does. */
   listen() {
-    if (this.data.monitor) return;
     document.addEventListener("keydown", (event) => this.readKey(event));
     this.stage.addEventListener("pointerdown", (event) => this.grab(event), { capture: true });
     this.stage.addEventListener("pointermove", (event) => this.drag(event), { capture: true });
@@ -410,17 +409,16 @@ class Live extends View {
     this.socket.binaryType = "arraybuffer";
     this.socket.addEventListener("message", ({ data }) => (typeof data === "string" ? this.hear(JSON.parse(data)) : this.frames(data)));
     this.socket.addEventListener("close", () => {
-      if (!/^(failed|ended)$/.test(this.phase)) this.state.textContent = "The simulation cannot be reached; it is tried again.";
+      this.state.textContent = "The simulation cannot be reached; it is tried again.";
       setTimeout(() => this.connect(), 1500);
     });
   }
 
   /** Take a status: what changes seldom. */
-  hear({ phase, message, settings, ended }) {
-    this.phase = phase;
+  hear({ message, settings, ended }) {
     this.message = message;
     this.reasons = ended;
-    if (settings) Object.assign(this.settings, settings);
+    Object.assign(this.settings, settings);
     this.showSettings();
     this.showState(1);
     this.request();
@@ -433,23 +431,18 @@ class Live extends View {
       else input.value = this.settings[name];
       if (input.show) input.show();
     }
-    if (!this.button) return;
     this.button.textContent = this.settings.paused ? "Resume" : "Pause";
     this.button.dataset.state = this.settings.paused ? "paused" : "running";
   }
 
   showState(rate) {
+    if (this.socket.readyState !== WebSocket.OPEN) return;
     const slow = `The simulation runs at ${Math.round(100 * rate)} % of the speed: the computer is busy.`;
     const fallen = this.reasons.filter(Boolean).length;
-    const texts = {
-      compiling: "The simulation starts; the first time its code is compiled, which takes up to a minute.",
-      running: this.data.monitor ? "" : this.settings.paused ? "Paused." : fallen ? "Fallen: press R or Reset." : rate < 0.9 ? slow : `Running. ${HINT}`,
-      failed: "The simulation could not start.",
-      ended: "The simulation has ended.",
-    };
-    const text = `${texts[this.phase] || ""} ${this.message || ""}`.trim();
+    const running = rate < 0.9 ? slow : `Running. ${HINT}`;
+    const state = this.settings.paused ? "Paused." : fallen ? "Fallen: press R or Reset." : running;
+    const text = `${state} ${this.message || ""}`.trim();
     if (this.state.textContent !== text) this.state.textContent = text;
-    this.root.dataset.phase = this.phase;
   }
 
   /** Take frames: rows of floats, the world's values and then each robot's. */

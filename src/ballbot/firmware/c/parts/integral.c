@@ -1,10 +1,9 @@
 /* Integral action: a position or heading that stays wrong is corrected until it is right.
  *
  *     I' = e - I/T      e the error of x, y [m] and psi [rad], world frame; sampled, within its limits
- *     u += K_I S(psi) (I + drag d)
+ *     u += K_I S(psi) I
  *
- * Within the dead band the integrals rest. While a torque or the error is limited they may shrink but not grow. The
- * drag and its direction d belong to the floor adaptation; without it they are zero.
+ * Within the dead band the integrals rest. While a torque or the error is limited they may shrink but not grow.
  */
 #include "parts/parts.h"
 
@@ -13,13 +12,11 @@ void ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot
 {
     const struct ballbot_integral_record *own = &law->integral;
     const float *sums = memory->integral.sums;
-    const float drag = memory->floor_adaptation.drag;
 
     if (own->on == 0) {
         return;
     }
-    const struct ballbot_pair d = ballbot_direction(&law->floor_adaptation, now->x.rate, now->y.rate);
-    const struct ballbot_pair I = ballbot_to_heading(now->a, sums[0] + drag * d.x, sums[1] + drag * d.y);
+    const struct ballbot_pair I = ballbot_to_heading(now->a, sums[0], sums[1]);
 
     for (int32_t i = 0; i < n; ++i) {
         torques[i] += own->gain[i][0] * I.x + own->gain[i][1] * I.y + own->gain[i][2] * sums[2];

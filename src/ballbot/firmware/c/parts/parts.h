@@ -37,11 +37,6 @@ float ballbot_notch_filter(const struct ballbot_law *law, struct ballbot_memory 
 /* learn: update slow states; `limited` if a torque or the error was at its limit */
 void ballbot_integral_learn(const struct ballbot_law *law, struct ballbot_memory *memory,
                             const struct ballbot_sample *now, bool limited);
-void ballbot_floor_adaptation_learn(const struct ballbot_law *law, struct ballbot_memory *memory,
-                                    const struct ballbot_sample *now, bool limited);
-
-/* Return d: the direction of the commanded velocity [m/s], a ramp at low speed. */
-struct ballbot_pair ballbot_direction(const struct ballbot_floor_record *own, float v_x, float v_y);
 
 /* Return a number of the torque history [ago][wheel] for the torques that acted over the last sample, their mean. */
 float ballbot_over_last_sample(const struct ballbot_prediction_record *own,

@@ -1,0 +1,475 @@
+"""The page of an identification from balancing logs: parameters, friction, laws, and errors on held-out windows.
+
+A wheel's friction is drawn over its speed, with the band in which the standard errors leave it.
+
+    tau(w) = b w + (c + s E) sgn(w),      E = exp(-r),      r = |w/v_s|^delta
+
+The band is the delta method's: variance g' C g with g the gradient of tau by (b, c, s, v_s, delta) and C their
+covariance; a parameter that has no standard error has that of an even distribution over its interval.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, texts
+from ballbot.fitting.intervals import Interval
+from ballbot.fitting.model_selection import Gain, ModelSelection
+from ballbot.identification import HoldoutResult, Identification
+from ballbot.identification.coulomb import SHARE, coulomb_sentence
+from ballbot.identification.laws import law_named
+from ballbot.identification.quantities import BY_NAME
+from ballbot.identification.result import represents_sentence
+from ballbot.identification.stages import windows_for
+from ballbot.identification.windows import Windows, standstill_torques
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import MAX_WHEELS, torque_names
+from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
+from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, section
+from ballbot.report.palette import BLUE, MUTED
+from ballbot.report.provenance import Provenance
+from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
+from ballbot.report.style import STATE_UNITS, drawn_picture
+from ballbot.report.validation_figures import correlation_figure
+from ballbot.report.words import driveline_symbols, interval_text, logs_words, state_mark
+from ballbot.robot import Friction
+from ballbot.rounding import digits, unit_heading, value_and_error
+from ballbot.workflows.study import StudiedLog
+
+
+def identification_report(
+    found: Identification,
+    logs: Mapping[str, Log],
+    *,
+    findings: Sequence[Finding],
+    selection: ModelSelection[Identification] | None,
+    holdouts: Sequence[HoldoutResult],
+    made: Provenance,
+) -> Report:
+    """Return the page; `selection` compares laws, if several were fitted."""
+    studied = [_studied(found, name, place, log) for place, (name, log) in enumerate(logs.items())]
+    undecided = texts((*found.findings, *(finding for one in holdouts for finding in one.findings)))
+    if found.variation.logs == 1:
+        undecided.append("How much the estimate differs from log to log: there is one log.")
+    return Report(
+        title=f"{found.robot.name}: friction from balancing logs",
+        lead=f"Identified from {logs_words(logs)}, with predictions over windows of {found.window:g} s.",
+        verdict=[("Verdict", found.verdict.sentence), ("Friction", friction_sentence(found))],
+        sections=[
+            section("Parameters", *parameter_blocks(found, studied)),
+            *([section("Friction laws", _selection_sheet(selection))] if selection else []),
+            section(
+                "Errors on held-out windows",
+                _error_sheet(found, holdouts),
+                *(_horizon_sheet(one) for one in holdouts if one.horizons),
+                _predictions(found, studied),
+            ),
+            section("The logs", *log_blocks(studied)),
+        ],
+        undecided=[*undecided, "The friction at speeds, loads and temperatures that the logs do not have."],
+        made=made,
+        findings=findings,
+    )
+
+
+def _studied(found: Identification, name: str, place: int, log: Log) -> StudiedLog:
+    held: list[tuple[float, float]] = []
+    for span in found.held_out_windows:
+        if span.log == place:
+            follows = bool(held) and span.start - held[-1][1] < 0.5 * log.sample_time
+            start = held.pop()[0] if follows else span.start
+            held.append((start, span.end))
+    return StudiedLog(name=name, log=log, held_out=tuple(held))
+
+
+def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Iterator[Block]:
+    """Yield the parameters, what they stand for, each wheel's friction, and the correlation of their errors."""
+    yield _parameter_sheet(found)
+    sentences = (represents_sentence(found.names), coulomb_sentence(found.coulomb, found.names))
+    yield Bullets(items=[one for one in sentences if one])
+    caption = (
+        "Friction of each wheel against its speed, with the 95 % band from the standard errors; below, the share of "
+        "the logs at each speed."
+    )
+    yield drawn_picture("friction", partial(friction_figure, found, logs), caption)
+    if np.isfinite(found.correlation).any():
+        caption = (
+            "Correlation of the parameters' errors. A strong colour marks two parameters of which the data determine "
+            "a combination better than either alone."
+        )
+        special = {"v_s": "$v_s$", "delta": r"$\delta$", "C_rr": "$C_{rr}$"}
+        labels = [special.get(label, f"${label[0]}_{{{label[1:]}}}$") for label in found.labels]
+        yield drawn_picture("parameters", partial(correlation_figure, labels, found.correlation), caption)
+
+
+def _parameter_sheet(found: Identification) -> Sheet:
+    """Return each parameter of the law with its standard error, both 95 % intervals, and the robot file's value."""
+    layout, other = found.layout, found.other
+    names = [name for name in layout.names for _ in BY_NAME[name].labels(layout.wheel_count)]
+    values, errors = (
+        np.concatenate([np.atleast_1d(one) for one in numbers.values()])
+        for numbers in (found.parameters, found.standard_errors)
+    )
+    before = layout.nominal(found.predictor.robot)
+    rows = [
+        (
+            label,
+            BY_NAME[name].unit,
+            digits(float(before[i])),
+            *value_and_error(values[i], errors[i]),
+            interval_text(found.intervals.get(label)),
+            interval_text(found.another_log.get(label)),
+            *([] if other is None else [digits(float(other.values[i]))]),
+            _allowed(*found.bounds[i].tolist()),
+        )
+        for i, (label, name) in enumerate(zip(found.labels, names, strict=True))
+        if name in found.names
+    ]
+    rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in found.names)
+    with_sweep = any(one.method == "with sweep" for one in found.intervals.values())
+    caption = (
+        f"{driveline_symbols(found.names)}{rolling} Standard errors contain the variation between logs. A dash: held "
+        "at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed."
+        + " Numbers and errors are those of the logs and the sweep together."
+        * with_sweep
+    )
+    headings = (
+        "parameter",
+        "unit",
+        "in the robot file",
+        "found",
+        "standard error",
+        "95 %",
+        "95 %, another log",
+    )
+    headings = (*headings, *([] if other is None else ["other optimum"]), "allowed")
+    return Sheet(headings=headings, rows=rows, caption=caption)
+
+
+def _allowed(lower: float, upper: float) -> str:
+    return f"{digits(lower)} .. {digits(upper)}" if upper > lower else f"held at {digits(lower)}"
+
+
+#: windows in a time series: more would be a hand's breadth each
+_MOST_WINDOWS = 40
+#: the states that a prediction shows
+_SHOWN = ("theta", "phi", "x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
+
+
+def _predictions(found: Identification, logs: Sequence[StudiedLog]) -> TimeSeries | None:
+    """Return measured and predicted states over held-out windows of the first log that has some."""
+    studied = next((one for one in logs if one.held_out), None)
+    if studied is None:
+        return None
+    predictor = found.predictor
+    supplied = standstill_torques(studied.log, predictor.robot, predictor.back_emf)
+    windows = windows_for(predictor, found.values, [supplied], duration=found.window)
+    rows = _rows_within(windows, studied.held_out)[:_MOST_WINDOWS]
+    if not len(rows):
+        return None
+    windows = windows.take(rows)
+    both = np.stack([found.values, predictor.layout.without_friction(found.values)])
+    ours, without = predictor.residuals(both, windows, every=1) + windows.measured
+    t, measured = _in_a_row(windows, windows.measured)
+    panels = []
+    for state in _SHOWN:
+        column = STATE_NAMES.index(state)
+        lines = (
+            Line(name="measured", values=measured[:, column], look="measured"),
+            Line(name="with the friction found", values=_in_a_row(windows, ours)[1][:, column], look="first"),
+            Line(name="without friction", values=_in_a_row(windows, without)[1][:, column], look="second"),
+        )
+        panels.append(Panel(label=unit_heading(state_mark(state), STATE_UNITS[state]), lines=lines))
+    caption = (
+        f"Predictions of {len(windows)} windows of “{studied.name}” that the fit did not see, each from the state "
+        "measured at its start and with the torques of the log."
+    )
+    return TimeSeries(t=t, panels=panels, caption=caption, across="time of the log [s]")
+
+
+def _rows_within(windows: Windows, intervals: Sequence[tuple[float, float]]) -> NDArray[np.intp]:
+    """Return which windows of a log lie within intervals (start, end) [s].
+
+    The windows of the fit begin later where a delay was estimated: they keep room for the longest that it may be.
+    """
+    slack = 0.5 * windows.sample_time  # times are rounded
+    inside = [
+        any(start - slack <= one.start and one.end <= end + slack for start, end in intervals)
+        for one in windows.spans
+    ]
+    return np.flatnonzero(inside)
+
+
+def _in_a_row(
+    windows: Windows, states: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return time (k,) and states (k, 10) of windows (w, m, 10) one after another, each from its start, then a gap."""
+    steps = windows.sample_time * np.arange(windows.samples + 2)
+    t = np.array([one.start for one in windows.spans])[:, None] + np.minimum(steps, steps[-2])
+    gap = np.full((len(windows), 1, states.shape[2]), np.nan)
+    whole = np.concatenate([windows.initial[:, None], states, gap], axis=1)
+    return t.ravel(), whole.reshape(-1, states.shape[2])
+
+
+def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:
+    """Return the open-loop errors of each state (RMSE), and those with over those without friction on other logs."""
+    ours = found.held_out
+    rows = [
+        (
+            unit_heading(state_mark(state), STATE_UNITS[state]),
+            digits(with_friction),
+            digits(without),
+            f"{ratio:.2f}",
+            *(f"{one.errors.with_over_without[state]:.2f}" for one in holdouts),
+        )
+        for (state, ratio), with_friction, without in zip(
+            ours.with_over_without.items(), ours.rmse_with, ours.rmse_without, strict=True
+        )
+    ]
+    others = "; with / without friction on other logs" if holdouts else ""
+    caption = f"Open-loop RMSE on {ours.windows} held-out windows{others}"
+    headings = (
+        "state",
+        "with friction",
+        "without",
+        "with / without",
+        *(one.name for one in holdouts),
+    )
+    return Sheet(headings=headings, rows=rows, caption=caption)
+
+
+def _horizon_sheet(holdout: HoldoutResult) -> Sheet:
+    """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
+    rows = [
+        (
+            f"{one.horizon:.3g}",
+            digits(one.wheel_speed.with_friction),
+            digits(one.wheel_speed.viscous_part),
+            digits(one.wheel_speed.without_friction),
+            digits(one.wheel_speed.share, 2),
+            digits(math.degrees(one.lean.with_friction)),
+            digits(math.degrees(one.lean.without_friction)),
+            digits(one.lean.share, 2),
+        )
+        for one in holdout.horizons
+    ]
+    known = "past rows" if holdout.causal else "its rows"
+    caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
+    headings = (
+        *("after, s", "wheel speed, rad/s", "viscous part", "without friction", "missing friction"),
+        *("lean, deg", "without friction", "missing friction"),
+    )
+    return Sheet(headings=headings, rows=rows, caption=caption)
+
+
+#: of laws in words
+_DECISIONS = {
+    "accepted": "taken",
+    "rejected": "no useful gain",
+    "undecided": "the data cannot decide",
+}
+
+
+def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
+    """Return the laws with their errors and gains on windows held out."""
+    rows = [
+        (
+            one.name,
+            law_named(one.name).formula,
+            f"{one.error:.3f}",
+            one.within or "no friction",
+            _gain(one.gain) if one.gain else "",
+            "best" if one is selection.best else _DECISIONS[one.decision],
+        )
+        for one in selection.candidates
+    ]
+    headings = ("law", "friction", "error", "compared with", "gain, 95 % interval", "")
+    caption = "Friction laws on held-out windows: error relative to no friction."
+    return Sheet(headings=headings, rows=rows, caption=caption)
+
+
+def _gain(gain: Gain) -> str:
+    return f"{100 * gain.share:.1f} % ({100 * gain.lower:.1f} .. {100 * gain.upper:.1f})"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrictionCurve:
+    """One wheel's friction torque at some speeds."""
+
+    speed: NDArray[np.float64]  #: (k,) [rad/s]
+    torque: NDArray[np.float64]  #: (k,) [N m]
+    standard_error: NDArray[np.float64]  #: (k,) [N m]
+
+
+def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]) -> FrictionCurve:
+    """Return the friction of wheel `wheel` (from 0) at speeds (k,) [rad/s] other than zero."""
+    friction = found.robot.friction
+    n = found.robot.wheel_count
+    gradient = np.zeros((len(speed), len(found.labels)))
+    of_wheel = (f"b{wheel + 1}", f"c{wheel + 1}", f"s{wheel + 1}", "v_s", "delta")
+    by_parameter = stribeck_gradient(
+        speed,
+        stribeck=friction.stribeck[wheel],
+        stribeck_speed=friction.stribeck_speed,
+        stribeck_exponent=friction.stribeck_exponent,
+    )
+    for label, column in zip(of_wheel, by_parameter.T, strict=True):
+        if label in found.labels:  # a simpler law has fewer parameters
+            gradient[:, found.labels.index(label)] = column
+    if friction.coulomb_asymmetry:  # found as a torque against it
+        gradient[:, found.labels.index(f"offset{wheel + 1}")] = -1.0
+    variance = np.einsum("ki,ij,kj->k", gradient, found.assumed_covariance, gradient)
+    torque = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
+    return FrictionCurve(speed=speed, torque=torque, standard_error=np.sqrt(np.maximum(variance, 0.0)))
+
+
+def log_series(studied: StudiedLog) -> TimeSeries:
+    """Return position, heading and torques in a log over time, with what was held out shaded."""
+    log = studied.log
+    panels = []
+    for name, label in (("x", "x [m]"), ("y", "y [m]"), ("psi", "heading ψ [rad]")):
+        reference = (
+            [Line(name="reference", values=log[f"ref_{name}"], look="reference")]
+            if f"ref_{name}" in log
+            else []
+        )
+        panels.append(
+            Panel(label=label, lines=[*reference, Line(name="measured", values=log[name], look="measured")])
+        )
+    torques = [log[name] for name in torque_names(MAX_WHEELS) if name in log]
+    panels.append(Panel(label="torques [N m]", lines=wheel_lines(torques)))
+    return TimeSeries(
+        t=log.t,
+        panels=panels,
+        caption=f"{studied.name}: position, heading and the wheels' torques.",
+        across="time of the log [s]",
+        shaded=studied.held_out,
+        shade="held out",
+    )
+
+
+#: logs drawn over time: a page has about 0.1 MB for each
+MOST_LOGS = 8
+
+
+def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
+    """Yield the time series of logs, of the first if there are many."""
+    yield from (log_series(one) for one in logs[:MOST_LOGS])
+    if len(logs) > MOST_LOGS:
+        names = ", ".join(one.name for one in logs[MOST_LOGS:])
+        yield Paragraph(text=f"Not drawn, as the page would be too large: {names}.")
+
+
+#: wheel speeds shown reach this quantile of those in the logs; without logs, so many Stribeck speeds
+_SHOWN_QUANTILE, _SHOWN_SPEEDS = 0.995, 8.0
+
+
+def friction_figure(found: Identification, logs: Sequence[StudiedLog] = ()) -> Figure:
+    """Return each wheel's friction over its speed with a 95 % band; below, how often the logs have such a speed."""
+    n = found.robot.wheel_count
+    figure = Figure(figsize=(7.4, 3.1 if logs else 2.6), layout="constrained")
+    heights = (3, 1) if logs else (1,)
+    panels = figure.subplots(len(heights), n, sharex=True, sharey="row", height_ratios=heights, squeeze=False)
+    fastest = _SHOWN_SPEEDS * found.robot.friction.stribeck_speed
+    if logs:
+        speeds = np.concatenate([studied.wheel_speeds(found.robot) for studied in logs])
+        fastest = float(np.quantile(np.abs(speeds), _SHOWN_QUANTILE))
+        for axes, speed in zip(panels[1], speeds.T, strict=True):
+            shares, edges = np.histogram(speed, bins=61, range=(-fastest, fastest))
+            axes.stairs(100.0 * shares / len(speed), edges, fill=True, color=MUTED, alpha=0.55)
+        panels[1, 0].set_ylabel("share of\nthe logs [%]")
+    for wheel, axes in enumerate(panels[0]):
+        _draw_curve(axes, found, wheel, fastest)
+    for axes in panels[-1]:
+        axes.set_xlabel("wheel speed [rad/s]")
+    panels[0, 0].set_ylabel("friction torque [N m]")
+    return figure
+
+
+def _draw_curve(axes: Axes, found: Identification, wheel: int, fastest: float) -> None:
+    for side in (-1.0, 1.0):
+        curve = friction_curve(found, wheel, side * np.geomspace(1e-3, 1.0, 160) * fastest)
+        half = 1.96 * curve.standard_error
+        axes.fill_between(
+            curve.speed, curve.torque - half, curve.torque + half, color=BLUE, alpha=0.2, linewidth=0
+        )
+        axes.plot(curve.speed, curve.torque, color=BLUE, linewidth=1.4)
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    axes.axvline(0.0, color=MUTED, linewidth=0.6)
+    axes.set_title(f"wheel {wheel + 1}")
+
+
+def friction_sentence(found: Identification) -> str:
+    """Return the friction in words: of a wheel at rest and in motion, by direction and load, and of rolling."""
+    robot = found.robot
+    friction = robot.friction
+    return (
+        f"{_wheel_words(friction, float(found.coulomb.speeds.max()))} {_friction_terms_words(friction)}"
+        f"The rolling friction of the ball is {digits(robot.rolling_force, 2)} N "
+        f"(C_rr = {digits(friction.rolling, 2)}).{_without_limit(found)}"
+    )
+
+
+def _without_limit(found: Identification) -> str:
+    """Return a sentence on the parameters of which any value fits; empty if there are none."""
+    labels = open_labels(found.intervals)
+    return f" The logs do not limit {', '.join(labels)}: any value fits." if labels else ""
+
+
+def open_labels(intervals: Mapping[str, Interval]) -> list[str]:
+    """Return the labels of intervals that leave any value open."""
+    return [label for label, one in intervals.items() if np.isinf(one.upper) and not one.lower > 0.0]
+
+
+def _wheel_words(friction: Friction, fastest: float) -> str:
+    """Return a wheel's friction by its law, in the mean of both directions.
+
+    Parameters
+    ----------
+    friction : Friction
+    fastest : float
+        Speed that `SHARE` of the logs' speeds stay below [rad/s].
+    """
+    coulomb, viscous = np.array(friction.coulomb), np.array(friction.viscous)
+    if not any(friction.stribeck):
+        if not coulomb.any():
+            return f"The friction of a wheel is viscous only: {_range(viscous)} N m per rad/s."
+        return f"The friction of a wheel is {_range(coulomb)} N m at any speed plus {_range(viscous)} N m per rad/s."
+    wheels = len(coulomb)
+    shown = {text: float(text) for one in (1.0, fastest) if one <= fastest and (text := digits(one, 2))}
+    at_speeds = []
+    for text, speed in shown.items():
+        forward, backward = (wheel_friction(np.full(wheels, side * speed), friction) for side in (1.0, -1.0))
+        at_speeds.append(f"{_range(0.5 * (forward - backward))} N m at {text} rad/s")
+    return (
+        f"The break-away torque of a wheel is {_range(coulomb + np.array(friction.stribeck))} N m. In motion its "
+        f"friction is {' and '.join(at_speeds)}, which {100 * SHARE:.0f} % of the logs' speeds stay below."
+    )
+
+
+def _friction_terms_words(friction: Friction) -> str:
+    """Return the terms by direction and load in words; empty without such terms."""
+    words = []
+    for name, values in (("Coulomb", friction.coulomb_asymmetry), ("Stribeck", friction.stribeck_asymmetry)):
+        if any(values):
+            words.append(
+                f"Forward, the {name} torque differs by {_range(np.array(values))} N m from this mean of both "
+                "directions. "
+            )
+    if any(friction.load):
+        words.append(f"Each N m of motor torque adds {_range(np.array(friction.load))} N m of dry friction. ")
+    return "".join(words)
+
+
+def _range(values: np.ndarray) -> str:
+    upper = digits(float(values.max()), 2)
+    lower = digits(float(values.min()), 2, beside=float(values.max()))
+    return lower if lower == upper else f"{lower} to {upper}"

@@ -1,0 +1,425 @@
+"""How a body turned by a log and by cameras, and the clock and the rotation that join the two.
+
+    t_camera = offset + (1 + rate) t_log
+    e_k = R (C(t_k + h) - C(t_k)) - (L(s_k + h) - L(s_k)) + b h,      s = (t - offset) / (1 + rate)
+
+The turning is kept as running totals in the body's own frame: the integral of w dt by a gyro, the sum of
+log(R_k^T R_k+1) by orientations, whose noise cancels between neighbours. L is the log's, C the cameras'; R takes the
+marker frame to the log's body frame, b is the gyro's bias.
+
+The fit starts from the clocks under which both turn equally fast, which needs no frame: the speeds are correlated over
+every shift and over rates up to 1 %, each overlap normalised by the samples that both have (D. Padfield, IEEE Trans.
+Image Processing 21 (2012) 2706-2718). A motion that repeats itself gives several peaks: all are fitted, and the
+likeliest is kept. R starts from the closed form of Wahba's problem. Large errors count less (Huber). Standard errors
+are clustered by blocks of time, because errors depend on each other over seconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.optimize import OptimizeResult, least_squares
+from scipy.spatial.transform import Rotation
+
+from ballbot.errors import InputError
+from ballbot.fitting.least_squares import fit_linear
+from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.log import Log
+from ballbot.log.pose import Poses
+
+GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
+ANGLE_NAMES = ("theta", "phi", "psi")
+#: shorter intervals between rows, and those of two lost rows, are no gap [s]
+_LONGEST_BRIDGE = 0.06
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Turning:
+    """Running totals of a body's turning, in its own frame."""
+
+    t: NDArray[np.float64]  #: (N,) [s], on its own clock
+    total: NDArray[np.float64]  #: (N, 3) [rad]
+    missing: NDArray[np.float64]  #: (N,) running number of steps over which the turning is not known
+
+    @staticmethod
+    def of(t: NDArray[np.float64], steps: NDArray[np.float64], known: NDArray[np.bool_]) -> Turning:
+        """Return the totals of steps (N - 1, 3) [rad] between times (N,) [s]; those not `known` are missing."""
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(np.where(known[:, None], steps, 0.0), axis=0)])
+        return Turning(t=t, total=total, missing=np.concatenate([[0.0], np.cumsum(~known)]))
+
+    @staticmethod
+    def of_rates(t: NDArray[np.float64], rate: NDArray[np.float64]) -> Turning:
+        """Return the totals of rates (N, 3) [rad/s]; those that are NaN are missing."""
+        known = _whole_rows(rate)
+        rate = np.where(known[:, None], rate, 0.0)
+        return Turning.of(
+            t, 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)[:, None], known[1:] & known[:-1] & ~_gaps(t)
+        )
+
+    def over(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how the body turned (k, 3) [rad] from some times (k,) to others."""
+        columns = [np.interp(end, self.t, one) - np.interp(start, self.t, one) for one in self.total.T]
+        return np.column_stack(columns)
+
+    def covers(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return over which of the times (k,) from start to end the turning is known throughout."""
+        after = self.missing[np.clip(np.searchsorted(self.t, end), 0, len(self.t) - 1)]
+        before = self.missing[np.clip(np.searchsorted(self.t, start, side="right") - 1, 0, len(self.t) - 1)]
+        return (start >= self.t[0]) & (end <= self.t[-1]) & (before == after)
+
+
+def log_turning(log: Log) -> Turning:
+    """Return the turning of a log: its gyro's, or, without one, that of its angles.
+
+    Raises
+    ------
+    InputError
+        If it has neither, or hardly any values of them.
+    """
+    if has_gyro(log):
+        rate = np.column_stack([log[name] for name in GYRO_NAMES])
+        _check_known(_whole_rows(rate), GYRO_NAMES)
+        return Turning.of_rates(log.t, rate)
+    if not all(name in log for name in ANGLE_NAMES):
+        raise InputError("Alignment needs the log's gyro_x, gyro_y, gyro_z, or its theta, phi, psi.")
+    rotations, known = log_rotations(log)
+    return Turning.of(log.t, _steps(rotations), known[1:] & known[:-1] & ~_gaps(log.t))
+
+
+def has_gyro(log: Log) -> bool:
+    """Return whether a log's turning is its gyro's."""
+    return all(name in log for name in GYRO_NAMES)
+
+
+def log_rotations(log: Log) -> tuple[Rotation, NDArray[np.bool_]]:
+    """Return the log's orientations, body to world, and where (N,) they are known; elsewhere the one before."""
+    angles = np.column_stack([log[name] for name in ANGLE_NAMES])
+    known = _whole_rows(angles)
+    _check_known(known, ANGLE_NAMES)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
+    return Rotation.from_euler("XYZ", angles[last]), known
+
+
+def poses_turning(poses: Poses) -> Turning:
+    """Return the turning of poses that were all seen; steps over gaps are missing."""
+    return Turning.of(poses.t, _steps(poses.rotations), ~_gaps(poses.t))
+
+
+def longest_bridge(t: NDArray[np.float64]) -> float:
+    """Return the longest interval between times (N,) over which values may be interpolated [s]."""
+    return max(_LONGEST_BRIDGE, 2.5 * float(np.median(np.diff(t))))
+
+
+def _gaps(t: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.diff(t) > longest_bridge(t)
+
+
+def _steps(rotations: Rotation) -> NDArray[np.float64]:
+    return (rotations[:-1].inv() * rotations[1:]).as_rotvec()
+
+
+def _whole_rows(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(values).all(axis=1))
+
+
+def _check_known(known: NDArray[np.bool_], names: tuple[str, ...]) -> None:
+    if known.sum() < 10:
+        raise InputError(
+            f"The log's {', '.join(names)} have values in only {known.sum()} of {len(known)} rows."
+        )
+
+
+#: of the grid of the search [s]; far below the span, so that a peak is not missed
+_STEP = 0.02
+#: over which the speed of turning is a mean [s]: it calms the cameras' noise and forgives a clock a little wrong
+_MEAN = 0.2
+#: largest rate searched [s/s]: the worst clock without a quartz, a microcontroller's own
+_LARGEST_RATE = 0.01
+#: least that must overlap [s]
+_LEAST_OVERLAP = 4.0
+#: peaks that are fitted, and how far apart they are [s]
+_PEAKS = 4
+_APART = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """t_camera = offset + (1 + rate) t_log."""
+
+    offset: float  #: the cameras' time at the log's zero [s]
+    rate: float  #: how much faster the cameras' clock runs [s/s]
+
+    def to_log(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return times of the cameras' clock as times of the log's."""
+        return (t - self.offset) / (1.0 + self.rate)
+
+    def to_cameras(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return times of the log's clock as times of the cameras'."""
+        return self.offset + (1.0 + self.rate) * t
+
+
+def _candidate_clocks(log: Turning, cameras: Turning) -> list[Clock]:
+    """Return up to four clocks under which log and cameras turn alike, the likeliest first."""
+    start, end = float(log.t[0]), float(log.t[-1])
+    speeds, known = _speeds(log, np.arange(start, end, _STEP))
+    # a rate wrong by half a step dephases the ends by a quarter of the mean's length
+    count = int(np.ceil(_LARGEST_RATE * (end - start) / _MEAN))
+    peaks: list[tuple[float, float, Clock]] = []
+    for rate in np.linspace(-_LARGEST_RATE, _LARGEST_RATE, 2 * count + 1):
+        begin = cameras.t[0] / (1.0 + rate)
+        grid = np.arange(begin, cameras.t[-1] / (1.0 + rate), _STEP)
+        score = _scores(speeds, known, *_speeds(cameras, (1.0 + rate) * grid))
+        for _ in range(_PEAKS):
+            best = int(np.argmax(score))
+            if not score[best] > 0.0:
+                break
+            shift = begin - start + (best - len(speeds) + 1) * _STEP
+            clock = Clock(offset=float((1.0 + rate) * shift), rate=float(rate))
+            peaks.append((float(score[best]), float(clock.to_cameras(np.array(0.5 * (start + end)))), clock))
+            score[max(0, best - int(_APART / _STEP)) : best + int(_APART / _STEP) + 1] = -np.inf
+    kept: list[tuple[float, Clock]] = []
+    for _, middle, clock in sorted(peaks, key=lambda peak: -peak[0]):
+        if len(kept) < _PEAKS and all(abs(middle - other) > _APART for other, _ in kept):
+            kept.append((middle, clock))
+    return [clock for _, clock in kept]
+
+
+def _speeds(turning: Turning, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean speeds of turning (k,) [rad/s] about times (k,), and 1 where they are known, else 0."""
+    start, end = t - 0.5 * _MEAN, t + 0.5 * _MEAN
+    known = turning.covers(start, end)
+    return np.where(known, np.linalg.norm(turning.over(start, end), axis=1) / _MEAN, 0.0), known.astype(
+        np.float64
+    )
+
+
+def _scores(
+    a: NDArray[np.float64], a_known: NDArray[np.float64], b: NDArray[np.float64], b_known: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return how sure (len(a) + len(b) - 1,) each shift of `a` along `b` is: z-scored correlation, -inf where short."""
+    size = fft.next_fast_len(len(a) + len(b) - 1, real=True)
+
+    def shifted(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.float64]:
+        return np.asarray(fft.irfft(left * right, size))[: len(a) + len(b) - 1]
+
+    A, A1, A2 = (np.asarray(fft.rfft(values[::-1], size)) for values in (a, a_known, a * a))
+    B, B1, B2 = (np.asarray(fft.rfft(values, size)) for values in (b, b_known, b * b))
+    n = np.round(shifted(A1, B1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sum_a, sum_b = shifted(A, B1), shifted(A1, B)
+        covariance = shifted(A, B) - sum_a * sum_b / n
+        spread_a = shifted(A2, B1) - sum_a**2 / n
+        spread_b = shifted(A1, B2) - sum_b**2 / n
+        correlation = covariance / np.sqrt(spread_a * spread_b)
+    useful = (n * _STEP >= _LEAST_OVERLAP) & (spread_a > 1e-9) & (spread_b > 1e-9) & np.isfinite(correlation)
+    # Fisher's z over its standard error: a long overlap counts for more than a short accidental match
+    z = np.arctanh(np.clip(np.where(useful, correlation, 0.0), -0.9999, 0.9999)) * np.sqrt(np.maximum(n, 1.0))
+    return np.where(useful, z, -np.inf)
+
+
+#: length of a block [s], and how many there are at least
+_BLOCK = 5.0
+_LEAST_BLOCKS = 8
+
+
+def fit_in_blocks(
+    J: NDArray[np.float64], values: NDArray[np.float64], times: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the parameters (p,) with which J (n, c, p) explains the values (n, c), and their 95 % half widths (p,)."""
+    blocks, quantile = _blocks(times)
+    fit = fit_linear(J.reshape(-1, J.shape[2]), values.ravel(), np.repeat(blocks, values.shape[1]))
+    return fit.values, quantile * fit.errors
+
+
+def _blocks(times: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
+    """Return the block (n,) that each of increasing times (n,) [s] is in, and Student's t for 95 % with as many."""
+    length = max(min(_BLOCK, (times[-1] - times[0]) / _LEAST_BLOCKS), 1e-9)
+    blocks = np.unique(((times - times[0]) / length).astype(np.int64), return_inverse=True)[1]
+    return blocks.astype(np.int64), float(scipy.stats.t.ppf(0.975, max(int(blocks.max()), 1)))
+
+
+#: increments are over this [s]: long beside the cameras' noise, short beside a gyro's drift
+SPAN = 0.5
+#: increments at the most; more only repeat one another
+_MOST = 12000
+_LEAST = 60
+#: errors beyond so many standard deviations count less (Huber); weights are renewed so often
+_TUNING = 2.5
+_REWEIGHTED = 2
+#: rates are slopes over this, to either side [s]
+_SLOPE = 0.01
+#: standard error of a rotation from which it counts as not determined [rad]
+_UNDETERMINED = 0.1
+#: another clock is reported if its likelihood exceeds this share of the best's
+_RIVAL = 0.5
+#: clocks nearer than this in the log's middle are the same [s]
+_SAME = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionFit:
+    """The clock and the rotation, with 95 % half widths by blocks of time."""
+
+    clock: Clock
+    body_marker: Rotation  #: marker frame to the log's body frame
+    bias: NDArray[np.float64]  #: (3,) of the log's gyro [rad/s], body frame
+    offset_half_width: float  #: [s]
+    rate_half_width: float  #: [s/s]
+    rotation_half_width: NDArray[np.float64]  #: (3,) about the body's axes [rad]
+    error: float  #: rms of an increment's error, a component [rad]
+    motion: float  #: rms of an increment, a component [rad]
+    increments: int
+    axis_error: float  #: standard error of the rotation about the axis that the motion determines least [rad]
+
+    @property
+    def share(self) -> float:
+        """The share of the turning that is common to log and cameras."""
+        return 1.0 - (self.error / self.motion) ** 2
+
+    @property
+    def gain(self) -> float:
+        """The logarithm of the likelihood over that of no relation."""
+        return -self.increments * float(np.log(self.error / self.motion))
+
+
+def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tuple[MotionFit, Clock | None]:
+    """Return the likeliest clock and rotation, and the clock of another fit that is nearly as likely.
+
+    Parameters
+    ----------
+    log, cameras : Turning
+    least_share : float
+        Of the turning that is common to both, if they are of the same run.
+
+    Raises
+    ------
+    InputError
+        If they are not of the same run, or turn about one axis only.
+    """
+    fits = [fit for clock in _candidate_clocks(log, cameras) if (fit := _fitted(log, cameras, clock))]
+    fits = sorted(
+        (fit for fit in fits if abs(fit.clock.rate) < 2.0 * _LARGEST_RATE), key=lambda fit: -fit.gain
+    )
+    share = fits[0].share if fits else 0.0
+    if share < least_share:
+        raise InputError(
+            f"Log and cameras do not turn alike: with the best clock {100.0 * share:.0f} % of the turning is common to "
+            f"both over at least {_LEAST_OVERLAP:g} s; for the same run it is over {100.0 * least_share:.0f} %. Check "
+            "that both are of one run, and the order and signs of the log's sensors."
+        )
+    best = fits[0]
+    if best.axis_error > _UNDETERMINED:
+        raise InputError(
+            "Log and cameras turn about one axis only, about which the rotation between their frames is then not "
+            "known. Balance and turn the heading in the same run."
+        )
+    middle = np.array(0.5 * (log.t[0] + log.t[-1]))
+    here = best.clock.to_cameras(middle)
+    rivals = (
+        fit.clock
+        for fit in fits[1:]
+        if abs(fit.clock.to_cameras(middle) - here) > _SAME and fit.gain > _RIVAL * best.gain
+    )
+    return best, next(rivals, None)
+
+
+def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
+    """Return the fit that starts from a clock; None if the two share too little."""
+    found = _increments(log, cameras, clock)
+    if found is None:
+        return None
+    start, end, turned = found
+    middle = float(np.mean(clock.to_log(start)))
+    logged = log.over(clock.to_log(start), clock.to_log(end))
+    # a constant rate, the gyro's bias, is no motion
+    body_marker = Rotation.align_vectors(_centred(logged), _centred(turned))[0]
+
+    def clock_of(x: NDArray[np.float64]) -> Clock:
+        rate = clock.rate + x[1]
+        offset = clock.to_cameras(np.array(middle)) + x[0] - (1.0 + rate) * middle
+        return Clock(offset=float(offset), rate=float(rate))
+
+    def errors(x: NDArray[np.float64], root: NDArray[np.float64]) -> NDArray[np.float64]:
+        s0, s1 = clock_of(x).to_log(start), clock_of(x).to_log(end)
+        rotated = (Rotation.from_rotvec(x[2:5]) * body_marker).apply(turned)
+        return ((rotated - log.over(s0, s1) + np.outer(s1 - s0, x[5:])) * root[:, None]).ravel()
+
+    def slopes(x: NDArray[np.float64], root: NDArray[np.float64]) -> NDArray[np.float64]:
+        s0, s1 = clock_of(x).to_log(start), clock_of(x).to_log(end)
+        w0, w1 = (log.over(s - _SLOPE, s + _SLOPE) / (2.0 * _SLOPE) - x[5:] for s in (s0, s1))
+        v = (Rotation.from_rotvec(x[2:5]) * body_marker).apply(turned)
+        J = np.zeros((len(start), 3, 8))
+        J[:, :, 0] = w1 - w0
+        J[:, :, 1] = w1 * (s1 - middle)[:, None] - w0 * (s0 - middle)[:, None]
+        # d (exp(d) v) = d x v
+        J[:, [0, 1, 2], [3, 4, 2]], J[:, [0, 1, 2], [4, 2, 3]] = v[:, [2, 0, 1]], -v[:, [1, 2, 0]]
+        J[:, [0, 1, 2], [5, 6, 7]] = (s1 - s0)[:, None]
+        return (J * root[:, None, None]).reshape(-1, 8)
+
+    def solved(x: NDArray[np.float64], root: NDArray[np.float64]) -> OptimizeResult:
+        return least_squares(errors, x, jac=slopes, args=(root,), x_scale="jac", method="lm", max_nfev=40)  # pyright: ignore[reportArgumentType]
+
+    unit = np.ones(len(start))
+    fit = solved(np.zeros(8), unit)
+    for _ in range(_REWEIGHTED):
+        size = np.linalg.norm(errors(fit.x, unit).reshape(-1, 3), axis=1)
+        scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
+        weight = np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
+        fit = solved(fit.x, np.sqrt(weight))
+    x = np.asarray(fit.x, np.float64)
+    blocks, quantile = _blocks(start)
+    covariance = covariance_in_time(fit.jac, fit.fun, np.repeat(blocks, 3))
+    half, to_zero = quantile * np.sqrt(np.diag(covariance)), np.array([1.0, -middle])
+    body_marker = Rotation.from_rotvec(x[2:5]) * body_marker
+    residuals = errors(x, unit).reshape(-1, 3)
+    return MotionFit(
+        clock=clock_of(x),
+        body_marker=body_marker,
+        bias=x[5:],
+        # at the log's zero, from the offset at the middle and the rate
+        offset_half_width=float(quantile * np.sqrt(to_zero @ covariance[:2, :2] @ to_zero)),
+        rate_half_width=float(half[1]),
+        rotation_half_width=half[2:5],
+        error=float(np.sqrt(np.mean(residuals**2))),
+        motion=float(np.sqrt(np.mean(_centred(turned) ** 2))),
+        increments=len(start),
+        axis_error=_axis_error(body_marker.apply(turned), residuals, float(np.median(np.diff(start)))),
+    )
+
+
+def _increments(
+    log: Turning, cameras: Turning, clock: Clock
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return start and end (n,) [s], cameras' clock, and turning (n, 3) of `SPAN` each; None if both share too few."""
+    starts = np.arange(0, len(cameras.t), max(1, len(cameras.t) // _MOST))
+    ends = np.searchsorted(cameras.t, cameras.t[starts] + SPAN)
+    starts, ends = starts[ends < len(cameras.t)], ends[ends < len(cameras.t)]
+    start, end = cameras.t[starts], cameras.t[ends]
+    usable = cameras.missing[ends] == cameras.missing[starts]
+    # a margin, for the clock moves
+    usable &= log.covers(clock.to_log(start) - 0.05, clock.to_log(end) + 0.05)
+    if usable.sum() < _LEAST:
+        return None
+    return start[usable], end[usable], (cameras.total[ends] - cameras.total[starts])[usable]
+
+
+def _axis_error(turned: NDArray[np.float64], residuals: NDArray[np.float64], every: float) -> float:
+    """Return the standard error [rad] of a rotation about the axis that the motion (n, 3) determines least.
+
+    If all turning is about one axis, a rotation about it changes the residuals hardly, and clustered errors do not show
+    this. The motion about the other two axes that log and cameras have in common, without their noise, determines it:
+    the singular values of the covariance between the two. One independent increment is counted for each `SPAN`.
+    """
+    turned = _centred(turned)
+    U, shared, Vt = np.linalg.svd((turned - _centred(residuals)).T @ turned / len(turned))
+    across = shared[1] + shared[2] * np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    independent = len(turned) * min(1.0, every / SPAN)
+    return float(np.sqrt(np.mean(residuals**2) / (independent * max(across, 1e-300))))
+
+
+def _centred(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return values - np.median(values, axis=0)

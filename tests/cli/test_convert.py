@@ -1,0 +1,44 @@
+"""`ballbot convert`: a log from format to format, and what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ballbot.cli.main import main
+from ballbot.log import Log
+
+
+@pytest.fixture
+def log() -> Log:
+    t = 0.005 * np.arange(40)
+    columns = {"t": t, "u1": np.sin(t), "theta": 0.01 * np.cos(t), "wheel1": 3.0 * t, "gyro_x": t**2}
+    return Log({name: np.asarray(one, float) for name, one in columns.items()})
+
+
+def test_a_log_converts_from_format_to_format_by_one_command(tmp_path, capsys, log):
+    first = tmp_path / "run.csv"
+    log.write(first)
+    path = first
+    for name, options in (("a.mat", []), ("b.db3", []), ("c.mcap", []), ("d.npz", []),
+                          ("e.csv", ["--decimal-comma"]), ("f.parquet", [])):  # fmt: skip
+        out = tmp_path / name
+        assert main(["convert", str(path), str(out), *options]) == 0
+        assert capsys.readouterr().out == f"{out}\n"
+        path = out
+    again = Log.read(path)
+    for column in log:
+        np.testing.assert_array_equal(again[column], log[column])
+
+
+def test_convert_refuses_and_explains(tmp_path, capsys, log):
+    path = tmp_path / "run.csv"
+    log.write(path)
+    refusals = {
+        (str(path),): "already exists",
+        (str(tmp_path / "run.xls"),): ".parquet",
+        (str(tmp_path / "a.mat"), "--decimal-comma"): "CSV",
+    }
+    for words, reason in refusals.items():
+        assert main(["convert", str(path), *words]) == 2
+        assert reason in capsys.readouterr().err
