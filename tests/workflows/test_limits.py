@@ -266,11 +266,11 @@ def test_circle_demands_equal_hand_calculation():
 def test_margins_name_infeasible_references_and_the_reason():
     robot = alten(FRICTION)
     controller = nominal_controller(robot)
-    slow = check_reference(robot, controller, circle(), duration=30.0)
+    slow = check_reference(robot, controller, circle(), name="circle", duration=30.0)
     assert slow.can_be_followed
-    assert reference_verdict(slow, "circle")[0].startswith("The robot can follow circle")
+    assert reference_verdict(slow)[0].startswith("The robot can follow circle")
     fast = check_reference(robot, controller, circle(period=2.0), duration=6.0)
-    words = " ".join(reference_verdict(fast, "fast"))
+    words = " ".join(reference_verdict(fast))
     assert not fast.can_be_followed
     torque = fast.uses[0]
     assert torque.value > torque.limit == 6.0
@@ -279,7 +279,7 @@ def test_margins_name_infeasible_references_and_the_reason():
     assert [t for t, _ in jumps.jumps] == [8.0, 16.0]
     assert jumps.can_be_followed
     far = check_reference(robot, controller, change_pose(x=20.0, ramp=0.0), duration=8.0)
-    assert "falls at t = " in " ".join(reference_verdict(far, "far"))
+    assert "falls at t = " in " ".join(reference_verdict(far))
 
 
 def test_check_reports_whether_a_reference_is_feasible(tmp_path, capsys):

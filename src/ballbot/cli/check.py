@@ -25,7 +25,8 @@ from ballbot.robot import Robot
 from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
-    from ballbot.workflows.robot_check import CheckedReference, CheckedSwing
+    from ballbot.workflows.reference_check import ReferenceMargins
+    from ballbot.workflows.robot_check import CheckedSwing
 
 
 @Parameter(name="*")
@@ -109,7 +110,7 @@ def check(
                 swing=_swing(hung, swinging, accept),
                 following=_following(hung, reference, controller),
             )
-        if OUTPUT.get().json:  # the results compile the thesis's equations
+        if OUTPUT.get().json:
             emit(checked.results())
         report = robot_check_report(checked, None if result is None else result.origin)
         print_parts((finding_line(one, accepted=True) for one in checked.findings), console)
@@ -141,7 +142,7 @@ def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ..
     return findings
 
 
-def _following(robot: Robot, reference: str | None, controller: str) -> CheckedReference | None:
+def _following(robot: Robot, reference: str | None, controller: str) -> ReferenceMargins | None:
     if reference is None:
         return None
     from ballbot.workflows.robot_check import follow_reference

@@ -253,7 +253,6 @@ def alternation_results(found: Alternation) -> dict[str, object]:
                 "interval": [gain.low, gain.high],
                 "verdict": gain.verdict,
                 "drift": gain.drift,
-                "without_pairing": gain.without_pairing,
             }
             for name, gain in found.gains.items()
         },

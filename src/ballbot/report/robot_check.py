@@ -19,11 +19,10 @@ from ballbot.report.style import drawn_picture
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import unit_heading
 from ballbot.summary import counted
-from ballbot.workflows.reference_check import MARGIN_HEADINGS
+from ballbot.workflows.reference_check import MARGIN_HEADINGS, margin_rows, reference_verdict
 from ballbot.workflows.robot_check import (
     MATRICES,
     MATRIX_EQUATIONS,
-    MISTAKEN_MATRICES,
     CheckedRobot,
     CheckedSwing,
     PoleSpread,
@@ -67,7 +66,9 @@ def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
         quantity, value, unit = checked.swing.rows()[0]
         verdict.append(("Swing", _capital(f"{quantity}: {value} {unit}.")))
     if checked.following:
-        verdict.append((f"Following {checked.following.name}", " ".join(checked.following.verdict())))
+        verdict.append(
+            (f"Following {checked.following.name}", " ".join(reference_verdict(checked.following)))
+        )
     return verdict
 
 
@@ -118,7 +119,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         )
     if following := checked.following:
         caption = "Largest use of each limit."
-        limits = Sheet(headings=MARGIN_HEADINGS, rows=following.rows(), caption=caption)
+        limits = Sheet(headings=MARGIN_HEADINGS, rows=margin_rows(following), caption=caption)
         yield section(f"Following {following.name}", limits)
     caption = "exact model, with the viscous friction of the robot file"
     yield linear_section(checked.linear, caption=caption)
@@ -140,8 +141,7 @@ def _poles_text(poles: NDArray[np.complex128]) -> str:
 
 def _matrix_caption(name: str) -> str:
     caption = f"{_capital(MATRICES[name])} {MATRIX_EQUATIONS.get(name, '')}".rstrip()
-    mistake = MISTAKEN_MATRICES.get(name)
-    return f"{caption}. For comparison only, no fault of the robot: {mistake}." if mistake else f"{caption}."
+    return f"{caption}."
 
 
 def _swing_series(swing: CheckedSwing) -> TimeSeries:

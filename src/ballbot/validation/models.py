@@ -246,23 +246,36 @@ def _forecast_of(
 def recoverable_lean(model: Model) -> float:
     """Return the lean [rad] from which, at rest, the wheels' largest torques no longer bring the body back up.
 
-    For a lean theta about x, as well as phi about y, the acceleration is affine in the torques: the body's own
-    fall plus at most |row of its torques|_1 times the torque limit against it. The answer is the smaller of the
-    two leans at which these are equal, at most the lean at which a simulation ends.
+    It is the smaller one of the leans about x and about y.
     """
-    leans = np.linspace(0.0, LARGEST_LEAN, 601)
-    n, limit = model.robot.wheel_count, model.robot.drive.torque_limit
-    smallest = LARGEST_LEAN
-    for axis in (2, 3):
-        q = np.zeros((len(leans), 5))
-        q[:, axis] = leans
-        rest = np.zeros_like(q)
-        fall = model.acceleration(q, rest, np.zeros((len(q), n)))[:, axis]
-        push = [model.acceleration(q, rest, np.tile(unit, (len(q), 1)))[:, axis] - fall for unit in np.eye(n)]
-        lost = np.flatnonzero(fall > limit * np.abs(push).sum(axis=0))
-        if lost.size:
-            smallest = min(smallest, float(leans[lost[0]]))
-    return smallest
+    largest = np.full(model.robot.wheel_count, model.robot.drive.torque_limit)
+    return float(recoverable_leans(model, np.array([0.0, 0.5 * np.pi]), largest=largest).min())
+
+
+def recoverable_leans(
+    model: Model, directions: NDArray[np.float64], *, largest: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the lean [rad] in each direction (d,) from which, at rest, torques up to `largest` (n,) bring it back.
+
+    The acceleration of the leans (theta, phi) = lean (cos d, sin d) outward is affine in the torques: the body's own
+    fall, less at most |row of its torques| times the largest torques. The answer is where both are equal, at most the
+    lean at which a simulation ends.
+    """
+    leans, n = np.linspace(0.0, LARGEST_LEAN, 201), model.robot.wheel_count
+    found = np.empty(len(directions))
+    for place, direction in enumerate(directions.tolist()):
+        towards = np.array([0.0, 0.0, np.cos(direction), np.sin(direction), 0.0])
+        q = leans[:, None] * towards
+        fall, *pushed = (
+            model.acceleration(q, np.zeros_like(q), np.tile(torques, (len(q), 1))) @ towards
+            for torques in (np.zeros(n), *np.eye(n))
+        )
+        outward = fall - np.abs(np.array(pushed) - fall).T @ largest
+        lost = int(np.argmax(outward > 0.0)) if outward[-1] > 0.0 else 0
+        found[place] = (
+            np.interp(0.0, outward[lost - 1 : lost + 1], leans[lost - 1 : lost + 1]) if lost else LARGEST_LEAN
+        )
+    return found
 
 
 def check_wheels(model: Model, log: Log) -> None:

@@ -42,9 +42,6 @@ class PairedGain:
     low: float  #: of the 95 % interval
     high: float
     drift: float  #: factor from one run to the next that is due to neither controller
-    without_pairing: (
-        float  #: factor between the means of both controllers, for comparison: it contains the drift
-    )
 
     @property
     def verdict(self) -> Literal["smaller", "larger", "undecided"]:
@@ -121,5 +118,4 @@ def paired_gain(values: NDArray[np.float64]) -> PairedGain:
         low=float(np.exp(gain - half)),
         high=float(np.exp(gain + half)),
         drift=float(np.exp(drift)),
-        without_pairing=float(np.exp(logs[with_new == 1].mean() - logs[with_new == 0].mean())),
     )

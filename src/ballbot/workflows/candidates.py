@@ -67,28 +67,21 @@ class UserController:
         self._path, self._made_by, self._robot = path, made_by, robot
         make = _attribute(path, made_by)
         self.checksums = {str(file): sha256_of(file) for file in sorted({*_modules(Path(path)).values()})}
-        self._take(self._guarded("when it was made", lambda: make(robot)))
-        self.estimator = estimator or self._guarded("when it was looked at", lambda: estimator_of(self._made))
-
-    def with_estimator(self, estimator: EstimatorName) -> UserController:
-        """Return a new one of the same file for another on-board state."""
-        return UserController(self._path, self._made_by, self._robot, estimator)
-
-    def _take(self, made: object) -> None:
-        """Keep what was made, if it is a controller."""
-
-        def lacks(name: str) -> bool:
-            return self._guarded("when it was looked at", lambda: not hasattr(made, name))
-
-        lacking = [name for name in ("sample_time", "reset", "update") if lacks(name)]
+        made = self._guarded("when it was made", lambda: make(robot))
+        lacking = [name for name in ("sample_time", "reset", "update") if not hasattr(made, name)]
         if lacking:
             raise InputError(
                 f"what {self._place} makes has no {lacking[0]}; a controller has sample_time, reset() and "
                 "update(t, state, reference)."
             )
         self._made = cast("Feedback", made)
-        self.sample_time = self._guarded("when it was looked at", lambda: self._made.sample_time)
+        self.sample_time = self._made.sample_time
         checked_sample_time(self.sample_time, f"the sample_time of {self._place}")
+        self.estimator = estimator or estimator_of(self._made)
+
+    def with_estimator(self, estimator: EstimatorName) -> UserController:
+        """Return a new one of the same file for another on-board state."""
+        return UserController(self._path, self._made_by, self._robot, estimator)
 
     def __reduce__(
         self,

@@ -39,6 +39,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.batch import simulate_batch
+from ballbot.workflows.metrics import lean_of
 
 #: length of the windows that identification cuts a log into [s]
 WINDOW = 0.25
@@ -96,9 +97,8 @@ class RunLimits:
 
 def peaks_of(states: NDArray[np.float64], torques: NDArray[np.float64]) -> RunPeaks:
     """Return the peaks of states (..., 10) and torques (..., n), of runs that begin at the origin."""
-    upright = np.cos(states[..., 2]) * np.cos(states[..., 3])
     return RunPeaks(
-        lean=float(np.arccos(np.clip(upright.min(), -1.0, 1.0))),
+        lean=float(lean_of(states[..., 2], states[..., 3]).max()),
         floor=float(np.hypot(states[..., 0], states[..., 1]).max()),
         torque=float(np.abs(torques).max()),
     )

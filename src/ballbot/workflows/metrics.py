@@ -64,7 +64,12 @@ def heading_error(log: Log) -> NDArray[np.float64]:
 def leans(log: Log) -> NDArray[np.float64]:
     """Return the angle between the robot's axis and the vertical (N,) [rad]."""
     place = true_place(log)
-    return np.arccos(np.clip(np.cos(place["theta"]) * np.cos(place["phi"]), -1.0, 1.0))
+    return lean_of(place["theta"], place["phi"])
+
+
+def lean_of(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angle between an axis of these leans and the vertical [rad]."""
+    return np.arccos(np.clip(np.cos(theta) * np.cos(phi), -1.0, 1.0))
 
 
 def settling_time(log: Log, *, band: float = BAND, disturbed: Sequence[float] = ()) -> tuple[float, bool]:
@@ -303,13 +308,12 @@ class Performance:
         seen = log.without_truth()
         counted = settled(seen, settle)
         error = position_error(seen)[counted]
-        upright = np.cos(seen["theta"]) * np.cos(seen["phi"])
         largest = np.abs(seen.torques).max(axis=1)
         return Performance(
             peak_error=float(error.max()) if counted.any() else np.nan,
             rms_error=rms(error) if counted.any() else np.nan,
             roughness=rms_torque_change(seen),
-            lean=float(np.arccos(np.clip(upright.min(), -1.0, 1.0))),
+            lean=float(lean_of(seen["theta"], seen["phi"]).max()),
             torque_margin=max(1.0 - float(np.quantile(largest, 1.0 - _RARE)) / torque_limit, 0.0),
         )
 

@@ -18,14 +18,12 @@ overlooked. The first loss is then bisected, all rays in one batch. A plane is t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root_scalar
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import held
@@ -40,6 +38,7 @@ from ballbot.simulation.batch import Verdict, simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import Scenario
+from ballbot.validation.models import recoverable_leans
 from ballbot.workflows.comparison import LoopRobot
 
 #: a robot that has not fallen after this time [s] has recovered: a fall grows e times in a fifth of a second. Of 3840
@@ -176,25 +175,10 @@ def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArra
 
 
 def lost_lean(model: Model) -> float:
-    """Return the lean [rad] beyond which a robot that leans outward is lost, whatever its motors do."""
-    if _min_outward(model, LARGEST_LEAN) <= 0.0:
-        return LARGEST_LEAN
-    turned = root_scalar(lambda lean: _min_outward(model, lean), bracket=(0.0, LARGEST_LEAN), method="brentq")
-    return _BEYOND * float(turned.root)
-
-
-def _min_outward(model: Model, lean: float) -> float:
-    return min(_outward(model, lean, direction) for direction in _DIRECTIONS)
-
-
-def _outward(model: Model, lean: float, direction: float) -> float:
-    """Return the lean's least acceleration outward [rad/s^2] from rest under any torques and friction of the motors."""
-    towards = np.array([0.0, 0.0, math.cos(direction), math.sin(direction), 0.0])
-    robot, n = model.robot, model.robot.wheel_count
+    """Return the lean [rad] beyond which a robot that leans outward is lost, whatever its motors and friction do."""
+    robot = model.robot
     largest = robot.drive.torque_limit + np.array(robot.friction.breakaway)
-    torques = np.concatenate([np.zeros((1, n)), np.eye(n)])
-    accelerations = model.acceleration(lean * towards, np.zeros(5), torques) @ towards
-    return float(accelerations[0] - np.abs(accelerations[1:] - accelerations[0]) @ largest)
+    return min(_BEYOND * float(recoverable_leans(model, _DIRECTIONS, largest=largest).max()), LARGEST_LEAN)
 
 
 #: places at which a ray is first tried, evenly spread

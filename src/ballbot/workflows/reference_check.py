@@ -36,6 +36,7 @@ from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 from ballbot.twin.scenario import Scenario
+from ballbot.workflows.metrics import lean_of
 from ballbot.workflows.recovery_region import Loop, lost_lean, top_speed
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
@@ -60,11 +61,6 @@ class Demand:
     def power(self) -> NDArray[np.float64]:
         """Mechanical power of all motors (N,) [W]."""
         return (self.torques * self.wheel_speeds).sum(axis=1)
-
-
-def lean_of(states: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the axis's lean from the vertical (...) [rad] of states (..., 10)."""
-    return np.arccos(np.clip(np.cos(states[..., 2]) * np.cos(states[..., 3]), -1.0, 1.0))
 
 
 def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) -> Demand:
@@ -183,6 +179,7 @@ JUMP = 0.02
 THIN = 0.8
 _STEP = 1e-3  # inner step of the closed loop [s]
 _RUNS = 5  # of the closed loop
+_GRIP = 1.0  # friction coefficient of the wheels on the ball, as of the loop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,6 +214,7 @@ class Followed:
 class ReferenceMargins:
     """How much of the robot's limits a reference uses."""
 
+    name: str  #: of the reference
     #: when [s] and by how much [m or rad]; a path with jumps has no demand
     jumps: tuple[tuple[float, float], ...]
     uses: tuple[Use, ...] = field(
@@ -235,7 +233,12 @@ class ReferenceMargins:
 
 
 def check_reference(
-    robot: Robot, controller: Controller, reference: Reference, *, duration: float, grip: float = 1.0
+    robot: Robot,
+    controller: Controller,
+    reference: Reference,
+    *,
+    duration: float,
+    name: str = "the reference",
 ) -> ReferenceMargins:
     """Return which share of a robot's limits a reference uses, followed exactly and in closed loop.
 
@@ -249,8 +252,8 @@ def check_reference(
     reference : callable
     duration : float
         [s]
-    grip : float
-        Friction coefficient of the wheels on the ball.
+    name : str
+        Of the reference, in sentences.
 
     Raises
     ------
@@ -258,27 +261,19 @@ def check_reference(
         If the duration is invalid, the reference has a lean or a rate, or no lean can follow it.
     """
     model, sample_time = Model(robot, step=_STEP), controller.sample_time
-    loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), grip=grip, step=_STEP)
+    loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), step=_STEP)
     wanted = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
-    closed = _followed(loop, reference, wanted, duration)
     poses = wanted[:, [0, 1, 4]]
     changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
     jumps = np.flatnonzero(changes > JUMP)
-    if len(jumps):
-        return ReferenceMargins(
-            jumps=tuple((float((k + 1) * sample_time), float(changes[k])) for k in jumps),
-            uses=(),
-            peak_power=None,
-            supply_voltage=robot.drive.supply_voltage,
-            closed=closed,
-        )
-    demand = path_demand(model, poses, sample_time)
+    demand = None if len(jumps) else path_demand(model, poses, sample_time)
     return ReferenceMargins(
-        jumps=(),
-        uses=_uses(model, controller, demand.t, demand.states, demand.torques, grip),
-        peak_power=float(demand.power.max()),
+        name=name,
+        jumps=tuple((float((k + 1) * sample_time), float(changes[k])) for k in jumps),
+        uses=_uses(model, controller, demand.t, demand.states, demand.torques) if demand else (),
+        peak_power=float(demand.power.max()) if demand else None,
         supply_voltage=robot.drive.supply_voltage,
-        closed=closed,
+        closed=_followed(loop, reference, wanted, duration),
     )
 
 
@@ -307,7 +302,7 @@ def _followed(loop: Loop, reference: Reference, wanted: NDArray[np.float64], dur
     error = np.hypot(*(states[:, :2] - np.broadcast_to(wanted, (_RUNS, *wanted.shape))[going][:, :2]).T)
     limit = loop.controller.torque_limit
     return Followed(
-        uses=_uses(loop.model, loop.controller, t, states, torques, loop.grip),
+        uses=_uses(loop.model, loop.controller, t, states, torques),
         share_at_torque_limit=float(np.mean(np.abs(torques).max(axis=1) >= limit * (1.0 - 1e-9))),
         ended=float(run.ended.min()),
         peak_error=float(error.max()),
@@ -321,7 +316,6 @@ def _uses(
     t: NDArray[np.float64],
     states: NDArray[np.float64],
     torques: NDArray[np.float64],
-    grip: float,
 ) -> tuple[Use, ...]:
     """Return the largest use of each limit along states (N, 10) under torques (N, n)."""
     robot, limit = model.robot, controller.torque_limit
@@ -348,17 +342,17 @@ def _uses(
     return (
         most("torque", np.abs(torques), left, "N m"),
         most("wheel speed", np.abs(speeds), top_speed(robot), "rad/s"),
-        most("lean", lean_of(states), lost_lean(model), "rad"),
-        most("grip", needed, grip, ""),
+        most("lean", lean_of(states[..., 2], states[..., 3]), lost_lean(model), "rad"),
+        most("grip", needed, _GRIP, ""),
     )
 
 
 MARGIN_HEADINGS = ("", "quantity", "at most", "limit", "used", "when [s]")
 
 
-def reference_verdict(margins: ReferenceMargins, name: str) -> list[str]:
-    """Return whether the robot can follow the reference of that name, and why not."""
-    reasons = _reasons(margins)
+def reference_verdict(margins: ReferenceMargins) -> list[str]:
+    """Return whether the robot can follow the reference, and why not."""
+    reasons, name = _reasons(margins), margins.name
     if reasons:
         lines = [f"The robot cannot follow {name}:", *(f"- {reason};" for reason in reasons)]
         lines[-1] = lines[-1][:-1] + "."

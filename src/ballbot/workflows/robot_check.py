@@ -46,8 +46,6 @@ from ballbot.workflows.reference_check import (
     ReferenceMargins,
     check_reference,
     margin_results,
-    margin_rows,
-    reference_verdict,
 )
 
 #: relative error of a standard deviation from so many draws: 1 / sqrt(2 N), 2.5 %
@@ -95,34 +93,20 @@ def _mean_growth(robot: Robot) -> NDArray[np.float64]:
 #: the thesis's names of the matrices, with what each does
 MATRICES = {
     "T_tbw": "torque on the ball from torque on the wheels",
-    "T_trw": "torque on the body from torque on the wheels",
     "T_tbg": "torque on the ball from force on the ground",
     "T_fgb": "force on the ground from torque on the ball",
     "T_owb": "wheel speed from the ball's angular velocity",
     "T_obw": "the ball's angular velocity from wheel speed",
-    "T_owr": "wheel speed from the body's angular velocity",
     "T_vgb": "velocity over ground from the ball's angular velocity",
 }
 #: the thesis's equations of these matrices
 MATRIX_EQUATIONS = {
     "T_tbw": "(II.10)",
-    "T_trw": "(II.11)",
     "T_tbg": "(II.12)",
     "T_owb": "(II.13), (V.2)",
     "T_obw": "(V.3)",
-    "T_owr": "(II.14)",
     "T_vgb": "(II.15)",
 }
-
-#: what is wrong with each matrix that the thesis's mistakes are in; numbers: docs/generated/reproduce.md
-MISTAKEN_MATRICES = {
-    "T_trw": "the thesis's mistake 6, which leaves out the motors' counter-torque. The exact model does not use it",
-    "T_owr": "the thesis's mistake 8, the absolute spin of a wheel in place of its speed relative to the body. The "
-    "exact model does not use it",
-}
-MISTAKEN_LINEARIZATION = (
-    "the thesis's mistakes 5, 6, 7 and 17 (docs/generated/reproduce.md): to compare with, not to design with"
-)
 
 #: how long a named reference is examined [s]: the longest of them goes once around
 _DURATION = 40.0
@@ -199,32 +183,12 @@ def _stop(findings: Sequence[Finding], file: Path, accept: Collection[str]) -> N
     stop_on_errors(named, accept=accept)
 
 
-@dataclass(frozen=True, kw_only=True)
-class CheckedReference:
-    """A reference with what it takes of a robot."""
-
-    name: str
-    margins: ReferenceMargins
-
-    def verdict(self) -> Sequence[str]:
-        """Return whether the robot can follow it, and why, as lines."""
-        return reference_verdict(self.margins, self.name)
-
-    def rows(self) -> Sequence[Sequence[str]]:
-        """Return the largest use of each limit."""
-        return margin_rows(self.margins)
-
-    def results(self) -> dict[str, object]:
-        """Return this as results.json holds it."""
-        return {"name": self.name, **margin_results(self.margins)}
-
-
-def follow_reference(robot: Robot, source: str, controller: str) -> CheckedReference:
+def follow_reference(robot: Robot, source: str, controller: str) -> ReferenceMargins:
     """Return what following the reference of that name or file takes, with a ready-made controller or a file's."""
     reference = as_reference(source)
     duration = float(Log.read(source).t[-1]) + _BEYOND if is_reference_file(source) else _DURATION
     chosen = named_controller(controller, robot)
-    return CheckedReference(name=source, margins=check_reference(robot, chosen, reference, duration=duration))
+    return check_reference(robot, chosen, reference, name=source, duration=duration)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,7 +228,7 @@ class CheckedRobot:
     findings: tuple[Finding, ...]  #: of the robot
     loop: CheckedLoop
     swing: CheckedSwing | None
-    following: CheckedReference | None
+    following: ReferenceMargins | None
 
     def results(self) -> dict[str, object]:
         """Return this as results.json holds it."""
@@ -275,9 +239,6 @@ class CheckedRobot:
             },
             "derived": {one.name: one.value for one in self.derived},
             "matrices": self.matrices,
-            "mistaken_matrices": {
-                name: MISTAKEN_MATRICES[name] for name in self.matrices if name in MISTAKEN_MATRICES
-            },
             "linearization": linearization_results(Model(self.robot)),
             "poles": self.poles,
             "unstable_pole": float(self.poles[0].real),
@@ -286,7 +247,7 @@ class CheckedRobot:
             "loop_margins": self.loop.results(),
             "findings": finding_results(self.findings),
             "swing": self.swing.results() if self.swing else None,
-            "reference": self.following.results() if self.following else None,
+            "reference": margin_results(self.following) if self.following else None,
         }
 
 
@@ -296,7 +257,7 @@ def check_robot(
     *,
     controller: str = "nominal",
     swing: CheckedSwing | None = None,
-    following: CheckedReference | None = None,
+    following: ReferenceMargins | None = None,
 ) -> CheckedRobot:
     """Return a robot with what follows from its parameters.
 
@@ -327,23 +288,15 @@ def check_robot(
 
 
 def linearization_results(model: Model) -> dict[str, object]:
-    """Return what results.json holds of a model's linearization, the thesis's formulation marked beside it.
-
-    Parameters
-    ----------
-    model : Model
-        In the exact formulation, with the friction whose viscous part is to be in A.
-    """
-    names = [*STATE_NAMES]
+    """Return what results.json holds of the linearization of a model, whose viscous friction is in A."""
+    linear, names = model.linearize(), [*STATE_NAMES]
     return {
         "about": "upright, at rest, psi = 0; viscous friction only",
         "state": names,
         "state_units": [unit_of(name) for name in names],
         "input": [*torque_names(model.robot.wheel_count)],
         "input_unit": "N m",
-        "exact": _matrices(model.linearize()),
-        "thesis": {"mistake": MISTAKEN_LINEARIZATION}
-        | _matrices(replace(model, formulation="thesis").linearize()),
+        "exact": {"A": linear.A, "B": linear.B},
     }
 
 
@@ -351,7 +304,3 @@ def state_order(wheel_count: int) -> str:
     """Return what the rows and columns of A and B are, as a line of text."""
     states = ", ".join(f"{name} [{unit_of(name)}]" for name in STATE_NAMES)
     return f"x = {states}\nu = {', '.join(torque_names(wheel_count))} [N m]"
-
-
-def _matrices(linear: LinearModel) -> dict[str, object]:
-    return {"A": linear.A, "B": linear.B}
