@@ -11,7 +11,6 @@ import numpy as np
 from ballbot.robot import Robot
 from ballbot.validation.residuals import _no_wheels, _pair_findings, _whiteness_finding
 from ballbot.validation.statistics import Correlations, Whiteness
-from ballbot.vision.spin import rate_words
 
 
 def test_a_log_of_just_the_needed_length_is_long_enough():
@@ -44,11 +43,6 @@ def test_one_is_not_several():
         predicted_share=np.ones(10),
     )
     assert "(100 % of the variance)" in _whiteness_finding(coloured)
-
-
-def test_a_clock_that_loses_runs_slow():
-    assert rate_words(-617e-6) == "617 ppm slow"
-    assert rate_words(12e-6) == "12 ppm fast"
 
 
 def test_a_robot_names_the_ball_s_centre_one_way():

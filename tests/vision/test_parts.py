@@ -1,5 +1,8 @@
 """The parts of `ballbot spin`: seams, view, the table of the sphere, motions, frames, times and the smoother."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.errors import InputError
 from ballbot.vision.seam import SEAMS, seam_named, seam_table, thesis_seam
 from ballbot.vision.tracking import Track, angular_velocity
-from ballbot.vision.video import frame_times
+from ballbot.vision.video import Video, frame_times
 from ballbot.vision.view import View, view_of_outline
 from tests.support.ball_video import Scene, motion_of, render, view_of, wandering, write_video
 from tests.support.vision_examples import SMALL
@@ -154,17 +157,14 @@ def test_every_seed_that_a_command_takes_has_its_frames(seed):
 
 
 def test_frame_times_are_even_where_a_container_rounded_them():
+    video = Video(path=Path("a.mp4"), size=(4, 4), frame_rate=60.0, rate_given=False, stated_frames=0)
     k = np.arange(200)
-    np.testing.assert_allclose(
-        frame_times(np.round(k / 60.0, 3), frame_rate=60.0, known=False), k / 60.0, atol=2e-4
-    )
-    slow_motion = frame_times(k / 30.0, frame_rate=240.0, known=True)
+    np.testing.assert_allclose(frame_times(np.round(k / 60.0, 3), video), k / 60.0, atol=2e-4)
+    slow_motion = frame_times(k / 30.0, replace(video, frame_rate=240.0, rate_given=True))
     np.testing.assert_allclose(slow_motion, k / 240.0, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(frame_times(np.zeros(200), frame_rate=25.0, known=False), k / 25.0, atol=1e-12)
+    np.testing.assert_allclose(frame_times(np.zeros(200), video), k / 60.0, atol=1e-12)
     uneven = np.cumsum(np.where(k % 7 == 0, 0.05, 0.0167))
-    np.testing.assert_allclose(
-        frame_times(uneven, frame_rate=60.0, known=False), uneven - uneven[0], atol=1e-12
-    )
+    np.testing.assert_allclose(frame_times(uneven, video), uneven - uneven[0], atol=1e-12)
 
 
 def made_track(*, seed: int, noise: float, blind: bool) -> tuple[np.ndarray, Track, np.ndarray]:
@@ -179,8 +179,9 @@ def made_track(*, seed: int, noise: float, blind: bool) -> tuple[np.ndarray, Tra
         sizes[rows, 2] = 0.02  # whatever the tracker says of a turn about z then
         information[rows] = np.diag([1.0, 1.0, 0.0])
     R = Rotation.from_rotvec(rng.normal(size=(360, 3)) * sizes).as_matrix() @ motion.orientation(t)
+    # as if each point erred by 1 rad, where it errs by 0.03
     track = Track(
-        R=R, information=information / noise**2, bias=np.zeros((360, 3, 3)), quality=np.ones(360),
+        R=R, information=0.03**2 * information / noise**2, bias=np.zeros((360, 3, 3)), quality=np.ones(360),
         stretch=np.zeros(360, np.int64),
     )  # fmt: skip
     return t, track, motion.omega_at(t)

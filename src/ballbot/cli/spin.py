@@ -12,17 +12,14 @@ from scipy.spatial.transform import Rotation
 from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
-from ballbot.files import write_bytes, write_text
+from ballbot.files import write_bytes
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.report.spin import difference_figure, spin_report, spin_results, velocity_figure
-from ballbot.report.style import drawn
+from ballbot.report.spin import spin_report, spin_results
 from ballbot.robot import Robot
 from ballbot.vision.seam import seam_named
 from ballbot.vision.spin import (
     Setup,
-    Spin,
-    WheelComparison,
     compare_with_wheels,
     facing,
     log_with_spin,
@@ -32,7 +29,7 @@ from ballbot.vision.spin import (
 )
 from ballbot.vision.video import open_video
 
-_WRITTEN = (PAGE, "spin.csv", "results.json", "velocity.svg", "overlay.png", "difference.svg", "log.csv")
+_WRITTEN = (PAGE, "spin.csv", "results.json", "overlay.png", "log.csv")
 
 
 @Parameter(name="*")
@@ -49,10 +46,6 @@ class CameraOptions:
 
     circle: str | None = None
     """The ball's outline, as x,y,radius in pixels. Estimated if not given."""
-
-    distance: float | None = None
-    """Distance from the lens to the ball's centre, in ball radii. Estimated from the seam's perspective if not
-    given."""
 
     forward: float | None = None
     """Direction of the robot's x axis in the picture, in degrees clockwise from the right. If not given, it is
@@ -80,8 +73,8 @@ def spin(
 
     Finds the ball, its seam and the camera's distance, follows the seam frame by frame, and with a log compares the
     result with the ball's velocity by the wheels' speeds. Writes report.html, spin.csv (t, ball_omega_x,
-    _y, _z, their standard errors, tracked), results.json, velocity.svg and overlay.png; with a log also difference.svg
-    and log.csv, the log with ball_omega.
+    _y, _z, their standard errors, tracked), results.json and overlay.png; with a log also log.csv, the log with
+    ball_omega.
 
     Example: ballbot spin upside_down.mp4 --log upside_down/log.csv --robot alten --out spin
 
@@ -108,8 +101,6 @@ def spin(
         seam=seam_named(camera.seam),
         colour=_colour(camera.colour) if camera.colour is not None else None,
         circle=_circle(camera.circle) if camera.circle is not None else None,
-        distance=camera.distance,
-        known_rate=camera.frame_rate is not None,
     )
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
@@ -118,11 +109,7 @@ def spin(
     film = open_video(video, frame_rate=camera.frame_rate)
     with open_result(out, command="spin", writes=_WRITTEN, inputs=input_files(video, log, mapping)) as result:
         with result.progress("looking") as bar:
-            found = measure_spin(
-                film,
-                setup,
-                progress=lambda now: bar.report(replace(now, note=video.stem)),
-            )
+            found = measure_spin(film, setup, progress=lambda now: bar.report(replace(now, note=video.stem)))
         comparison = None
         if run is not None and described is not None:
             try:
@@ -133,12 +120,16 @@ def spin(
         found = found.turned(turn) if turn is not None else found
         with result.replaced() as new:
             result.write_json(spin_results(found, comparison, log_findings=findings), new)
-            _write(new, found, comparison, run)
+            found.log().write(new / "spin.csv")
+            picture = overlay(found)
+            write_bytes(new / "overlay.png", picture)
+            if run is not None and comparison is not None:
+                log_with_spin(run, found, comparison.clock).write(new / "log.csv")
             page = spin_report(
                 found,
                 comparison,
                 video=video.name,
-                picture=overlay(found),
+                picture=picture,
                 made=result.origin,
                 log_findings=findings,
             )
@@ -146,17 +137,6 @@ def spin(
     for finding in spin_findings(found, comparison):
         result.console.print(finding.text, markup=False, soft_wrap=True)
     result.show_file("spin.csv", PAGE)
-
-
-def _write(folder: Path, found: Spin, comparison: WheelComparison | None, run: Log | None) -> None:
-    found.log().write(folder / "spin.csv")
-    write_text(folder / "velocity.svg", drawn(lambda: velocity_figure(found, comparison), name="velocity"))
-    write_bytes(folder / "overlay.png", overlay(found))
-    if run is None or comparison is None:
-        return
-    difference = drawn(lambda: difference_figure(found, comparison), name="difference")
-    write_text(folder / "difference.svg", difference)
-    log_with_spin(run, found, comparison.clock).write(folder / "log.csv")
 
 
 def _turn(forward: float | None) -> Rotation | None:

@@ -1,4 +1,4 @@
-"""The ball's angular velocity by video: the thesis's Figure V.2, with its error, beside the wheels'; and results.json.
+"""The ball's angular velocity by video, beside the wheels' (the thesis's Figure V.2); and results.json.
 
 results.json holds SI units, radians, pixels, and quaternions in the order wxyz.
 """
@@ -9,93 +9,16 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results
 from ballbot.report.blocks import Bullets, Picture, Report, Sheet, section
 from ballbot.report.page import picture_data
-from ballbot.report.palette import GREEN, SHADE
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries, true_spans
-from ballbot.report.style import MEASURED, WITHOUT_FRICTION, thinned
 from ballbot.report.words import signed_with_error, with_error
 from ballbot.vision.spin import Spin, WheelComparison, spin_findings
 
 _AXES = ("x", "y", "z")
-
-
-def velocity_figure(spin: Spin, comparison: WheelComparison | None) -> Figure:
-    """Return the velocity about each axis, robot frame, with twice its standard error; where it was lost is shaded."""
-    figure = Figure(figsize=(7.4, 4.9), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True)
-    for axis, panel in enumerate(panels):
-        _draw_lost(panel, spin)
-        t, omega, error = thinned(spin.t, spin.omega[:, axis], spin.errors[:, axis])
-        panel.fill_between(
-            t,
-            omega - 2.0 * error,
-            omega + 2.0 * error,
-            color=GREEN,
-            alpha=0.35,
-            linewidth=0.0,
-            label="± 2 standard errors",
-        )
-        panel.plot(t, omega, **MEASURED, label="video")
-        if comparison is not None:
-            panel.plot(
-                *thinned(spin.t, comparison.wheels[:, axis]),
-                **WITHOUT_FRICTION,
-                label="$T_{obw}$ × wheel speeds",
-            )
-        panel.set_ylabel(rf"$\Omega_{_AXES[axis]}$ [rad/s]")
-        panel.margins(x=0.01)
-    _finish(figure, panels[0], panels[-1])
-    return figure
-
-
-def difference_figure(spin: Spin, comparison: WheelComparison) -> Figure:
-    """Return video less wheels about each axis beside twice the video's standard error."""
-    figure = Figure(figsize=(7.4, 4.2), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True, sharey=True)
-    for axis, panel in enumerate(panels):
-        _draw_lost(panel, spin)
-        t, difference, error = thinned(spin.t, comparison.difference[:, axis], spin.errors[:, axis])
-        panel.fill_between(
-            t,
-            -2.0 * error,
-            2.0 * error,
-            color=GREEN,
-            alpha=0.35,
-            linewidth=0.0,
-            label="± 2 standard errors of video",
-        )
-        panel.plot(t, difference, color=MEASURED["color"], linewidth=0.8, label="video less wheels")
-        panel.set_ylabel(rf"$\Omega_{_AXES[axis]}$ [rad/s]")
-        panel.margins(x=0.01)
-    _finish(figure, panels[0], panels[-1])
-    return figure
-
-
-def _draw_lost(panel: Axes, spin: Spin) -> None:
-    starts, ends = _spans(~spin.known)
-    half = 0.5 * float(np.median(np.diff(spin.t)))
-    for number, (a, b) in enumerate(zip(starts, ends, strict=True)):
-        label = "lost" if number == 0 else None
-        panel.axvspan(float(spin.t[a]) - half, float(spin.t[b]) + half, color=SHADE, label=label)
-
-
-def _spans(flags: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return first and last row of each run of true flags."""
-    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-
-
-def _finish(figure: Figure, top: Axes, bottom: Axes) -> None:
-    handles, labels = top.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=2)
-    bottom.set_xlabel("time of the video [s]")
 
 
 def spin_results(
@@ -119,7 +42,6 @@ def spin_results(
             "radius": view.radius,
             "distance": view.distance,
             "focal_length": view.focal,
-            "by_seam": spin.calibrated,
             "standard_errors": {
                 "x": errors[0],
                 "y": errors[1],
@@ -128,7 +50,7 @@ def spin_results(
             },
         },
         "ball_omega": {
-            "peak": float(np.linalg.norm(omega, axis=1).max()),
+            "peak": spin.peak,
             "rms": np.sqrt(np.mean(omega**2, axis=0)),
             "median_standard_error": np.median(spin.errors[known], axis=0),
         },
@@ -148,7 +70,7 @@ def _wheels(comparison: WheelComparison) -> dict[str, object]:
         "camera_tilt": comparison.tilt,
         "rotation_half_width": comparison.rotation_half_width,
         "rms_difference": comparison.rms,
-        "rms_difference_of_peak": float(np.linalg.norm(comparison.rms)) / comparison.peak,
+        "rms_difference_of_peak": comparison.rms_share,
         "peak": comparison.peak,
         "gain": comparison.gain,
         "gain_half_width": comparison.gain_half_width,
@@ -219,7 +141,7 @@ def _view_sheet(spin: Spin) -> Sheet:
 
 
 def _comparison_sheet(comparison: WheelComparison) -> Sheet:
-    share = 100.0 * float(np.linalg.norm(comparison.rms)) / comparison.peak
+    share = 100.0 * comparison.rms_share
     rows = [
         (
             "clock of the video after the log's",

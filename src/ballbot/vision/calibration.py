@@ -18,23 +18,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.progress import ProgressCallback
 from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched
 from ballbot.vision.seam_pixels import BallPixels, SeamColour, ball_pixels, moved, seam_finder
-from ballbot.vision.tracking import follow, orientation_search
+from ballbot.vision.tracking import follow
 from ballbot.vision.video import Video
 from ballbot.vision.view import CLOSENESS, View, view_of_outline
 
-#: accuracy of the view from an outline: x, y as fractions of the radius, ln radius, and closeness if it is not given
+#: accuracy of the view from an outline: x, y as fractions of the radius, ln radius, and closeness
 _OUTLINE = np.array([0.003, 0.003, 0.005, 0.08])
 #: and how well a circle that was given
 _GIVEN_CIRCLE = np.array([0.012, 0.012, 0.012, 0.08])
-#: a given distance is right to this fraction
-_GIVEN = 0.01
 #: what no scatter between frames shows, for it is the same in all: pixels move a seam's edges [pixels], as standard
 #: errors of x, y and the radius, and of the closeness as a fraction of the radius. On rendered videos of balls of 20 to
 #: 135 pixels radius these are what was missing (`tests/vision/test_spin.py`)
@@ -54,41 +54,13 @@ class Calibration:
     errors: NDArray[np.float64]  #: (4,) standard errors of x, y [pixels], ln radius and closeness
 
 
-def calibrate(
-    view: View,
-    points: NDArray[np.float64],
-    frames: Sequence[NDArray[np.uint8]],
-    orientations: Sequence[NDArray[np.float64]],
-    *,
-    table: SeamTable,
-    colour: SeamColour,
-    found: bool,
-    distance: float | None,
-) -> Calibration:
-    """Return the view under which frames fit the seam best.
-
-    Parameters
-    ----------
-    view : View
-        By the outline.
-    points : ndarray (k, 2)
-        Of the outline [pixels].
-    frames : sequence of ndarray (height, width, 3) uint8
-        Tracked ones, of many orientations.
-    orientations : sequence of ndarray (3, 3)
-        Theirs, ball frame to camera frame.
-    table : SeamTable
-    colour : SeamColour
-    found : bool
-        That the outline was found in the picture; one that is given by hand is less sure.
-    distance : float, optional
-        D, where it is known [ball radii].
-    """
+def _calibrate(
+    view: View, points: NDArray[np.float64], frames: Sequence[NDArray[np.uint8]],
+    rotations: list[NDArray[np.float64]], table: SeamTable, colour: SeamColour, found: bool,
+) -> Calibration:  # fmt: skip
+    """Return the view under which frames, with their orientations (3, 3), fit the seam best."""
     size = (frames[0].shape[1], frames[0].shape[0])
     spread = (_OUTLINE if found else _GIVEN_CIRCLE) * np.array([view.radius, view.radius, 1.0, 1.0])
-    if distance is not None:
-        spread[3] = _GIVEN * view.closeness
-    rotations = list(orientations)
     assumed = view.closeness
     covariance = np.diag(spread**2)
     for _ in range(_ROUNDS):
@@ -166,52 +138,35 @@ def _within(view: View) -> View:
     return moved(view, np.array([0.0, 0.0, 0.0, bounded - view.closeness]))
 
 
-#: so much of the video [s], by so many frames of it, or not with fewer than the least
+#: so much of the video [s], by so many frames of it, and not with fewer than the least
 _TIME, _FRAMES, _LEAST_FRAMES = 5.0, 24, 6
 
 
 def calibrated_view(
-    video: Video,
-    points: NDArray[np.float64],
-    closeness: float,
-    *,
-    colour: SeamColour,
-    table: SeamTable,
-    found: bool,
-    distance: float | None,
+    video: Video, view: View, points: NDArray[np.float64], *, colour: SeamColour, table: SeamTable, found: bool,
     progress: ProgressCallback,
-) -> Calibration | None:
-    """Return the view by the video's first seconds, or None where too little of them is tracked.
+) -> Calibration:  # fmt: skip
+    """Return the view by tracked frames of the video's first seconds, spread evenly.
 
     Parameters
     ----------
     video : Video
+    view : View
+        By the outline.
     points : ndarray (k, 2)
         Of the outline [pixels].
-    closeness : float
-        1/D, assumed where `distance` is not given.
     colour : SeamColour
     table : SeamTable
     found : bool
-        That the outline was found in the picture and not given.
-    distance : float, optional
-        D, where it is known [ball radii].
+        That the outline was found in the picture; one that is given by hand is less sure.
     progress : function
         Called after each frame.
+
+    Raises
+    ------
+    InputError
+        If too little of them is tracked.
     """
-    view = view_of_outline(points, size=video.size, closeness=closeness)
-    frames, orientations = _followed(video, view, colour, table, progress)
-    if len(frames) < _LEAST_FRAMES:
-        return None
-    return calibrate(
-        view, points, frames, orientations, table=table, colour=colour, found=found, distance=distance
-    )
-
-
-def _followed(
-    video: Video, view: View, colour: SeamColour, table: SeamTable, progress: ProgressCallback
-) -> tuple[list[NDArray[np.uint8]], list[NDArray[np.float64]]]:
-    """Return tracked frames of the first seconds, spread evenly, and their orientations."""
     wanted = max(2, round(_TIME * video.frame_rate))
     if video.stated_frames:
         wanted = min(wanted, video.stated_frames)
@@ -219,17 +174,19 @@ def _followed(
     kept: list[NDArray[np.uint8]] = []
 
     def pictures() -> Iterator[NDArray[np.uint8]]:
-        for count, (_, frame) in enumerate(video.frames()):
-            if count == wanted:
-                return
+        for count, (_, frame) in enumerate(islice(video.frames(), wanted)):
             if count % every == 0:
                 kept.append(frame)
             yield frame
 
-    pixels = ball_pixels(view, video.size)
-    track = follow(
-        pictures(), seam_finder(pixels, colour), orientation_search(table, pixels),
-        progress=progress, frame_count=wanted,
-    )  # fmt: skip
+    finder = seam_finder(ball_pixels(view, video.size), colour)
+    track = follow(pictures(), finder, table, frame_count=wanted, progress=progress)
     rows = [row for row in range(len(kept)) if track.tracked[row * every]]
-    return [kept[row] for row in rows], [track.R[row * every] for row in rows]
+    if len(rows) < _LEAST_FRAMES:
+        raise InputError(
+            f"{video.path}: the seam fits the curve {table.seam.name!r} in too few frames of the first {_TIME:g} s; "
+            "check the kind of seam (--seam) and the circle of the ball (--circle), and cut what comes before the ball "
+            "turns in view."
+        )
+    R = [track.R[row * every] for row in rows]
+    return _calibrate(view, points, [kept[row] for row in rows], R, table, colour, found)

@@ -142,16 +142,15 @@ class SeamTable:
 
     seam: Seam
     normals: NDArray[np.float32]  #: (side^2, 3), ball frame
-    side: int
 
     def normals_at(self, q: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return n (k, 3) for directions q (k, 3), ball frame; n . q is the sine of the distance from the seam."""
         u, v = octahedral(q)
-        scale = np.float32(0.5 * self.side)
-        most = np.int32(self.side - 1)
+        scale = np.float32(0.5 * _SIDE)
+        most = np.int32(_SIDE - 1)
         column = np.minimum(((u + np.float32(1.0)) * scale).astype(np.int32), most)
         row = np.minimum(((v + np.float32(1.0)) * scale).astype(np.int32), most)
-        return self.normals.take(row * np.int32(self.side) + column, axis=0)
+        return self.normals.take(row * np.int32(_SIDE) + column, axis=0)
 
 
 @lru_cache(maxsize=4)
@@ -161,7 +160,7 @@ def seam_table(seam: Seam) -> SeamTable:
     nearest = KDTree(points).query(cell_directions(_SIDE))[1]
     normals = np.cross(points[nearest], tangents[nearest])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return SeamTable(seam=seam, normals=normals.astype(np.float32), side=_SIDE)
+    return SeamTable(seam=seam, normals=normals.astype(np.float32))
 
 
 def octahedral(q: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -215,8 +214,6 @@ class Fit:
     information: NDArray[np.float64]
     bias: NDArray[np.float64]  #: (3, 3) covariance by how pieces of the seam disagree, camera frame [rad^2]
     inliers: float  #: fraction of the weight that is within reach of the curve
-    spread: float  #: rms distance of those from the curve [rad]
-    step: float  #: length of the last step [rad]
 
 
 def fit_rotation(
@@ -239,7 +236,6 @@ def fit_rotation(
         For each iteration, the distance from which on a point counts nothing [rad].
     """
     R = start
-    d = np.zeros(3)
     for reach in reaches:
         r, n, q, w = matched(table, seen, R, reach)
         lever = crossed(q, n)
@@ -250,7 +246,7 @@ def fit_rotation(
         R = R @ Rotation.from_rotvec(d).as_matrix()
         if float(d @ d) < _SMALL**2 and reach == reaches[-1]:
             break
-    return _scored(table, seen, R, reaches[-1], float(np.linalg.norm(d)))
+    return _scored(table, seen, R, reaches[-1])
 
 
 def matched(
@@ -277,19 +273,15 @@ def crossed(q: NDArray[np.float32], n: NDArray[np.float32]) -> NDArray[np.float3
     return lever
 
 
-def _scored(table: SeamTable, seen: SeamPoints, R: NDArray[np.float64], reach: float, step: float) -> Fit:
+def _scored(table: SeamTable, seen: SeamPoints, R: NDArray[np.float64], reach: float) -> Fit:
     r, n, q, w = matched(table, seen, R, reach)
     lever = crossed(q, n)
     H = ((lever * w[:, None]).T @ lever).astype(np.float64)
-    near = np.abs(r) < reach
-    inside = float(seen.area[near].sum())
     return Fit(
         R=R,
         information=R @ H @ R.T,
         bias=R @ _disagreement(H, lever * (w * r)[:, None], q - r[:, None] * n) @ R.T,
-        inliers=inside / max(float(seen.area.sum()), 1e-9),
-        spread=float(np.sqrt((seen.area[near] @ r[near] ** 2) / max(inside, 1e-9))),
-        step=step,
+        inliers=float(seen.area[np.abs(r) < reach].sum()) / max(float(seen.area.sum()), 1e-9),
     )
 
 

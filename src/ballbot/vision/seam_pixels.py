@@ -39,7 +39,9 @@ _NOT_SEAM = 0.3
 _LEAST_SHARE = np.float32(1e-3)
 #: most of a ball that a seam covers
 _MOST_SEAM = 0.35
-#: most pixels that the discriminant is learned from
+#: times that the discriminant is learned, each with surroundings freer of the seam
+_PASSES = 3
+#: most pixels that it is learned from
 _MOST_PIXELS = 40_000
 _LOGS = np.log(np.arange(256, dtype=np.float32) + np.float32(_FLOOR))
 
@@ -105,14 +107,27 @@ def learn_colour(
     """
     around = 2 * max(2, round(0.5 * _AROUND * radius)) + 1
     sample = _Sample.of(pictures, inside, around)
-    found = [_best(sample.detail(None), sample.levels, colour)]
-    for _ in range(2):  # again with surroundings that are free of the seam
-        w, threshold, _ = found[-1]
-        found.append(_best(sample.detail((w, threshold)), sample.levels, colour))
-    w, threshold, separation = found[-1]
+    by_level = 1.0 / (np.median(sample.levels, axis=0) + _FLOOR)  # of the logarithm
+    noise = np.diag((_COLOUR_NOISE * by_level) ** 2) + _SHADOW**2
+    noise += np.outer(by_level, by_level) * _REFLECTION**2
+    detail = sample.detail(None)
+    w, threshold, separation = _start(detail, sample.levels, colour), 0.0, 0.0
+    for _ in range(_PASSES):
+        for _ in range(6):
+            is_seam = _split(detail @ w)
+            if is_seam is None:
+                raise InputError(_no_seam(colour))
+            seam, ball = detail[is_seam], detail[~is_seam]
+            apart = seam.mean(axis=0) - ball.mean(axis=0)
+            spread = 0.5 * (np.cov(seam.T) + np.cov(ball.T)) + noise
+            w = np.linalg.solve(spread, apart)
+            w /= np.linalg.norm(w)
+            threshold = float(0.5 * w @ (seam.mean(axis=0) + ball.mean(axis=0)))
+            separation = float(w @ apart / np.sqrt(w @ spread @ w))
+        detail = sample.detail((w, threshold))  # again with surroundings that are free of the seam
     if separation < _LEAST_SEPARATION:
         raise InputError(_no_seam(colour))
-    along = sample.detail((w, threshold)) @ w
+    along = detail @ w
     is_seam = along > threshold
     seam, ball = along[is_seam], along[~is_seam]
     contrast = seam.mean() - ball.mean()
@@ -170,59 +185,22 @@ class _Sample:
         return np.asarray(_mean(values * ball[..., None], self.around) / share[..., None], np.float32)
 
 
-def _best(
+def _start(
     detail: NDArray[np.float64], levels: NDArray[np.uint8], colour: tuple[int, int, int] | None
-) -> tuple[NDArray[np.float64], float, float]:
-    """Return the discriminant (3,), the seam's threshold along it, and how far apart seam and ball are."""
-    by_level = 1.0 / (np.median(levels, axis=0) + _FLOOR)  # of the logarithm
-    noise = (
-        np.diag((_COLOUR_NOISE * by_level) ** 2) + _SHADOW**2 + np.outer(by_level, by_level) * _REFLECTION**2
-    )
-    starts = _starts(detail, levels, colour)
-    found = [one for one in (_refined(detail, noise, start) for start in starts) if one is not None]
-    if not found:
-        raise InputError(_no_seam(colour))
-    return max(found, key=lambda one: one[2])
-
-
-def _starts(
-    detail: NDArray[np.float64], levels: NDArray[np.uint8], colour: tuple[int, int, int] | None
-) -> list[NDArray[np.float64]]:
-    """Return directions (3,) to start from: toward the colour given, or where pixels stand out most."""
+) -> NDArray[np.float64]:
+    """Return the direction (3,) to start from: toward the colour given, or where pixels stand out most."""
     if colour is not None:
         ball = np.log(np.median(levels, axis=0) + _FLOOR)
         toward = np.log(np.array(colour[::-1], float) + _FLOOR) - ball
         hue = toward - toward.mean()
-        return [hue if np.linalg.norm(hue) > 0.3 * np.linalg.norm(toward) else toward]
-    starts = []
-    for basis in (np.eye(3) - 1.0 / 3.0, np.eye(3)):  # in colour only, and in brightness too
-        seen = detail @ basis
-        # what stands out is rare and far: the fourth power of the length lets it speak
-        size = np.minimum(np.linalg.norm(seen, axis=1), np.quantile(np.linalg.norm(seen, axis=1), 0.999))
-        direction = np.linalg.eigh((seen * size[:, None] ** 2).T @ seen)[1][:, -1]
-        along = seen @ direction
-        far = np.abs(along) > np.quantile(np.abs(along), 0.98)
-        starts.append(direction * np.sign(np.sum(along[far])))
-    return starts
-
-
-def _refined(
-    detail: NDArray[np.float64], noise: NDArray[np.float64], w: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float, float] | None:
-    """Return the discriminant (3,), its threshold, and how far apart seam and ball are; None where no seam is."""
-    threshold, separation = 0.0, 0.0
-    for _ in range(6):
-        is_seam = _split(detail @ w)
-        if is_seam is None:
-            return None
-        seam, ball = detail[is_seam], detail[~is_seam]
-        apart = seam.mean(axis=0) - ball.mean(axis=0)
-        spread = 0.5 * (np.cov(seam.T) + np.cov(ball.T)) + noise
-        w = np.linalg.solve(spread, apart)
-        w /= np.linalg.norm(w)
-        threshold = float(0.5 * w @ (seam.mean(axis=0) + ball.mean(axis=0)))
-        separation = float(w @ apart / np.sqrt(w @ spread @ w))
-    return w, threshold, separation
+        return hue if np.linalg.norm(hue) > 0.3 * np.linalg.norm(toward) else toward
+    # what stands out is rare and far: the fourth power of the length lets it speak
+    size = np.linalg.norm(detail, axis=1)
+    size = np.minimum(size, np.quantile(size, 0.999))
+    direction = np.linalg.eigh((detail * size[:, None] ** 2).T @ detail)[1][:, -1]
+    along = detail @ direction
+    far = np.abs(along) > np.quantile(np.abs(along), 0.98)
+    return direction * np.sign(np.sum(along[far]))
 
 
 def _split(along: NDArray[np.float64]) -> NDArray[np.bool_] | None:

@@ -10,7 +10,7 @@ The picture shows the ball's outline and the fitted seam drawn over frames.
 Video and log are on clocks of their own, and the camera's orientation relative to the robot is unknown. Both are
 estimated as for motion capture (`ballbot.validation.alignment`), from the ball's rotation over half a second by
 either.
-The findings say how well the ball was followed, how it was seen, and whether the wheels agree with the video.
+The findings say how well the ball was followed, and whether the wheels agree with the video.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Robot
+from ballbot.rounding import digits, percent, plus_minus
 from ballbot.validation.alignment import Clock
 from ballbot.validation.alignment.turning import Turning, fit_in_blocks, match_turning
 from ballbot.vision.calibration import Calibration, calibrated_view
 from ballbot.vision.seam import Seam, seam_table, thesis_seam
 from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder
-from ballbot.vision.tracking import Track, Velocity, angular_velocity, follow, orientation_search
+from ballbot.vision.tracking import Track, Velocity, angular_velocity, follow
 from ballbot.vision.video import LEAST_FRAMES, Video, frame_times
 from ballbot.vision.view import (
     ASSUMED_CLOSENESS,
     View,
-    check_distance,
     circle_points,
     find_outline,
     view_of_outline,
@@ -53,8 +53,6 @@ class Setup:
     seam: Seam | None = None  #: the thesis's where None
     colour: tuple[int, int, int] | None = None  #: the seam's, red green blue
     circle: tuple[float, float, float] | None = None  #: x, y, radius of the ball's outline [pixels]
-    distance: float | None = None  #: from the lens to the ball's centre [ball radii]
-    known_rate: bool = False  #: that the video's frame rate is the camera's, whatever times the file states
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +63,6 @@ class Spin:
     seam: Seam
     colour: SeamColour
     calibration: Calibration
-    calibrated: bool  #: whether the view is calibrated by the seam, or estimated from the outline alone
     t: NDArray[np.float64]  #: (n,) of the frames [s]
     track: Track
     velocity: Velocity  #: camera frame
@@ -91,6 +88,11 @@ class Spin:
         """The standard errors (n, 3) of `omega` [rad/s]."""
         R = self.robot_camera.as_matrix()
         return np.sqrt(np.einsum("ij,kjl,il->ki", R, self.velocity.covariance, R))
+
+    @property
+    def peak(self) -> float:
+        """The largest length of `omega` [rad/s]."""
+        return float(np.nanmax(np.linalg.norm(self.omega, axis=1)))
 
     def log(self) -> Log:
         """Return t, tracked (0 or 1), ball_omega_x .. z and their standard errors ball_omega_x_error .. z."""
@@ -127,55 +129,39 @@ def measure_spin(
     Raises
     ------
     InputError
-        If no ball or no seam is found, the circle or the distance is not possible, the seam is not of that kind, or it
-        is never followed long enough.
+        If no ball or no seam is found, the circle is not possible, the seam is not of that kind, or it is not followed
+        long enough.
     """
-    if setup.distance is not None:
-        check_distance(setup.distance)
     seam = setup.seam or thesis_seam()
     progress(Progress(stage="looking"))
     samples = video.samples()
     points = find_outline(samples) if setup.circle is None else circle_points(setup.circle, video.size)
-    closeness = ASSUMED_CLOSENESS if setup.distance is None else 1.0 / setup.distance
-    view = view_of_outline(points, size=video.size, closeness=closeness)
+    view = view_of_outline(points, size=video.size, closeness=ASSUMED_CLOSENESS)
     pixels = ball_pixels(view, video.size)
     colour = learn_colour(
         [pixels.box(frame) for frame in samples], pixels.inside, radius=view.radius, colour=setup.colour
     )
     table = seam_table(seam)
     calibration = calibrated_view(
-        video, points, closeness, colour=colour, table=table, found=setup.circle is None,
-        distance=setup.distance, progress=in_stage(progress, "calibrating"),
+        video, view, points, colour=colour, table=table, found=setup.circle is None,
+        progress=in_stage(progress, "calibrating"),
     )  # fmt: skip
-    calibrated = calibration is not None
-    if calibration is None:
-        calibration = Calibration(view=view, errors=np.full(4, np.nan))
-    pixels = ball_pixels(calibration.view, video.size)
     stated: list[float] = []
+    finder = seam_finder(ball_pixels(calibration.view, video.size), colour)
     track = follow(
-        _pictures(video, stated), seam_finder(pixels, colour), orientation_search(table, pixels),
-        frame_count=video.stated_frames, progress=progress,
-    )  # fmt: skip
-    if not track.tracked.any():
-        raise InputError(
-            f"{video.path}: the seam was seen but never fits the curve {seam.name!r}; "
-            "check the kind of seam (--seam) and the circle of the ball (--circle)."
-        )
-    t = frame_times(np.array(stated), frame_rate=video.frame_rate, known=setup.known_rate)
-    return Spin(
-        video=video, seam=seam, colour=colour, calibration=calibration, calibrated=calibrated, t=t, track=track,
-        velocity=_velocity(video, t, track), robot_camera=facing(0.0),
-    )  # fmt: skip
-
-
-def _velocity(video: Video, t: NDArray[np.float64], track: Track) -> Velocity:
+        _pictures(video, stated), finder, table, frame_count=video.stated_frames, progress=progress
+    )
+    t = frame_times(np.array(stated), video)
     velocity = angular_velocity(t, track)
     if not np.isfinite(velocity.omega).any():
         raise InputError(
             f"{video.path}: the seam was never tracked for {LEAST_FRAMES} successive frames, which "
             "a velocity needs; the ball may turn too fast for the frame rate, or be covered."
         )
-    return velocity
+    return Spin(
+        video=video, seam=seam, colour=colour, calibration=calibration, t=t, track=track, velocity=velocity,
+        robot_camera=facing(0.0),
+    )  # fmt: skip
 
 
 def _pictures(video: Video, stated: list[float]) -> Iterator[NDArray[np.uint8]]:
@@ -260,6 +246,11 @@ class WheelComparison:
     gain_half_width: NDArray[np.float64]  #: (3,) 95 %, by blocks of time
 
     @property
+    def rms_share(self) -> float:
+        """The RMS length of the difference over the peak."""
+        return float(np.linalg.norm(self.rms)) / self.peak
+
+    @property
     def forward(self) -> float:
         """The angle of the robot's x in the picture, from its right, clockwise [rad]."""
         R = self.robot_camera.as_matrix()
@@ -340,8 +331,6 @@ def log_with_spin(log: Log, spin: Spin, clock: Clock) -> Log:
     return log.with_columns(columns)
 
 
-#: tilts below this are the usual [rad]
-_TILTED = np.radians(5.0)
 #: a seam of the right kind fits better than this in the median frame
 _POOR = 0.85
 #: most spans of lost frames that are named
@@ -350,90 +339,41 @@ _NAMED = 3
 
 def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Finding, ...]:
     """Return what a video shows of the ball's turning."""
-    words = [_velocity_finding(spin), _tracking_finding(spin), *_poor_fit_finding(spin), _view_finding(spin)]
+    words = [_velocity_finding(spin), _tracking_finding(spin)]
+    quality = float(np.median(spin.track.quality[spin.track.tracked]))
+    if quality <= _POOR:
+        words.append(
+            f"The seam fits the curve {spin.seam.name!r} poorly, by {percent(quality)} in the "
+            "median frame: it may be of another kind (--seam), and the velocity may be wrong."
+        )
     if comparison is not None:
-        words += [_agreement_finding(comparison), _clock_finding(comparison)]
+        words.append(_agreement_finding(comparison))
     return tuple(note("spin", sentence) for sentence in words)
 
 
 def _velocity_finding(spin: Spin) -> str:
-    omega = spin.omega[spin.known]
-    errors = spin.errors[spin.known]
-    typical = ", ".join(f"{value:.2g}" for value in np.median(errors, axis=0))
+    typical = ", ".join(digits(value, 2) for value in np.median(spin.errors[spin.known], axis=0))
     return (
-        f"The ball turned at up to {np.linalg.norm(omega, axis=1).max():.3g} rad/s; the standard error of its "
-        f"velocity about x, y, z is {typical} rad/s (median)."
+        f"The ball turned at up to {digits(spin.peak)} rad/s; the standard error of its velocity about x, y, z is "
+        f"{typical} rad/s (median)."
     )
 
 
 def _tracking_finding(spin: Spin) -> str:
-    lost = ~spin.track.tracked
     whole = f"{spin.t[-1] - spin.t[0]:.1f} s ({len(spin.t)} frames)"
+    lost = ~spin.track.tracked
     if not lost.any():
         return f"The seam was tracked throughout, {whole}."
-    edges = np.diff(np.concatenate([[0], lost.astype(int), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    spans = [f"{spin.t[a]:.2f} to {spin.t[b]:.2f} s" for a, b in zip(starts, ends, strict=True)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]))).reshape(-1, 2)
+    spans = [f"{spin.t[first]:.2f} to {spin.t[end - 1]:.2f} s" for first, end in edges]
     named = ", ".join(spans[:_NAMED]) + (f" and {len(spans) - _NAMED} more" if len(spans) > _NAMED else "")
     return f"Of {whole} the seam was lost in {lost.sum()} frames: {named}."
 
 
-def _poor_fit_finding(spin: Spin) -> list[str]:
-    quality = float(np.median(spin.track.quality[spin.track.tracked]))
-    if quality > _POOR:
-        return []
-    return [
-        f"The seam fits the curve {spin.seam.name!r} poorly, by {100 * quality:.0f} % in the "
-        "median frame: it may be of another kind (--seam), and the velocity may be wrong."
-    ]
-
-
-def _view_finding(spin: Spin) -> str:
-    view, errors = spin.view, spin.calibration.errors
-    circle = f"The ball is at ({view.x:.1f}, {view.y:.1f}) with a radius of {view.radius:.1f} pixels"
-    if not spin.calibrated:
-        return (
-            f"{circle}, by its outline. Too little was tracked to estimate the "
-            f"camera's distance, which is assumed to be {view.distance:.1f} ball radii."
-        )
-    spread = errors[3] * view.distance**2
-    return (
-        f"{circle}; the camera is {view.distance:.2f} ball radii from its centre, by the seam's perspective (standard "
-        f"error {spread:.2f})."
-    )
-
-
 def _agreement_finding(comparison: WheelComparison) -> str:
-    off = np.abs(comparison.gain - 1.0) > 2.0 * comparison.gain_half_width
-    off &= np.abs(comparison.gain - 1.0) > 0.02
-    gains = ", ".join(
-        f"{gain:.3f} ± {half:.3f}"
-        for gain, half in zip(comparison.gain, comparison.gain_half_width, strict=True)
-    )
-    rms = 100.0 * np.linalg.norm(comparison.rms) / comparison.peak
-    verdict = "do not match" if off.any() else "match"
+    off = np.abs(comparison.gain - 1.0) > np.maximum(2.0 * comparison.gain_half_width, 0.02)
+    gains = ", ".join(map(plus_minus, comparison.gain, comparison.gain_half_width))
     return (
-        f"Video and T_obw times wheel speeds {verdict}: they differ by {rms:.2g} % "
-        f"of the peak (RMS), and video is {gains} times the wheels about x, y, z."
+        f"Video and T_obw times wheel speeds {'do not match' if off.any() else 'match'}: they differ by "
+        f"{percent(comparison.rms_share)} of the peak (RMS), and video is {gains} times the wheels about x, y, z."
     )
-
-
-def _clock_finding(comparison: WheelComparison) -> str:
-    clock = comparison.clock
-    where = (
-        f"The robot's x axis points {np.degrees(comparison.forward):.1f} "
-        "degrees clockwise from the right in the picture"
-    )
-    tilt = np.degrees(comparison.tilt)
-    tilted = f", and the camera is tilted by {tilt:.1f} degrees" + (
-        "; check that it was mounted so" if comparison.tilt > _TILTED else ""
-    )
-    return (
-        f"{where}{tilted}; the log's zero is at {clock.offset:.4f} ± {comparison.offset_half_width:.4f} s of the "
-        f"video, whose clock runs {rate_words(clock.rate)}."
-    )
-
-
-def rate_words(rate: float) -> str:
-    """Return how a clock runs: 617 ppm slow, 12 ppm fast."""
-    return f"{1e6 * abs(rate):.0f} ppm {'slow' if rate < 0.0 else 'fast'}"

@@ -165,7 +165,7 @@ def _frames(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.uint8]]]:
         stated.append(time)
     if len(frames) < _FRAMES_LOOKED_AT:
         raise InputError(f"{path} has {len(frames)} frames; a swing takes at least {_FRAMES_LOOKED_AT}.")
-    return frame_times(np.array(stated), frame_rate=video.frame_rate, known=False), frames
+    return frame_times(np.array(stated), video), frames
 
 
 def _pattern(chosen: list[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:

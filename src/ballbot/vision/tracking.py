@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
-from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.progress import Progress, ProgressCallback
 from ballbot.vision.seam import Fit, SeamPoints, SeamTable, fit_rotation
 from ballbot.vision.seam_pixels import BallPixels, SeamFinder
 from ballbot.vision.video import LEAST_FRAMES
@@ -51,48 +51,29 @@ _SEEN = 0.15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ScoredFit:
-    """A fit, and how much of the seam that should be seen is seen."""
-
-    fit: Fit
-    cover: float
-
-    @property
-    def quality(self) -> float:
-        """The smaller of what is explained of the pixels and what is seen of the curve, 0 to 1."""
-        return min(self.fit.inliers, self.cover)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class OrientationSearch:
-    """Tries orientations and scores them."""
+    """Fits orientations to a frame's seam and scores them."""
 
     table: SeamTable
     pixels: BallPixels
-    curve: NDArray[np.float64]  #: (k, 3) points of the seam, ball frame
 
-    def score(self, fit: Fit, seam: NDArray[np.float32]) -> ScoredFit:
-        """Return a fit with the fraction of the curve, where a pixel is used, that a frame's pixels (m,) show."""
-        pixels, _ = self.pixels.view.project(self.curve @ fit.R.T)
-        facing = (self.curve @ fit.R.T) @ self.pixels.toward > self.pixels.rim
-        index = self.pixels.index_at(pixels[facing])
+    def score(self, fit: Fit, seam: NDArray[np.float32]) -> float:
+        """Return the smaller of what a fit explains of the seam's pixels and what is seen of the curve, 0 to 1.
+
+        `seam` (m,) is how much each pixel used is seam; the curve counts where a pixel is used.
+        """
+        curve = self.table.seam.points
+        points = curve[:: max(1, len(curve) // _CURVE_POINTS)] @ fit.R.T
+        index = self.pixels.index_at(
+            self.pixels.view.project(points)[0][points @ self.pixels.toward > self.pixels.rim]
+        )
         index = index[index >= 0]
-        cover = float(np.mean(seam[index] > _SEEN)) if len(index) else 0.0
-        return ScoredFit(fit=fit, cover=cover)
+        return min(fit.inliers, float(np.mean(seam[index] > _SEEN))) if len(index) else 0.0
 
     def localise(
         self, seen: SeamPoints, seam: NDArray[np.float32], *, near: NDArray[np.float64] | None
-    ) -> ScoredFit:
-        """Return the best orientation for a frame.
-
-        Parameters
-        ----------
-        seen : SeamPoints
-        seam : ndarray (m,)
-            From `SeamFinder.find`.
-        near : ndarray (3, 3), optional
-            Among orientations as good, the nearest to this one is taken.
-        """
+    ) -> tuple[Fit, float]:
+        """Return the best orientation for a frame, and its score; among some as good, the nearest to `near` (3, 3)."""
         # those with more weight are likelier to be chosen; the same for the same frame
         chosen = np.searchsorted(np.cumsum(seen.area), np.linspace(0.0, 0.999, _POINTS) * seen.area.sum())
         few = seen.p[np.minimum(chosen, len(seen.p) - 1)]
@@ -100,25 +81,13 @@ class OrientationSearch:
         q = np.einsum("pi,gij->gpj", few, grid).reshape(-1, 3)
         r = np.einsum("ki,ki->k", q, self.table.normals_at(q)).reshape(len(grid), -1)
         cost = np.minimum(r * r, np.float32(_FAR**2)).mean(axis=1)
-        best = [
-            self.score(
-                fit_rotation(self.table, seen, grid[k].astype(np.float64), reaches=_SEARCH_REACHES), seam
-            )
-            for k in np.argsort(cost, kind="stable")[:_REFINED]
-        ]
-        top = max(best, key=lambda one: one.quality)
-        if near is None:
-            return top
-        alike = [one for one in best if one.quality > 0.97 * top.quality]
-        return max(alike, key=lambda one: float(np.trace(one.fit.R.T @ near)))
-
-
-def orientation_search(table: SeamTable, pixels: BallPixels) -> OrientationSearch:
-    """Return the search for orientations of a ball with the table's seam."""
-    points = table.seam.points
-    return OrientationSearch(
-        table=table, pixels=pixels, curve=points[:: max(1, len(points) // _CURVE_POINTS)]
-    )
+        best = []
+        for k in np.argsort(cost, kind="stable")[:_REFINED]:
+            fit = fit_rotation(self.table, seen, grid[k].astype(np.float64), reaches=_SEARCH_REACHES)
+            best.append((fit, self.score(fit, seam)))
+        top = max(best, key=lambda one: one[1])
+        alike = [one for one in best if one[1] > 0.97 * top[1]]
+        return top if near is None else max(alike, key=lambda one: float(np.trace(one[0].R.T @ near)))
 
 
 def _grid() -> NDArray[np.float64]:
@@ -163,8 +132,8 @@ class Track:
 class _Follower:
     """The state between frames."""
 
-    def __init__(self, finder: SeamFinder, search: OrientationSearch) -> None:
-        self._finder, self._search = finder, search
+    def __init__(self, finder: SeamFinder, table: SeamTable) -> None:
+        self._finder, self._search = finder, OrientationSearch(table=table, pixels=finder.pixels)
         self._last: NDArray[np.float64] | None = None
         self._turn = np.zeros(3)  # over the last frame, camera frame [rad]
         self._settled = False  # whether that is known
@@ -174,54 +143,55 @@ class _Follower:
     def next(self, frame: NDArray[np.uint8]) -> tuple[Fit, float, int] | None:
         """Return the orientation, its quality and its stretch; None where it is lost."""
         seen, seam = self._finder.find(frame)
-        scored = None
+        found = None
         if len(seen.p) >= _LEAST_PIXELS:
-            scored = self._followed(seen, seam) or self._searched(seen, seam)
-        if scored is None:
+            found = self._followed(seen, seam) or self._searched(seen, seam)
+        if found is None:
             self._lost += 1
             self._settled = False
             return None
         self._lost = 0
-        return scored.fit, scored.quality, self._stretch
+        return *found, self._stretch
 
-    def _followed(self, seen: SeamPoints, seam: NDArray[np.float32]) -> ScoredFit | None:
+    def _followed(self, seen: SeamPoints, seam: NDArray[np.float32]) -> tuple[Fit, float] | None:
         if self._last is None or self._lost > 1:
             return None
         turn = self._turn * (1.0 + self._lost)
         predicted = Rotation.from_rotvec(turn).as_matrix() @ self._last
-        scored = self._search.score(fit_rotation(self._search.table, seen, predicted, reaches=_REACHES), seam)
-        jump = float(Rotation.from_matrix(scored.fit.R @ predicted.T).magnitude())
-        if scored.quality < _TRACKED or jump > _LARGEST_JUMP:
+        fit = fit_rotation(self._search.table, seen, predicted, reaches=_REACHES)
+        quality = self._search.score(fit, seam)
+        jump = float(Rotation.from_matrix(fit.R @ predicted.T).magnitude())
+        if quality < _TRACKED or jump > _LARGEST_JUMP:
             if self._settled:
                 return None
             # the second frame of a stretch: how fast the ball turns is not known yet
-            scored = self._search.localise(seen, seam, near=self._last)
-            if scored.quality < _FOUND:
+            fit, quality = self._search.localise(seen, seam, near=self._last)
+            if quality < _FOUND:
                 return None
-        whole = Rotation.from_matrix(scored.fit.R @ self._last.T).as_rotvec() / (1.0 + self._lost)
+        whole = Rotation.from_matrix(fit.R @ self._last.T).as_rotvec() / (1.0 + self._lost)
         if np.linalg.norm(whole) > 1.0:  # another of the symmetric selves
             return None
-        self._turn, self._last, self._settled = whole, scored.fit.R, True
-        return scored
+        self._turn, self._last, self._settled = whole, fit.R, True
+        return fit, quality
 
-    def _searched(self, seen: SeamPoints, seam: NDArray[np.float32]) -> ScoredFit | None:
+    def _searched(self, seen: SeamPoints, seam: NDArray[np.float32]) -> tuple[Fit, float] | None:
         if self._last is not None and self._lost % _SEARCHED_EVERY:
             return None
-        scored = self._search.localise(seen, seam, near=self._last)
-        if scored.quality < _FOUND:
+        fit, quality = self._search.localise(seen, seam, near=self._last)
+        if quality < _FOUND:
             return None
-        self._last, self._turn, self._settled = scored.fit.R, np.zeros(3), False
+        self._last, self._turn, self._settled = fit.R, np.zeros(3), False
         self._stretch += 1
-        return scored
+        return fit, quality
 
 
 def follow(
     frames: Iterable[NDArray[np.uint8]],
     finder: SeamFinder,
-    search: OrientationSearch,
+    table: SeamTable,
     *,
-    frame_count: int = 0,
-    progress: ProgressCallback = ignore_progress,
+    frame_count: int,
+    progress: ProgressCallback,
 ) -> Track:
     """Return the orientation in every frame.
 
@@ -229,13 +199,13 @@ def follow(
     ----------
     frames : iterable of ndarray (height, width, 3) uint8
     finder : SeamFinder
-    search : OrientationSearch
-    frame_count : int, optional
+    table : SeamTable
+    frame_count : int
         How many there are at most, for the progress; 0 if that is not known.
-    progress : callable, optional
+    progress : callable
         Called after each frame.
     """
-    follower = _Follower(finder, search)
+    follower = _Follower(finder, table)
     nothing = np.full((3, 3), np.nan)
     R, information, bias, quality, stretch = [], [], [], [], []
     for count, frame in enumerate(frames, start=1):
@@ -259,9 +229,11 @@ def follow(
 
 #: before the first frame, standard deviations of the error [rad], velocity [rad/s] and acceleration [rad/s^2]
 _BEFORE = (0.1, 20.0, 200.0)
-#: the density of jerk is estimated between these [rad^2/s^5], on so many frames
-_DENSITIES = (0.1, 3e7)
+#: q/s^2 is estimated between these [1/s^5], on so many frames
+_DENSITIES = (1.0, 1e12)
 _SEARCHED = 480
+#: s^2 of a seam's pixels, roughly [rad^2]: only for the state before the first frame
+_ROUGHLY = 1e-3
 #: innovations and biases are averaged over this to either side, for noise and light may change [s]
 _SPAN = 0.5
 #: information about an axis below this fraction of the whole comes as well from small errors of the view and the curve
@@ -277,7 +249,6 @@ class Velocity:
 
     omega: NDArray[np.float64]  #: (n, 3) [rad/s]
     covariance: NDArray[np.float64]  #: (n, 3, 3) [rad^2/s^2]
-    noise: float  #: s of the fits' information
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -308,16 +279,15 @@ def angular_velocity(t: NDArray[np.float64], track: Track) -> Velocity:
     track : Track
     """
     omega, covariance = np.full((len(t), 3), np.nan), np.full((len(t), 3, 3), np.nan)
-    stretches = [rows for rows in _stretches(track) if len(rows) >= LEAST_FRAMES]
+    # a lost frame between two of the same stretch is simply not there
+    numbered = [np.flatnonzero(track.stretch == k) for k in range(int(track.stretch.max(initial=-1)) + 1)]
+    stretches = [rows for rows in numbered if len(rows) >= LEAST_FRAMES]
     if not stretches:
-        return Velocity(omega=omega, covariance=covariance, noise=float("nan"))
-    longest = max(stretches, key=len)[:_SEARCHED]
-    guess = _first_guess(track, longest)
-    density = _density(_made_ready(t, track, longest), guess)
-    noises = []
+        return Velocity(omega=omega, covariance=covariance)
+    density = _density(_made_ready(t, track, max(stretches, key=len)[:_SEARCHED]))
     for rows in stretches:
         ready = _made_ready(t, track, rows)
-        filtered = _filter(ready, density, guess)
+        filtered = _filter(ready, density)
         smooth = _smooth(ready, filtered)
         local = _averaged(filtered.misfit / 3.0, t[rows])
         omega[rows] = [mean[3:6] for mean, _ in smooth]
@@ -325,36 +295,14 @@ def angular_velocity(t: NDArray[np.float64], track: Track) -> Velocity:
         biased = (np.linalg.norm(omega[rows], axis=1) / _OTHER_SIDE) ** 2
         bias = _averaged(track.bias[rows], t[rows])
         covariance[rows] = spread * local[:, None, None] + bias * biased[:, None, None]
-        noises.append(float(np.sqrt(np.mean(filtered.misfit / 3.0))))
-    return Velocity(omega=omega, covariance=covariance, noise=float(np.mean(noises)))
-
-
-def _stretches(track: Track) -> list[NDArray[np.intp]]:
-    """Return the rows of each stretch; a lost frame between two of the same stretch is simply not there."""
-    return [
-        np.flatnonzero(track.stretch == number) for number in range(int(track.stretch.max(initial=-1)) + 1)
-    ]
-
-
-def _first_guess(track: Track, rows: NDArray[np.intp]) -> float:
-    """Return s^2 by third differences of the orientations, in which smooth motion is small and noise twenty-fold."""
-    third = np.diff(_turns(track, rows).as_rotvec(), n=2, axis=0)
-    if len(third) == 0:
-        return 1e-3
-    sizes = np.einsum("ki,kij,kj->k", third, track.information[rows[1:-2]], third) / 60.0
-    return max(float(np.median(sizes)), 1e-9)
-
-
-def _turns(track: Track, rows: NDArray[np.intp]) -> Rotation:
-    """Return the rotations from each row to the next."""
-    orientations = Rotation.from_matrix(track.R[rows])
-    return orientations[1:] * orientations[:-1].inv()
+    return Velocity(omega=omega, covariance=covariance)
 
 
 def _made_ready(t: NDArray[np.float64], track: Track, rows: NDArray[np.intp]) -> _Steps:
     steps = np.diff(t[rows])
     F, shift = np.zeros((len(steps), 9, 9)), np.zeros((len(steps), 9))
-    turns, dt = _turns(track, rows), steps[:, None, None]
+    orientations, dt = Rotation.from_matrix(track.R[rows]), steps[:, None, None]
+    turns = orientations[1:] * orientations[:-1].inv()
     f = turns.as_rotvec()
     bend = _EYE + 0.5 * np.cross(f[:, None], _EYE).swapaxes(1, 2)
     F[:, :3, :3], F[:, :3, 3:6], F[:, :3, 6:] = turns.as_matrix(), dt * bend, 0.5 * dt**2 * bend
@@ -365,22 +313,22 @@ def _made_ready(t: NDArray[np.float64], track: Track, rows: NDArray[np.intp]) ->
     return _Steps(F=F, shift=shift, steps=steps, H=np.einsum("kij,kj,klj->kil", axes, believed, axes))
 
 
-def _density(ready: _Steps, guess: float) -> float:
+def _density(ready: _Steps) -> float:
     """Return q / s^2 of the largest likelihood, s^2 being the likeliest for each."""
 
     def cost(logarithm_of_density: float) -> float:
-        filtered = _filter(ready, float(np.exp(logarithm_of_density)), guess)
+        filtered = _filter(ready, float(np.exp(logarithm_of_density)))
         count = 3.0 * len(filtered.misfit)
         return filtered.surprise + count * float(np.log(filtered.misfit.sum() / count))
 
-    low, high = np.log(np.divide(_DENSITIES, guess))
+    low, high = np.log(_DENSITIES)
     return float(np.exp(optimize.fminbound(cost, low, high, xtol=0.3)))
 
 
-def _filter(ready: _Steps, density: float, guess: float) -> _Filtered:
+def _filter(ready: _Steps, density: float) -> _Filtered:
     """Return the Kalman filter's path with s = 1."""
     mean = np.zeros(9)
-    P = np.diag(np.repeat(np.square(_BEFORE), 3)) / guess
+    P = np.diag(np.repeat(np.square(_BEFORE), 3)) / _ROUGHLY
     before, after = [], []
     misfit, surprise = np.empty(len(ready.H)), 0.0
     for k, H in enumerate(ready.H):

@@ -29,6 +29,7 @@ class Video:
     path: Path
     size: tuple[int, int]  #: width and height [pixels]
     frame_rate: float  #: [Hz]
+    rate_given: bool  #: that this rate is the camera's, whatever times the file states
     stated_frames: int  #: stated in the file's header, for progress; 0 if it is not
 
     def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
@@ -112,29 +113,20 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
         path=path,
         size=(frame.shape[1], frame.shape[0]),
         frame_rate=float(rate),
+        rate_given=frame_rate is not None,
         stated_frames=max(0, int(stated)),
     )
 
 
-def frame_times(stated: NDArray[np.float64], *, frame_rate: float, known: bool) -> NDArray[np.float64]:
-    """Return the times (n,) of the frames [s] from those that the file states.
+def frame_times(stated: NDArray[np.float64], video: Video) -> NDArray[np.float64]:
+    """Return the times (n,) of the frames [s] from those that the file states (n,) [s].
 
-    Even steps at the frame rate, where the file's times are no times, or where the rate is known from elsewhere;
-    even steps as well where the file's differ from such by a container's rounding only; the file's own times
-    otherwise.
-
-    Parameters
-    ----------
-    stated : ndarray (n,)
-        [s]
-    frame_rate : float
-        [Hz]
-    known : bool
-        Whether this rate is the camera's, whatever the file states.
+    Even steps at the frame rate, where the file's times are no times, or where the rate is given; even steps as well
+    where the file's differ from such by a container's rounding only; the file's own times otherwise.
     """
     k = np.arange(len(stated), dtype=np.float64)
-    if known or len(stated) < 2 or not np.all(np.diff(stated) > 0.0):
-        return k / frame_rate
+    if video.rate_given or len(stated) < 2 or not np.all(np.diff(stated) > 0.0):
+        return k / video.frame_rate
     slope, start = np.polyfit(k, stated, 1)
     even = start + slope * k
     return even - even[0] if np.abs(stated - even).max() < _ROUNDING else stated - stated[0]

@@ -126,31 +126,15 @@ def view_of_outline(points: NDArray[np.float64], *, size: tuple[int, int], close
     return view
 
 
-def check_distance(distance: float) -> None:
-    """Refuse a camera within the ball, or so near or far that its distance makes no sense.
-
-    Raises
-    ------
-    InputError
-        If the closeness would not be within `CLOSENESS`.
-    """
-    far, near = (1.0 / closeness for closeness in CLOSENESS)
-    if not near <= distance <= far:
-        raise InputError(
-            f"The camera's distance is {distance:g} ball radii from "
-            f"the ball's centre; it must be from {near:.2g} to {far:g}."
-        )
-
-
 #: closeness assumed until the seam determines it
 ASSUMED_CLOSENESS = 0.12
-#: circles are voted for on a picture no larger than this [pixels], with these patiences of the vote
+#: circles are voted for on a picture no larger than this [pixels], with this many votes at the least
 _VOTED_SIZE = 360
-_PATIENCES = (60.0, 40.0, 25.0)
+_VOTES = 25.0
 #: smallest and largest radius, as fractions of the picture's shorter side
 _SMALLEST, _LARGEST = 0.08, 0.75
-#: circles taken from each vote, and in all
-_VOTED, _CANDIDATES = 3, 40
+#: circles taken from each vote
+_VOTED = 3
 #: rays from a circle's centre, and how far to both sides of it an edge is looked for, round by round, as fractions of
 #: the radius
 _RAYS = 240
@@ -241,26 +225,23 @@ def _voted(still: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
     shorter = min(small.shape[:2])
     smallest, largest = int(_SMALLEST * shorter), int(_LARGEST * shorter)
     circles: list[NDArray[np.float64]] = []
-    for patience in _PATIENCES:
-        for channel in (
-            cv2.cvtColor(small, cv2.COLOR_BGR2GRAY),
-            *cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2LAB)),
-        ):
-            found = cv2.HoughCircles(
-                cv2.medianBlur(channel, 5), cv2.HOUGH_GRADIENT, 1.5, 0.06 * shorter, param1=80.0, param2=patience,
-                minRadius=smallest, maxRadius=largest,
-            )  # fmt: skip
-            if found is not None:
-                circles += list(np.reshape(found, (-1, 3))[:_VOTED].astype(np.float64))
+    for channel in (
+        cv2.cvtColor(small, cv2.COLOR_BGR2GRAY),
+        *cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2LAB)),
+    ):
+        found = cv2.HoughCircles(
+            cv2.medianBlur(channel, 5), cv2.HOUGH_GRADIENT, 1.5, 0.06 * shorter, param1=80.0, param2=_VOTES,
+            minRadius=smallest, maxRadius=largest,
+        )  # fmt: skip
+        if found is not None:
+            circles += list(np.reshape(found, (-1, 3))[:_VOTED].astype(np.float64))
     distinct: list[NDArray[np.float64]] = []
     for circle in circles:
         for radius in (circle[2], *_strongest(small, circle[0], circle[1], smallest, largest)):
             one = np.array([circle[0], circle[1], radius])
             if all(np.abs(one - other).max() > 0.03 * shorter for other in distinct):
                 distinct.append(one)
-    return [
-        ((x + 0.5) / factor - 0.5, (y + 0.5) / factor - 0.5, r / factor) for x, y, r in distinct[:_CANDIDATES]
-    ]
+    return [((x + 0.5) / factor - 0.5, (y + 0.5) / factor - 0.5, r / factor) for x, y, r in distinct]
 
 
 def _strongest(picture: NDArray[np.uint8], x: float, y: float, smallest: int, largest: int) -> list[float]:
