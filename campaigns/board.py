@@ -31,8 +31,6 @@ from ballbot import Controller, Robot, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.estimation import named_estimator
 from ballbot.firmware.export import Export, export_controller
-from ballbot.firmware.qemu import QemuBoard, build_board
-from ballbot.link.lock_step import BoardLine
 from ballbot.log import Log
 from ballbot.rounding import unit_heading
 from ballbot.twin import Scenario, Twin
@@ -42,6 +40,7 @@ from ballbot.workflows.league import METRIC_BY_KEY
 from ballbot.workflows.metrics import score
 from campaigns.section import Section, is_kept
 from tests.support.board_controller import FirmwareController, ReadingTap
+from tests.support.qemu import BoardLine, QemuBoard, build_board
 
 #: of the square, by controller. The nominal one's wandering scatters so much that no campaign would reach the target.
 SEEDS = {"nominal, partial": range(300, 306), "precise": range(300, 320)}

@@ -1,4 +1,4 @@
-"""The example of the whole trip, made short: from a log over an emulated board to a study again."""
+"""The example of the whole trip, made short: from a log over the firmware to a study again."""
 
 import json
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ballbot import Log
-from ballbot.firmware.qemu import what_to_install
+from ballbot.firmware.build import compilers
 
 pytest.importorskip("mujoco", reason="MuJoCo, of the extra `twin`, is not installed")
 
@@ -24,7 +24,7 @@ rolling = [0.007, 0.007]
 
 
 @pytest.mark.sample
-@pytest.mark.skipif(bool(what_to_install()), reason=what_to_install() or "all is installed")
+@pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 def test_whole_trip(tmp_path):
     script = [sys.executable, ROOT / "examples" / "06_whole_trip.py", "--out", tmp_path / "trip"]
     (tmp_path / "bounds.toml").write_text(BOUNDS)
@@ -34,7 +34,7 @@ def test_whole_trip(tmp_path):
     assert done.returncode == 0, done.stderr[-3000:]
     assert "The run of 16 s is over." in done.stdout
     stages = re.findall(r"^\$ ballbot (\w+)", done.stdout, flags=re.MULTILINE)
-    assert stages == ["record", "study", "export", "study"]
+    assert stages == ["record", "study", "export", "run", "study"]
     log = Log.read(tmp_path / "trip" / "after" / "log.csv")
     assert len(log) == 3200
     # the robot follows the square: the chosen controller is within a few centimetres after it has settled

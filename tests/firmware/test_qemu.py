@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from ballbot import InputError
-from ballbot.firmware import qemu
-from ballbot.firmware.qemu import BOARD, QemuBoard, compile_board, toolchains, what_to_install
+from tests.support import qemu
 from tests.support.processes import PATIENCE, Child
+from tests.support.qemu import BOARD, QemuBoard, compile_board, toolchains, what_to_install
 
 pytestmark = [
     pytest.mark.board,
@@ -116,7 +116,7 @@ def test_board_that_is_closed_is_gone(echo):
 )
 def test_board_of_a_process_that_is_killed_is_gone(echo):
     program = (
-        "import sys\nfrom pathlib import Path\nfrom ballbot.firmware.qemu import QemuBoard\n"
+        "import sys\nfrom pathlib import Path\nfrom tests.support.qemu import QemuBoard\n"
         "board = QemuBoard(Path(sys.argv[1]))\nboard.line.sendall(b'a')\nboard.line.recv(1)\n"
         "print('runs', flush=True)\nsys.stdin.read()\n"
     )

@@ -22,10 +22,9 @@ from ballbot.firmware.build import compilers
 from ballbot.firmware.estimators import ReadingRecord
 from ballbot.firmware.export import export_controller
 from ballbot.firmware.processor_load import readings
-from ballbot.firmware.qemu import SILENCE, QemuBoard, build_board, toolchains, what_to_install
 from ballbot.firmware.records import SelfTestOutcome, parameter_record
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
-from ballbot.link.lock_step import BoardLine, LockStep, sensors_of
+from ballbot.link.lock_step import LockStep, sensors_of
 from ballbot.link.messages import Capability, Result, State
 from ballbot.link.session import Session
 from ballbot.link.transport import LinkError, Transport
@@ -39,6 +38,7 @@ from tests.support.compiled_firmware import Firmware
 from tests.support.control_examples import FRICTION, alten
 from tests.support.faulty_transport import FaultyTransport
 from tests.support.processes import PATIENCE
+from tests.support.qemu import SILENCE, BoardLine, QemuBoard, build_board, toolchains, what_to_install
 
 pytestmark = [
     pytest.mark.board,

@@ -60,9 +60,6 @@ class LinkOptions:
     plant: PlantName = "model"
     """The body of an emulated robot: the equations of motion (model) or the physics engine (twin)."""
 
-    board: Annotated[bool, Parameter(negative="")] = False
-    """Run the firmware of an emulated robot on an emulated board (QEMU) in place of this computer."""
-
     robot: str | None = None
     """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
 
@@ -147,10 +144,8 @@ def connected(
     """
     if link.emulated == (port is not None):
         raise InputError("Give the robot's port, such as /dev/ttyACM0, or --emulated.")
-    if port is not None and (link.board or link.plant != LinkOptions.plant):
-        raise InputError(
-            "--board and --plant are of an emulated robot; give --emulated in place of the port."
-        )
+    if port is not None and link.plant != LinkOptions.plant:
+        raise InputError("--plant is of an emulated robot; give --emulated in place of the port.")
     if port is None:
         check_seed(link.seed)
         described = Robot.load(link.robot or _EMULATED_ROBOT)
@@ -158,7 +153,6 @@ def connected(
             described,
             load_scenario(link.scenario, described),
             plant=link.plant,
-            on_board=link.board,
             hold=hold,
             seed=link.seed,
             real_time=real_time,

@@ -27,9 +27,8 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
 from ballbot.firmware.build import shared_library, source_files
 from ballbot.firmware.export import PROJECT, export_controller
-from ballbot.firmware.qemu import QemuBoard, board_image, what_to_install
 from ballbot.firmware.records import PARAMETERS
-from ballbot.link.lock_step import BoardLine, LockStep, sensors_of
+from ballbot.link.lock_step import LockStep, sensors_of
 from ballbot.link.messages import Motors
 from ballbot.link.transport import Transport
 from ballbot.robot import Robot
@@ -175,7 +174,6 @@ def emulated_robot(
     scenario: Scenario,
     *,
     plant: PlantName = "model",
-    on_board: bool = False,
     hold: Hold = "on_ball",
     seed: int = 0,
     real_time: bool = False,
@@ -191,20 +189,18 @@ def emulated_robot(
         True friction, sensors and play.
     plant : {"model", "twin"}
         Its body: the equations of motion, or the physics engine.
-    on_board : bool
-        Whether its firmware runs on a board under QEMU in place of this computer.
     hold : {"on_ball", "in_air", "upside_down"}
         How it is held; in the air and upside down it stays so when it arms.
     seed : int
     real_time : bool
         As for `EmulatedRobot`.
     imu_checked : bool
-        Whether the axes of the IMU count as checked; on a board they do not.
+        Whether the axes of the IMU count as checked.
 
     Raises
     ------
     InputError
-        If there is no compiler, the board or the twin is not installed, or the scenario's IMU has no noise.
+        If there is no compiler, the twin is not installed, or the scenario's IMU has no noise.
     """
     if not (scenario.sensors.gyro_noise or scenario.sensors.attitude_noise):
         raise InputError(
@@ -213,9 +209,6 @@ def emulated_robot(
         )
     model = true_model(robot, scenario)
     controller = nominal_controller(robot)
-    exported = export_controller(controller)
-    if on_board and (missing := what_to_install()):
-        raise InputError(missing)
     body = (
         Twin(robot, scenario)
         if plant == "twin"
@@ -223,9 +216,7 @@ def emulated_robot(
     )
     return EmulatedRobot(
         body,
-        BoardLine(QemuBoard(board_image(exported.files)))
-        if on_board
-        else CompiledRobot(exported.parameters, imu_checked=imu_checked),
+        CompiledRobot(export_controller(controller).parameters, imu_checked=imu_checked),
         sample_time=controller.sample_time,
         seed=seed,
         hand=HeldRobot(model.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise),

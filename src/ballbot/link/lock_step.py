@@ -15,39 +15,13 @@ import numpy as np
 from ballbot.control.records import MAX_WHEELS
 from ballbot.estimation.interface import Reading
 from ballbot.firmware.estimators import whole_counts
-from ballbot.firmware.qemu import QemuBoard
 from ballbot.link.frames import Frame, decode, encode, message_of
 from ballbot.link.messages import EMULATED, Motors, Sensors
-from ballbot.link.transport import LinkError, SocketTransport, Transport
+from ballbot.link.transport import LinkError, Transport
 from ballbot.robot import Robot
 
 #: a board that does not answer a sample for so long has stopped [s]; a busy computer takes a fraction of it
 PATIENCE = 20.0
-#: for bytes to gather [s]
-_GATHERING = 3e-4
-
-
-class BoardLine:
-    """The serial line of a board under QEMU, as a transport; closing it stops the board."""
-
-    def __init__(self, board: QemuBoard) -> None:
-        self._board, self._line = board, SocketTransport(board.line, name="board")
-
-    def read(self, timeout: float) -> bytes:
-        """Return what has come; wait for it at most `timeout` [s], then return b""."""
-        first = self._line.read(timeout)
-        if not first:
-            return b""
-        time.sleep(_GATHERING)  # bytes come one by one; to wake for each would take longer
-        return first + self._line.read(0.0)
-
-    def write(self, data: bytes) -> None:
-        """Send bytes."""
-        self._line.write(data)
-
-    def close(self) -> None:
-        """Stop the board."""
-        self._board.close()
 
 
 class LockStep:

@@ -6,8 +6,6 @@ A transport promises nothing: bytes may be lost, repeated, changed or late. Fram
 from __future__ import annotations
 
 import os
-import select
-import socket
 from typing import Protocol
 from urllib.parse import parse_qs
 
@@ -16,9 +14,6 @@ import serial
 from ballbot.errors import InputError
 
 DEFAULT_BAUD = 921600
-#: for the other end of a stream to take bytes, before it counts as gone [s]
-_WRITE_PATIENCE = 20.0
-_LARGEST_READ = 65536
 
 
 class Transport(Protocol):
@@ -108,46 +103,3 @@ class SerialTransport:
     def close(self) -> None:
         """Close the port."""
         self._port.close()
-
-
-class SocketTransport:
-    """A connected stream of bytes, such as one end of a pair of sockets.
-
-    Parameters
-    ----------
-    connected : socket.socket
-    name : str
-        What is connected, for messages.
-    """
-
-    def __init__(self, connected: socket.socket, *, name: str = "connection") -> None:
-        self._socket, self._name = connected, name
-        self._socket.settimeout(_WRITE_PATIENCE)
-
-    def read(self, timeout: float) -> bytes:
-        """Return what has come; wait for it at most `timeout` [s], then return b""."""
-        if not _readable(self._socket, timeout):
-            return b""
-        try:
-            data = self._socket.recv(_LARGEST_READ)
-        except OSError as problem:
-            raise LinkError(f"The {self._name} has gone: {problem}") from None
-        if not data:
-            raise LinkError(f"The {self._name} has gone: it has closed the line.")
-        return data
-
-    def write(self, data: bytes) -> None:
-        """Send bytes."""
-        try:
-            self._socket.sendall(data)
-        except OSError as problem:
-            raise LinkError(f"The {self._name} has gone: {problem}") from None
-
-    def close(self) -> None:
-        """Close the connection."""
-        self._socket.close()
-
-
-def _readable(one: socket.socket, timeout: float) -> bool:
-    """Return whether there is something to read within `timeout` [s]."""
-    return bool(select.select([one], [], [], timeout)[0])

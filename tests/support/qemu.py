@@ -20,11 +20,13 @@ wakes the main loop, and disarms the robot if no sample comes for a minute.
 from __future__ import annotations
 
 import os
+import select
 import shutil
 import signal
 import socket
 import subprocess
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,14 +41,14 @@ from ballbot.firmware.build import (
     chosen_tool,
     compile_objects,
     has_zig,
-    kept_build,
     run_tool,
-    tool_identity,
 )
 from ballbot.firmware.emulator import PROCESSOR
+from ballbot.link.emulated import HARDWARE
+from ballbot.link.transport import LinkError
 
-#: what a board needs beside the exported firmware, and the hardware that follows from its serial line
-BOARD, HARDWARE = Path(__file__).parent / "board", Path(__file__).parent / "emulated"
+#: what a board needs beside the exported firmware
+BOARD = Path(__file__).with_name("board")
 QEMU = "qemu-system-arm"
 #: for which the host of a board may compute between two samples [s]; the first run of some plants compiles for a while
 SILENCE = 60.0
@@ -187,30 +189,6 @@ def _toolchain(name: str | None = None) -> tuple[str, Toolchain]:
     return chosen_tool(toolchains(), name, kind="toolchain for the board's processor", install=_GCC)
 
 
-def board_image(files: Mapping[str, str]) -> Path:
-    """Return the program that `build_board` makes of an exported firmware, built anew only if it is not kept.
-
-    Parameters
-    ----------
-    files : mapping of str to str
-        Text by path, of an `Export`.
-
-    Raises
-    ------
-    InputError
-        If there is no toolchain, or it refuses the sources.
-    """
-    name, tools = _toolchain()
-    own = [path for folder in (BOARD, HARDWARE) for path in sorted(folder.iterdir()) if path.is_file()]
-    parts = [
-        tool_identity(name, tools.compile),
-        *(*tools.compile, *tools.link, *_BUILD, *WARNINGS, *NUMERICS),
-        *(text for path in sorted(files) for text in (path, files[path])),
-        *map(Path.read_bytes, (*own, RUNTIME)),
-    ]
-    return kept_build("board.elf", parts, lambda path: build_board(files, path))
-
-
 class QemuBoard:
     """A board that runs a program, until it is closed or this process ends.
 
@@ -271,3 +249,47 @@ class QemuBoard:
     def __exit__(self, *_: object) -> None:
         """Stop the board."""
         self.close()
+
+
+#: for the board to take bytes, before it counts as gone [s]
+_WRITE_PATIENCE = 20.0
+#: for bytes to gather [s]
+_GATHERING = 3e-4
+
+
+class BoardLine:
+    """The serial line of a board under QEMU, as a transport; closing it stops the board."""
+
+    def __init__(self, board: QemuBoard) -> None:
+        self._board, self._line = board, board.line
+        self._line.settimeout(_WRITE_PATIENCE)
+
+    def read(self, timeout: float) -> bytes:
+        """Return what has come; wait for it at most `timeout` [s], then return b""."""
+        first = self._come(timeout)
+        if not first:
+            return b""
+        time.sleep(_GATHERING)  # bytes come one by one; to wake for each would take longer
+        return first + self._come(0.0)
+
+    def _come(self, timeout: float) -> bytes:
+        if not select.select([self._line], [], [], timeout)[0]:
+            return b""
+        try:
+            data = self._line.recv(65536)
+        except OSError as problem:
+            raise LinkError(f"The board has gone: {problem}") from None
+        if not data:
+            raise LinkError("The board has gone: it has closed the line.")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send bytes."""
+        try:
+            self._line.sendall(data)
+        except OSError as problem:
+            raise LinkError(f"The board has gone: {problem}") from None
+
+    def close(self) -> None:
+        """Stop the board."""
+        self._board.close()
