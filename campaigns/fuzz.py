@@ -42,7 +42,6 @@ COUNTS = {
     "bounds": 9000,
     "reference": 7000,
     "sweep's results": 5000,
-    "identified errors": 5000,
     "axis record, CSV": 5000,
     "axis record, MATLAB": 8000,
     "motion capture": 4000,

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import format_duration
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.log.columns import (
@@ -31,6 +30,7 @@ from ballbot.log.columns import (
     similar_column,
     unit_of,
 )
+from ballbot.log.row_order import check_time
 from ballbot.log.wrapping import continuous_headings
 from ballbot.summary import Summary, counted, duration_words, plotted, range_words, summarized
 
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
     from ballbot.log.mapping import LogMapping
 
-#: longest log and shortest interval between rows [s]
-LONGEST, SHORTEST = 7.0 * 86400.0, 1e-9
 _REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
 
 
@@ -446,35 +444,3 @@ def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
     for name, column in columns.items():
         if column.shape != rows:
             raise InputError(f"The log's column {name} has the shape {column.shape}, but t has {rows}.")
-
-
-def check_time(t: NDArray[np.float64]) -> None:
-    """Raise InputError if times (N,) [s] are missing, do not increase, or are so many that they are in another unit."""
-    unknown = np.flatnonzero(~np.isfinite(t))
-    if unknown.size:
-        raise InputError(
-            f"The time t is missing or not finite at row {unknown[0] + 1}; give every row its time or remove the row."
-        )
-    steps = np.diff(t)
-    wrong = np.flatnonzero(steps < SHORTEST)
-    if wrong.size:
-        k = int(wrong[0])
-        change = "decreases" if steps[k] < 0.0 else "does not increase"
-        raise InputError(
-            f"Time {change} at row {k + 2}: t = {t[k + 1]:.9g} s after {t[k]:.9g} s. Sort the rows or split the log; "
-            f"rows must be at least {SHORTEST:g} s apart."
-        )
-    span = float(t[-1] - t[0])
-    if span > LONGEST:
-        k = int(np.argmax(steps))
-        stray = steps[k] > 0.5 * span
-        cause = (
-            f"t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. Correct that time, or remove the rows on one "
-            "side of it."
-            if stray
-            else f"rows come every {format_duration(float(np.median(steps)))}. t is in seconds; convert it with a "
-            "mapping file."
-        )
-        raise InputError(
-            f"The log spans {format_duration(span)}: {cause} At most {format_duration(LONGEST)} are read."
-        )

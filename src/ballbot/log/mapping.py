@@ -41,8 +41,7 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
-from ballbot.log.log import check_time
-from ballbot.log.row_order import later_runs, repeated_rows, rows_in_order, rows_with_times
+from ballbot.log.row_order import check_time, later_runs, repeated_rows, rows_in_order, rows_with_times
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 from ballbot.log.wrapping import continuous_clock, continuous_headings
 

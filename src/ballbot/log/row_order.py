@@ -13,10 +13,14 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import format_duration
+from ballbot.errors import InputError
 from ballbot.log.columns import Columns
 from ballbot.log.wrapping import clock_note, continuous_clock
 from ballbot.summary import counted
 
+#: longest log and shortest interval between rows [s]
+LONGEST, SHORTEST = 7.0 * 86400.0, 1e-9
 #: time that jumps by more is another clock or another run [s]
 LONGEST_PAUSE = 10.0
 #: rows on either side of a step back that show whether time stays back
@@ -157,3 +161,35 @@ def repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> NDArra
             missing = np.isnan(values)
             repeated[1:] &= (values[1:] == values[:-1]) | (missing[1:] & missing[:-1])
     return repeated
+
+
+def check_time(t: NDArray[np.float64]) -> None:
+    """Raise InputError if times (N,) [s] are missing, do not increase, or are so many that they are in another unit."""
+    unknown = np.flatnonzero(~np.isfinite(t))
+    if unknown.size:
+        raise InputError(
+            f"The time t is missing or not finite at row {unknown[0] + 1}; give every row its time or remove the row."
+        )
+    steps = np.diff(t)
+    wrong = np.flatnonzero(steps < SHORTEST)
+    if wrong.size:
+        k = int(wrong[0])
+        change = "decreases" if steps[k] < 0.0 else "does not increase"
+        raise InputError(
+            f"Time {change} at row {k + 2}: t = {t[k + 1]:.9g} s after {t[k]:.9g} s. Sort the rows or split the log; "
+            f"rows must be at least {SHORTEST:g} s apart."
+        )
+    span = float(t[-1] - t[0])
+    if span > LONGEST:
+        k = int(np.argmax(steps))
+        stray = steps[k] > 0.5 * span
+        cause = (
+            f"t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. Correct that time, or remove the rows on one "
+            "side of it."
+            if stray
+            else f"rows come every {format_duration(float(np.median(steps)))}. t is in seconds; convert it with a "
+            "mapping file."
+        )
+        raise InputError(
+            f"The log spans {format_duration(span)}: {cause} At most {format_duration(LONGEST)} are read."
+        )
