@@ -15,11 +15,12 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from ballbot.findings import Finding, Place, error, warning
 from ballbot.log.checks.kinematics import wheel_agreement
-from ballbot.log.checks.lean import LeanEvidence, lean_evidence, lean_findings, motion_of, usable_rows
-from ballbot.log.checks.torque_balance import driving_of, torque_findings
+from ballbot.log.checks.lean import EVERY, LeanEvidence, lean_evidence, lean_findings, motion_of, usable_rows
+from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, driving_of
 from ballbot.log.checks.torque_gains import (
     USUAL,
     Gains,
@@ -34,6 +35,8 @@ from ballbot.log.checks.torque_gains import (
 from ballbot.log.checks.torques import check_torques, delay_findings
 from ballbot.log.columns import torque_names
 from ballbot.log.log import Log
+from ballbot.log.mapping_search.commands import assign
+from ballbot.log.signals import INTERVAL
 from ballbot.robot import Robot
 
 #: fraction of the rows at a torque's largest value above which it is clipped; a motor at its limit is there too, but
@@ -228,3 +231,69 @@ def _margin(scales: Mapping[str, Scale], first: str, second: str) -> float:
     one, other = scales[first], scales[second]
     uncertain = one.systematic + other.systematic + SURE * np.hypot(one.error, other.error) + MARGIN
     return float(abs(np.log(one.middle / other.middle)) - max(uncertain, np.log(APART)))
+
+
+#: confidence in another order or other signs from which it is an error
+CONFIDENT = 0.9
+#: fraction of the torques that must be explained to conclude an order or sign: torques of another run of the same robot
+#: reach 0.68, as both follow the limit cycle
+EXPLAINED = 0.75
+#: explained fraction below which torques are unrelated to the motion
+UNRELATED = 0.15
+#: an order or sign needs this much turning for certain, of all wheels together [s]
+LEAST_TURNING = 5.0
+
+
+def _unexplained(driving: Driving, i: int) -> float:
+    """Return the fraction of a torque's variance that its wheel's motion leaves."""
+    columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
+    columns = columns - columns.mean(axis=0)
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+    u = driving.torque[:, i] - driving.torque[:, i].mean()
+    # neither the motion's torque nor friction can be negative
+    return float(nnls(columns / size, u)[1]) ** 2 / max(float(u @ u), 1e-30)
+
+
+def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return the error of torques of another order or sign than the motion's, or without a relation to it."""
+    n = len(names)
+    own = tuple(range(n))
+    found = assign(driving, [1] * n)
+    as_logged = 100.0 * max(1.0 - float(np.mean([_unexplained(driving, i) for i in own])), 0.0)
+    changed = found.wheels != own or min(found.signs) < 0
+    turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
+    enough = turned > LEAST_TURNING and found.explained > EXPLAINED
+    if changed and enough and found.confidence > CONFIDENT:
+        text = (
+            f"The torques do not fit the motion as logged: {_fault(names, found.wheels, found.signs)}. With this "
+            f"correction they explain {100.0 * found.explained:.0f} % of the torque that the motion needs, as logged "
+            f"{as_logged:.0f} %. Correct the columns or the mapping."
+        )
+        if found.wheels == own:
+            return [error("torque-sign", text, *names)]
+        return [error("torque-order", text, *names)]
+    if as_logged < 100.0 * UNRELATED:
+        text = (
+            "The torques are unrelated to the motion: as logged they explain "
+            f"{as_logged:.0f} % of the torque that the motion needs, and no other order or signs fit. They are from "
+            "another log, shifted in time, or not the torques of the motors."
+        )
+        return [error("torque-unrelated", text, *names)]
+    return []
+
+
+def _fault(names: tuple[str, ...], wheels: tuple[int, ...], signs: tuple[int, ...]) -> str:
+    """Return what is wrong with torques of which each drives that wheel (from 0) with that sign."""
+    moved = [j for j, wheel in enumerate(wheels) if wheel != j]
+    negated = [name for name, sign in zip(names, signs, strict=True) if sign < 0]
+    parts = []
+    if len(moved) == 2:
+        parts.append(f"{names[moved[0]]} and {names[moved[1]]} are swapped")
+    elif moved:
+        order = ", ".join(f"{names[j]} drives wheel {wheels[j] + 1}" for j in moved)
+        parts.append(f"the torques are in another order ({order})")
+    if len(negated) == len(names):
+        parts.append("all torques have the opposite sign")
+    elif negated:
+        parts.append(f"{' and '.join(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign")
+    return " and ".join(parts)

@@ -22,11 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
-from ballbot.findings import Finding, error
 from ballbot.log.checks.lean import (
-    EVERY,
     Motion,
     Rows,
     as_complex,
@@ -34,24 +31,15 @@ from ballbot.log.checks.lean import (
 )
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, local_fit
+from ballbot.log.signals import local_fit
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
 
-#: confidence in another order or other signs from which it is an error
-CONFIDENT = 0.9
-#: fraction of the torques that must be explained to conclude an order or sign: torques of another run of the same robot
-#: reach 0.68, as both follow the limit cycle
-EXPLAINED = 0.75
-#: explained fraction below which torques are unrelated to the motion
-UNRELATED = 0.15
 #: speed at which the sign of a wheel's dry friction is nearly certain, and above which it is certain [rad/s]
 SIGN, TURNING = 0.1, 0.3
 #: exponent of the weight of rows by the fraction of the filter's time in which the wheel turned for certain
 TURNED_POWER = 4
-#: an order or sign needs this much of such turning, of all wheels together [s]
-LEAST_TURNING = 5.0
 #: speed at which the falling part of friction has fallen to 37 % [rad/s]
 FALLING = 0.6
 
@@ -88,63 +76,6 @@ def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | 
         turning=np.clip(found[:, 3 * n :], 0.0, 1.0),
         block=motion.block,
     )
-
-
-def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return the error of torques of another order or sign than the motion's, or without a relation to it."""
-    from ballbot.log.mapping_search.commands import assign
-
-    n = len(names)
-    own = tuple(range(n))
-    found = assign(driving, [1] * n)
-    as_logged = 100.0 * max(1.0 - float(np.mean([_unexplained(driving, i) for i in own])), 0.0)
-    changed = found.wheels != own or min(found.signs) < 0
-    turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
-    enough = turned > LEAST_TURNING and found.explained > EXPLAINED
-    if changed and enough and found.confidence > CONFIDENT:
-        text = (
-            f"The torques do not fit the motion as logged: {_fault(names, found.wheels, found.signs)}. With this "
-            f"correction they explain {100.0 * found.explained:.0f} % of the torque that the motion needs, as logged "
-            f"{as_logged:.0f} %. Correct the columns or the mapping."
-        )
-        if found.wheels == own:
-            return [error("torque-sign", text, *names)]
-        return [error("torque-order", text, *names)]
-    if as_logged < 100.0 * UNRELATED:
-        text = (
-            "The torques are unrelated to the motion: as logged they explain "
-            f"{as_logged:.0f} % of the torque that the motion needs, and no other order or signs fit. They are from "
-            "another log, shifted in time, or not the torques of the motors."
-        )
-        return [error("torque-unrelated", text, *names)]
-    return []
-
-
-def _fault(names: tuple[str, ...], wheels: tuple[int, ...], signs: tuple[int, ...]) -> str:
-    """Return what is wrong with torques of which each drives that wheel (from 0) with that sign."""
-    moved = [j for j, wheel in enumerate(wheels) if wheel != j]
-    negated = [name for name, sign in zip(names, signs, strict=True) if sign < 0]
-    parts = []
-    if len(moved) == 2:
-        parts.append(f"{names[moved[0]]} and {names[moved[1]]} are swapped")
-    elif moved:
-        order = ", ".join(f"{names[j]} drives wheel {wheels[j] + 1}" for j in moved)
-        parts.append(f"the torques are in another order ({order})")
-    if len(negated) == len(names):
-        parts.append("all torques have the opposite sign")
-    elif negated:
-        parts.append(f"{' and '.join(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign")
-    return " and ".join(parts)
-
-
-def _unexplained(driving: Driving, i: int) -> float:
-    """Return the fraction of a torque's variance that its wheel's motion leaves."""
-    columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
-    columns = columns - columns.mean(axis=0)
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
-    u = driving.torque[:, i] - driving.torque[:, i].mean()
-    # neither the motion's torque nor friction can be negative
-    return float(nnls(columns / size, u)[1]) ** 2 / max(float(u @ u), 1e-30)
 
 
 def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
