@@ -45,7 +45,7 @@ COUNTS = {
     "axis record, CSV": 5000,
     "axis record, MATLAB": 8000,
     "motion capture": 4000,
-    "foreign table": 10000,
+    "foreign table": 15000,
     "mapped table": 8000,
     "mapping": 8000,
     "robot": 7000,

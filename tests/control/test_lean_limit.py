@@ -79,7 +79,7 @@ def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_
         blows = reach(
             loop.recovers, lambda s: pushed_state(loop.model, directions, s, height), shape=(2,), end=60.0
         )
-        return leans.sizes, blows.sizes
+        return leans, blows
 
     (lean, blow), (bare_lean, bare_blow) = edges(BOUND), edges(None)
     assert (blow > 2.0 * bare_blow).all()

@@ -113,6 +113,7 @@ def check(
         if OUTPUT.get().json:
             emit(checked.results())
         report = robot_check_report(checked, None if result is None else result.origin)
+        console.print(report.title, markup=False)
         print_parts((finding_line(one, accepted=True) for one in checked.findings), console)
         print_parts(report.parts(), console)
         if figure is not None:
