@@ -67,7 +67,6 @@ def test_friction_found_is_near_the_simulated_robots_and_has_a_report(runs, tmp_
     assert all(float(row[1]) > 0.0 and float(row[3]) > 0.0 for row in state.rows)
     demo.write_report(found, runs[demo_runs.SOFT], tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count('data-ballbot-replay="') == 1
     assert len(page) < LARGEST_PAGE
     results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     assert results["parameters"]["c"] == list(found.robot.friction.coulomb)
