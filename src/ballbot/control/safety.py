@@ -7,7 +7,7 @@ It bridges a short gap in the measurements (NaN, infinite or beyond a million) a
     torque that is not a finite number    stops at once
     late sample                           stops, if more than `max_interval` has passed since the last
 
-and in the firmware, which has the limits of `SafetyLimits.on_robot`,
+and in the firmware, which has the limits of `SafetyLimits.on_robot`::
 
     stuck sensor                          stops after `max_unchanged` samples: an IMU that repeats itself, or an
                                           encoder that does not count while its wheel must turn
