@@ -9,7 +9,7 @@ import pytest
 from ballbot.mechanics.friction_laws import Dahl, LuGre
 from ballbot.robot import Friction
 from ballbot.simulation.driveline import Driveline as PlainDriveline
-from ballbot.simulation.driveline import simulate_drivelines
+from ballbot.simulation.driveline import simulate_driveline
 from ballbot.simulation.imperfections import Supply
 from ballbot.twin import Twin, twin_mjcf
 from ballbot.twin.driveline import Driveline
@@ -141,7 +141,7 @@ def test_driveline_follows_another_law(law: LuGre | Dahl) -> None:
     torques = 0.4 * np.sin(2 * np.pi * 2.0 * t)
     speeds = [turn(engine, driveline, np.full(3, u), 20)[-1][0] for u in torques]
     plain = PlainDriveline(inertia=INERTIA, friction=law)
-    expected = simulate_drivelines(plain, torques, sample_time=0.005, step=1e-4).speeds[0]
+    expected = simulate_driveline(plain, torques, sample_time=0.005, step=1e-4).speeds
     assert np.abs(expected).max() > 5.0
     # the engine's step is of first order: half a step of up to 150 rad/s^2, and one of lag in the friction
     np.testing.assert_allclose(speeds, expected, atol=0.05)

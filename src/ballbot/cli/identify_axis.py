@@ -8,11 +8,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
+from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
-from ballbot.findings import Finding, by_severity, check_codes
+from ballbot.findings import by_severity, check_codes
 from ballbot.fitting.run import Run
-from ballbot.identification.axis import AxisOptions, AxisRecord
+from ballbot.identification.axis import AxisOptions
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
@@ -32,12 +32,8 @@ class MethodOptions:
     bandwidth: float | None = None
     """Bandwidth of the motion, in hertz, which sets the filters."""
 
-    harmonics: Annotated[tuple[WholeNumber, ...] | None, Parameter(negative="--no-harmonics")] = None
-    """Harmonics of a force that depends on the angle: 1 is gravity, higher ones are cogging. If not given, gravity is
-    tried; --no-harmonics tries none."""
-
-    spring: bool | None = None
-    """Whether a force is proportional to position, as of a spring or a cable."""
+    gravity: bool | None = None
+    """Whether gravity acts on an axis that turns: S sin q + C cos q."""
 
     load_friction: bool | None = None
     """Whether dry friction grows with the load that the gears transmit, |F + G| / 2."""
@@ -81,11 +77,16 @@ def identify_axis(
     fitted = (record, *(also or ()))
     paths = (*fitted, *against)
     read = [read_axis_record(path, columns) for path in paths]
-    findings = _checked(dict(zip(paths, read, strict=True)), method.bandwidth, accept)
+    findings = by_severity(
+        replace(one, where=replace(one.where, file=str(path)))
+        for path, each in zip(paths, read, strict=True)
+        for one in record_findings(each, bandwidth=method.bandwidth)
+    )
+    stop_or_show(findings, accept=accept)
     inputs = input_files(record, (*fitted[1:], *against))
     with (
         open_result(out, command="identify-axis", writes=_WRITTEN, inputs=inputs) as result,
-        result.progress("inverse model") as bar,
+        result.progress("forces") as bar,
     ):
         found = identify_record(
             read[: len(fitted)],
@@ -99,16 +100,3 @@ def identify_axis(
             result.write_page(axis_report(found, read[0], result.origin, findings), new)
     result.show(axis_parts(found))
     result.show_file(PAGE)
-
-
-def _checked(
-    records: dict[Path, AxisRecord], bandwidth: float | None, accept: list[str] | None
-) -> tuple[Finding, ...]:
-    """Return what is wrong with the records; stop on an error that is not accepted."""
-    findings = by_severity(
-        replace(one, where=replace(one.where, file=str(path)))
-        for path, record in records.items()
-        for one in record_findings(record, bandwidth=bandwidth)
-    )
-    stop_or_show(findings, accept=accept)
-    return findings

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,25 +9,20 @@ from ballbot.cli.context import PAGE, input_files, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
-from ballbot.findings import Finding, by_severity
+from ballbot.findings import by_severity
 from ballbot.fitting.run import Run
 from ballbot.identification.agreement import file_findings
 from ballbot.identification.bench_checks import sweep_findings
 from ballbot.identification.driveline import (
-    Sweep,
     fit_drivelines,
-    robot_of_sweep,
+    robot_with_friction,
     sweep_estimate,
     sweeps_of,
 )
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping_file import dead_band_findings
-from ballbot.report.driveline import (
-    driveline_parts,
-    driveline_report,
-    driveline_results,
-)
+from ballbot.report.driveline import driveline_parts, driveline_report, driveline_results
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
@@ -69,13 +63,25 @@ def identify_driveline(
     described = Robot.load(robot)
     read = Log.read(log, mapping=mapping)
     sweeps = sweeps_of(described, read, limit=speed_limit)
-    findings = _checked(described, log, read, sweeps, mapping, accept)
+    findings = by_severity(
+        [
+            *bench_findings(described, {str(log): read}),
+            *(
+                replace(one, where=replace(one.where, file=str(log)))
+                for one in sweep_findings(described, sweeps)
+            ),
+            *dead_band_findings([mapping]),
+        ]
+    )
+    stop_or_show(findings, accept=accept)
     inputs = input_files(robot, log, mapping)
     with open_result(out, command="identify-driveline", writes=_WRITTEN, inputs=inputs) as result:
         with result.progress("sweep") as bar:
             fits = fit_drivelines(sweeps, run=Run(progress=bar.report))
-        findings = by_severity([*findings, *file_findings(described, sweep_estimate(fits))])
-        identified = robot_of_sweep(described, fits, log=log.name)
+        estimate = sweep_estimate(fits)
+        findings = by_severity([*findings, *file_findings(described, estimate)])
+        source = f"identified: sweep of the free wheels, {log.name}"
+        identified = robot_with_friction(described, estimate, source=source)
         made = result.origin
         page = driveline_report(described.name, sweeps, fits, made, findings)
         with result.replaced() as new:
@@ -84,22 +90,3 @@ def identify_driveline(
             write_robot(identified, new / "robot.toml")
     result.show(driveline_parts(fits))
     result.show_file(PAGE)
-
-
-def _checked(
-    robot: Robot,
-    file: Path,
-    log: Log,
-    sweeps: Sequence[Sweep],
-    mapping: Path | None,
-    accept: list[str] | None,
-) -> tuple[Finding, ...]:
-    """Return what checks of the robot, the log and the sweeps found; stop on an error that is not accepted."""
-    of_sweeps = (
-        replace(one, where=replace(one.where, file=str(file))) for one in sweep_findings(robot, sweeps)
-    )
-    findings = by_severity(
-        [*bench_findings(robot, {str(file): log}), *of_sweeps, *dead_band_findings([mapping])]
-    )
-    stop_or_show(findings, accept=accept)
-    return findings

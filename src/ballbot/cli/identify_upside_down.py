@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from ballbot.cli.context import (
     PAGE,
-    CommandResult,
     LogPath,
     WholeNumber,
     input_files,
@@ -17,12 +15,10 @@ from ballbot.cli.context import (
 )
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity
+from ballbot.findings import by_severity
 from ballbot.fitting.run import Run, check_seed
 from ballbot.identification.bench_checks import upside_down_findings
-from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
-from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.bench import upside_down_parts, upside_down_report
 from ballbot.robot import Robot
@@ -67,7 +63,18 @@ def identify_upside_down(
     """
     described = Robot.load(robot)
     named = read_logs(logs, mapping)
-    findings = _checked(described, dict(zip(logs, named.values(), strict=True)), accept)
+    by_file = {str(path): log for path, log in zip(logs, named.values(), strict=True)}
+    findings = by_severity(
+        [
+            *bench_findings(described, by_file),
+            *(
+                replace(one, where=replace(one.where, file=file))
+                for file, log in by_file.items()
+                for one in upside_down_findings(described, log)
+            ),
+        ]
+    )
+    stop_or_show(findings, accept=accept)
     check_seed(seed)
     with open_result(
         out,
@@ -84,37 +91,16 @@ def identify_upside_down(
                 run=Run(seed=seed, progress=bar.report),
             )
         with result.replaced() as new:
-            _write(found, described, named, result, findings, new)
+            movement = ball_movement(found.robot)
+            results = found.to_dict() | {"movement": movement}
+            result.write_json(results, new, findings=[*findings, *found.findings])
+            if found.verdict.usable:
+                found.robot.write(new / "robot.toml")
+            page = upside_down_report(
+                found, described, named, movement, made=result.origin, findings=findings
+            )
+            result.write_page(page, new)
     result.show(upside_down_parts(found, described))
     result.show_file(PAGE, *(["robot.toml"] if found.verdict.usable else []))
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
-
-
-def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -> tuple[Finding, ...]:
-    """Return what is wrong with the robot and with the logs; stop on an error that is not accepted."""
-    of_ball = (
-        replace(one, where=replace(one.where, file=str(path)))
-        for path, log in logs.items()
-        for one in upside_down_findings(robot, log)
-    )
-    of_bench = bench_findings(robot, {str(path): log for path, log in logs.items()})
-    findings = by_severity([*of_bench, *of_ball])
-    stop_or_show(findings, accept=accept)
-    return findings
-
-
-def _write(
-    found: UpsideDown,
-    described: Robot,
-    named: Mapping[str, Log],
-    result: CommandResult,
-    findings: Sequence[Finding],
-    folder: Path,
-) -> None:
-    movement = ball_movement(found.robot)
-    result.write_json(found.to_dict() | {"movement": movement}, folder, findings=[*findings, *found.findings])
-    if found.verdict.usable:
-        found.robot.write(folder / "robot.toml")
-    page = upside_down_report(found, described, named, movement, made=result.origin, findings=findings)
-    result.write_page(page, folder)
