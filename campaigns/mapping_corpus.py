@@ -36,8 +36,7 @@ from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.frame import TURNING_BY_WHEELS
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import propose
-from ballbot.log.mapping_search.text import Evaluation, evaluate
+from ballbot.log.mapping_search.proposal import Evaluation, evaluate, propose
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write

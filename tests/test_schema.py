@@ -4,7 +4,7 @@ import pytest
 
 from ballbot.control.file import ControllerTable
 from ballbot.errors import InputError
-from ballbot.log.mapping_file import MappingTable
+from ballbot.log.mapping import MappingTable
 from ballbot.schema import validate_table
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import CourseTable

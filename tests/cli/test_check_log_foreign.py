@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot.cli.main import main
-from ballbot.log.mapping_file import dead_band_findings
+from ballbot.log.mapping import dead_band_findings
 from ballbot.robot.file import robot_text
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
 

@@ -12,7 +12,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.imu_angles import QUATERNION_ANGLES, from_roll_pitch_yaw, less_half_a_turn, quaternion_angles
-from ballbot.log.mapping import DutyInput
+from ballbot.log.mapping import DutyTable
 from ballbot.log.pose import with_odometry, with_position
 from ballbot.log.signals import without_holes, without_resets
 from ballbot.mechanics.geometry import rotation
@@ -191,7 +191,9 @@ def test_spans_and_damaged_rows(tmp_path):
 
 
 def test_a_duty_with_a_dead_band():
-    drive = DutyInput(
+    drive = DutyTable(
+        kind="duty",
+        sources=("u1",),
         supply_voltage=12.0,
         torque_constant=0.01,
         back_emf_constant=0.01,

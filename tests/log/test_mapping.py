@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.mapping_file import read_mapping
+from ballbot.log.mapping import read_mapping
 
 ROB311 = """
 [file]

@@ -9,8 +9,14 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log.mapping_search.commands import command_delay
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import contradictions, propose
-from ballbot.log.mapping_search.text import MOST_LINES, Evaluation, answer_lines, evaluate
+from ballbot.log.mapping_search.proposal import (
+    MOST_LINES,
+    Evaluation,
+    answer_lines,
+    contradictions,
+    evaluate,
+    propose,
+)
 from ballbot.log.signals import INTERVAL, Smooth
 from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
 

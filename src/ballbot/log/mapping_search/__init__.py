@@ -8,6 +8,5 @@ frame       order, signs, the IMU's turn and reversed axes that follow
 motion      what the sensors show, with the units that fit them
 commands    which command drives which wheel, with which sign, in which scale, how late
 evidence    weights and errors
-proposal    all of this for one file (`propose`), and several logs of one robot (`contradictions`)
-text        the mapping file, the log that it makes (`evaluate`), the answer in a few lines
+proposal    all of this for one file (`propose`), its mapping file and log (`evaluate`), several logs of one robot
 """

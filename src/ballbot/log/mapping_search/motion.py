@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
-from ballbot.log.mapping_search.evidence import CONFIDENT
+from ballbot.log.mapping_search.evidence import CONFIDENT, correlations
 from ballbot.log.mapping_search.frame import HeadingTest, heading_test
 from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.placement import LeanTest, lean_test
@@ -305,9 +305,7 @@ def _gyro_fit(
     a: NDArray[np.float64], b: NDArray[np.float64], named: str | None, *, with_yaw: bool
 ) -> Gyro | None:
     """Return how a gyro (N, 3) fits rates (N, 3) [rad/s]; None if it does not."""
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
-    R = np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 1e-12)
+    R = correlations(a, b)
     axes = (0, 1, 2) if with_yaw else (0, 1)
     order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in axes))
     found = [abs(float(R[order[axis], axis])) for axis in axes]
@@ -318,7 +316,7 @@ def _gyro_fit(
         signs.append(signs[0] * signs[1] * (1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1))
     # noise makes a slope too small: least so on the axis that agrees best
     best = int(np.argmax(found))
-    gain = float(np.linalg.norm(a[:, order[best]]) / np.linalg.norm(b[:, best]))
+    gain = float(np.std(a[:, order[best]]) / np.std(b[:, best]))
     table = FACTORS["rad/s"]
     names = (named,) if named in table else ("rad/s", "deg/s")
     unit = min(names, key=lambda one: abs(math.log(gain * table[one])))

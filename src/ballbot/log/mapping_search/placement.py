@@ -52,8 +52,10 @@ from ballbot.log.mapping_search.evidence import (
     ERRORS_WEIGHT,
     MOST,
     TINY,
+    behind,
     jackknife_error,
     probabilities,
+    solved,
     vertex_with_error,
 )
 from ballbot.log.signals import INTERVAL, Smooth
@@ -93,9 +95,8 @@ OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: power of the prior in the confidence: a usual order is preferred among placements that fit alike, but does not make
 #: one certain
 PRIOR_POWER = 0.7
-#: logarithm of the ratio of two misfits from which it counts, too, and its weight for each second;
-#: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
-LEAST_RATIO, EACH_SECOND = 0.2, 0.6
+#: weight of the ratio of two misfits for each second
+EACH_SECOND = 0.6
 #: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
 #: 0.03 is still right (campaigns/mapping_corpus.py). Less probable ones would add little to the confidence
 SAME_WHEELS, TINY_PROBABILITY = 0.028, 1e-3
@@ -129,12 +130,7 @@ class Placement:
     @property
     def description(self) -> str:
         """The placement in words."""
-        own = self.positions == tuple(range(1, len(self.positions) + 1))
-        order = "mirrored" if self.mirrored else "as the robot's" if own else f"order {self.positions}"
-        wheels = self.reversed_wheels
-        if not wheels:
-            return order
-        return f"{order}, wheel{'s' if len(wheels) > 1 else ''} {' and '.join(map(str, wheels))} reversed"
+        return f"places {list(self.positions)}, signs {list(self.signs)}"
 
 
 #: the wheels' motion that is neither lean nor heading is so small a share under the right signs, and so many times as
@@ -151,9 +147,8 @@ class LeanTest:
     phase_error: float | None  #: standard error of the best one's phase [rad]; None with too few blocks
     lag: float  #: lean later than wheels [s]
     lag_error: float  #: its standard error [s]
-    handedness: (
-        float  #: by how many standard errors sigma = 1 is better than -1, with the yaw or the wheels' heading
-    )
+    #: by how many standard errors sigma = 1 is better than -1, with the yaw or the wheels' heading
+    handedness: float
     #: by how many standard errors lean about the body's axes fits better than about the world's
     body_frame: float
     headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
@@ -247,7 +242,7 @@ def lean_test(
     law = replace(law, way=_way(robot, best), heading=heading or _heading_of(robot, wheels, best))
     turning, driven = law.columns, law.driven
     sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
-    gains = [_solved(sums.sum(axis=0) - one)[0] for one in sums]
+    gains = [solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
     rest = driven - turning @ _solve(turning, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase)))
@@ -349,8 +344,8 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
         return 0.0
     repeated = float(norm.isf(student.sf(abs(clarity(gained)), len(gained) - 1)))
     ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
-    large = math.sqrt(len(gained) * max(abs(ratio) - LEAST_RATIO, 0.0)) / ERRORS_WEIGHT
-    return math.copysign(max(repeated, large), ratio)
+    odds = behind(repeated, abs(ratio), len(gained), each_second=0.5)
+    return math.copysign(math.sqrt(2.0 * odds) / ERRORS_WEIGHT, ratio)
 
 
 def _body_frame(law: _Law, weights: Floats) -> float:
@@ -373,17 +368,9 @@ def _body_frame(law: _Law, weights: Floats) -> float:
 
 
 def _solve(X: Complex, y: Complex, weights: Floats) -> Complex:
-    # by the normal equations, columns scaled: as there are few columns and many rows, much faster than by an SVD
+    # by the normal equations: as there are few columns and many rows, much faster than by an SVD
     weighted = X * weights[:, None]
-    scale = np.sqrt(np.maximum((weighted.real**2 + weighted.imag**2).sum(axis=0), np.finfo(float).tiny))
-    weighted /= scale
-    adjoint = weighted.conj().T
-    found = np.linalg.lstsq(adjoint @ weighted, adjoint @ (y * weights), rcond=1e-12)[0]
-    return (found / scale).astype(np.complex128)
-
-
-def _solved(sums: Complex) -> Complex:
-    return np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=None)[0].astype(np.complex128)
+    return solved(weighted.conj().T @ np.column_stack([weighted, y * weights]))
 
 
 def _slow(values: Complex) -> Complex:
@@ -496,14 +483,13 @@ def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats, *, usual: flo
     for other, (order, signs) in enumerate(every):
         gained = float(score[other] - score[best])
         error = jackknife_error(blocks[:, other] - blocks[:, best])
-        z = ERRORS_WEIGHT * min(gained / error, 60.0) if error > 0.0 else 0.0
+        z = gained / error if error > 0.0 else 0.0
         if seconds < SHORT_TIME and gained < math.log(SHORT_MARGIN):
-            z = min(z, 1.0)
-        behind = max(0.5 * z**2, EACH_SECOND * seconds * max(gained - LEAST_RATIO, 0.0))
+            z = min(z, 1.0 / ERRORS_WEIGHT)
         rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / orders
         p = OWN_ORDER if order == own else MIRRORED_ORDER if order == mirrored else rare
         p *= EQUAL_SIGNS if len(set(signs)) == 1 else (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1)
-        weights[other] = usual * math.log(p) - behind
+        weights[other] = usual * math.log(p) - behind(z, gained, seconds, each_second=EACH_SECOND)
     return probabilities(weights)
 
 
