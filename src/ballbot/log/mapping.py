@@ -214,22 +214,11 @@ class AttitudeTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpeedTable:
-    """`speed` of [wheels]: a column of the file for each wheel, or the derivative of the angles."""
+class WheelTable:
+    """`angle` or `speed` of [wheels]: a column of the file for each wheel, or made of the other."""
 
     sources: Annotated[tuple[str, ...], Field(alias="from", max_length=MAX_WHEELS)] = ()
     derivative_of: Literal["angle"] | None = None
-    unit: str | None = None
-    counts_per_turn: PositiveFloat | None = None
-    scale: FiniteFloat = 1.0
-    delay: FiniteFloat = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class AngleTable:
-    """`angle` of [wheels]: a column of the file for each wheel, or the integral of the speeds."""
-
-    sources: Annotated[tuple[str, ...], Field(alias="from", max_length=MAX_WHEELS)] = ()
     integral_of: Literal["speed"] | None = None
     unit: str | None = None
     counts_per_turn: PositiveFloat | None = None
@@ -245,8 +234,8 @@ class WheelsTable:
 
     order: tuple[int, ...] | None = None
     sign: Sign | tuple[Sign, ...] = 1
-    angle: AngleTable = AngleTable()
-    speed: SpeedTable = SpeedTable()
+    angle: WheelTable = WheelTable()
+    speed: WheelTable = WheelTable()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,7 +358,7 @@ class LogMapping:
     file: FileTable = FileTable()
     time: TimeTable = TimeTable()
     attitude: AttitudeTable | None = None
-    angle: AngleTable = AngleTable()
+    angle: WheelTable = WheelTable()
     input: InputTable | None = None
 
     @property
@@ -460,7 +449,7 @@ def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, 
 
 
 def _mapping(table: MappingTable) -> LogMapping:
-    wheels, angle, speed = table.wheels, table.wheels.angle, table.wheels.speed
+    wheels = table.wheels
     if not table.complete:
         raise InputError(
             'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'
@@ -479,13 +468,14 @@ def _mapping(table: MappingTable) -> LogMapping:
             derivatives[name] = entry.derivative_of
         else:
             columns[name] = _source(name, entry)
-    if speed.derivative_of:
-        _check_derived("speed", speed, "derivative", "angle", angle)
-        derivatives |= {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(angle.sources) + 1)}
-    if angle.integral_of:
-        _check_derived("angle", angle, "integral", "speed", speed)
-        integrals = {f"wheel{i}": f"wheel{i}_dot" for i in range(1, len(speed.sources) + 1)}
-    columns |= _wheel_sources("angle", angle, wheels) | _wheel_sources("speed", speed, wheels)
+    _check_wheels("speed", wheels.speed, "derivative_of", wheels.angle)
+    _check_wheels("angle", wheels.angle, "integral_of", wheels.speed)
+    if wheels.speed.derivative_of:
+        derivatives |= {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(wheels.angle.sources) + 1)}
+    if wheels.angle.integral_of:
+        integrals = {f"wheel{i}": f"wheel{i}_dot" for i in range(1, len(wheels.speed.sources) + 1)}
+    for suffix, entry in (("", wheels.angle), ("_dot", wheels.speed)):
+        columns |= _wheel_sources(suffix, entry, wheels) if entry.sources else {}
     if "t" not in columns:
         raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
     made = {*columns, *integrals}
@@ -507,7 +497,7 @@ def _mapping(table: MappingTable) -> LogMapping:
         file=table.file,
         time=table.time,
         attitude=table.attitude,
-        angle=angle,
+        angle=wheels.angle,
         input=table.input,
     )
 
@@ -524,19 +514,28 @@ def _check_file(file: FileTable) -> None:
     check_column_names(file.names or (), source="[file] names")
 
 
-def _check_alone(where: str, entry: ColumnTable | AngleTable | SpeedTable, key: str) -> None:
+def _check_alone(where: str, entry: ColumnTable | WheelTable, key: str) -> None:
     others = [one.name for one in fields(entry) if getattr(entry, one.name) != one.default]
     keys = ["from" if name in ("source", "sources") else name for name in others if name != key]
     if keys:
         raise InputError(f"{where} has {key}, which allows no other key, but also has {', '.join(keys)}")
 
 
-def _check_derived(
-    name: str, entry: AngleTable | SpeedTable, kind: str, other: str, origin: AngleTable | SpeedTable
-) -> None:
-    _check_alone(f"[wheels] {name}", entry, f"{kind}_of")
-    if not origin.sources:
-        raise InputError(f"[wheels] {name} is the {kind} of {other}, which [wheels] lacks")
+def _check_wheels(name: str, entry: WheelTable, made: str, other: WheelTable) -> None:
+    """Refuse an angle or speed of [wheels] that is neither of columns nor `made` of the other."""
+    where, keys = f"[wheels] {name}", {"derivative_of", "integral_of", "wrap", "largest_speed"}
+    allowed = {made, *(("wrap", "largest_speed") if name == "angle" else ())}
+    for key in keys - allowed:
+        if getattr(entry, key) is not None:
+            raise InputError(f"{where} cannot have {key}")
+    if getattr(entry, made):
+        _check_alone(where, entry, made)
+        if not other.sources:
+            raise InputError(
+                f"{where} is {made.replace('_', ' ')} {getattr(entry, made)}, which [wheels] lacks"
+            )
+    elif not entry.sources and entry != WheelTable():
+        raise InputError(f"{where} needs from = [..], the columns of the file")
 
 
 def _check_name(name: str) -> None:
@@ -576,42 +575,36 @@ def _unit_factor(where: str, name: str, given: str | None, counts_per_turn: floa
         raise InputError(f"{where}: {error}") from None
 
 
+def _series(
+    names: Sequence[str], columns: Sequence[str], factors: Sequence[float], delay: float
+) -> dict[str, Source]:
+    triples = zip(names, columns, factors, strict=False)
+    return {name: Source(column=column, factor=factor, delay=delay) for name, column, factor in triples}
+
+
 def _imu_sources(table: AttitudeTable) -> dict[str, Source]:
     if table.quaternion and table.unit is not None:
         raise InputError(
             f"[attitude] takes four columns, a quaternion w, x, y, z, which has no unit; remove unit = {table.unit!r}"
         )
-    angles, where = QUATERNION_ANGLES if table.quaternion else table.sources, "[attitude] rates"
+    angles, rates, where = table.sources, table.rates, "[attitude] rates"
+    angles = QUATERNION_ANGLES if table.quaternion else angles
     units = [_unit_factor("[attitude]", "theta", one) for one in _each("[attitude] unit", table.unit, angles)]
     signs = _each("[attitude] sign", table.sign, angles)
-    found = {
-        name: Source(column=column, factor=sign * unit, delay=table.delay)
-        for name, column, sign, unit in zip(IMU_NAMES, angles, signs, units, strict=False)
-    }
-    rates = table.rates
+    found = _series(IMU_NAMES, angles, [a * b for a, b in zip(signs, units, strict=True)], table.delay)
     if rates is None:
         return found
     factor = rates.scale * _unit_factor(where, "gyro_x", rates.unit)
-    signs = _each(f"{where} sign", rates.sign, rates.sources)
-    return found | {
-        name: Source(column=column, factor=sign * factor, delay=rates.delay)
-        for name, column, sign in zip(IMU_NAMES[3:], rates.sources, signs, strict=True)
-    }
+    factors = [sign * factor for sign in _each(f"{where} sign", rates.sign, rates.sources)]
+    return found | _series(IMU_NAMES[3:], rates.sources, factors, rates.delay)
 
 
-def _wheel_sources(name: str, entry: AngleTable | SpeedTable, wheels: WheelsTable) -> dict[str, Source]:
-    if not entry.sources:
-        derived = entry.derivative_of if isinstance(entry, SpeedTable) else entry.integral_of
-        if not derived and entry != type(entry)():
-            raise InputError(f"[wheels] {name} needs from = [..], the columns of the file")
-        return {}
-    where, suffix = f"[wheels] {name}", "_dot" if name == "speed" else ""
+def _wheel_sources(suffix: str, entry: WheelTable, wheels: WheelsTable) -> dict[str, Source]:
+    where = "[wheels] speed" if suffix else "[wheels] angle"
     factor = entry.scale * _unit_factor(where, f"wheel1{suffix}", entry.unit, entry.counts_per_turn)
-    signs = _each("[wheels] sign", wheels.sign, entry.sources)
-    return {
-        f"wheel{i}{suffix}": Source(column=entry.sources[k], factor=signs[k] * factor, delay=entry.delay)
-        for i, k in enumerate(_order(wheels, len(signs)), start=1)
-    }
+    signs, order = _each("[wheels] sign", wheels.sign, entry.sources), _order(wheels, len(entry.sources))
+    names = [f"wheel{i}{suffix}" for i in range(1, len(order) + 1)]
+    return _series(names, [entry.sources[k] for k in order], [signs[k] * factor for k in order], entry.delay)
 
 
 def _motor_sources(table: InputTable, wheels: WheelsTable) -> dict[str, Source]:

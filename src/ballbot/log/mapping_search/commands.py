@@ -87,6 +87,11 @@ class CommandOrder:
     confidence: float
 
     @property
+    def description(self) -> str:
+        """The assignment in words."""
+        return f"for wheels {[wheel + 1 for wheel in self.wheels]}, signs {list(self.signs)}"
+
+    @property
     def evidence(self) -> str:
         """How well the motion explains the commands, in words."""
         better = f"{self.advantage:.1f} standard errors better than any other order or signs"
@@ -161,7 +166,7 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
         signs=tuple(1 if R[j, wheel] > 0.0 else -1 for j, wheel in enumerate(best)),
         explained=(sums[best] / len(R)) ** 2,
         advantage=sums[best] - sums[other],
-        next_best=f"commands for wheels {other}",
+        next_best=f"for wheels {[i + 1 for i in other]}",
         confidence=1.0,
     )
 
@@ -197,7 +202,7 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
         signs=best[1],
         explained=explained,
         advantage=clarity(totals[other] - totals[best]),
-        next_best=f"commands for wheels {tuple(i + 1 for i in other[0])} with signs {other[1]}",
+        next_best=f"for wheels {[i + 1 for i in other[0]]}, signs {list(other[1])}",
         confidence=min(sum(found[one] for one in alike), MOST) * enough,
     )
 

@@ -9,6 +9,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float64]
+
 #: below this confidence a conclusion is undetermined
 CONFIDENT = 0.9
 #: weight of standard errors over blocks of a second: these are not independent, and the best of several explanations
@@ -54,14 +56,14 @@ def behind(z: float, log_ratio: float, seconds: float, *, each_second: float) ->
     return max(0.5 * repeated**2, each_second * seconds * max(log_ratio - LEAST_RATIO, 0.0))
 
 
-def correlations(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def correlations(x: Floats, y: Floats) -> Floats:
     """Return the correlations (k, m) of columns of x (N, k) with those of y (N, m); zero if one stands still."""
     x, y = x - x.mean(axis=0), y - y.mean(axis=0)
     size = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
     return np.divide(x.T @ y, size, out=np.zeros_like(size), where=size > 1e-12)
 
 
-def jackknife_error(estimates: NDArray[np.float64]) -> float:
+def jackknife_error(estimates: Floats) -> float:
     """Return the standard error of an estimate from its values (B,) with each block left out; nan below 3 blocks."""
     count = len(estimates)
     if count < 3:
@@ -77,7 +79,7 @@ def solved(sums: NDArray[Number]) -> NDArray[Number]:
     return np.linalg.lstsq(scaled, right / size, rcond=1e-9)[0] / size
 
 
-def vertex_with_error(places: NDArray[np.float64], by_block: NDArray[np.float64]) -> tuple[float, float]:
+def vertex_with_error(places: Floats, by_block: Floats) -> tuple[float, float]:
     """Return where the sum over blocks of values (K, B) at K places is least, and its standard error; inf at an end."""
     total = by_block.sum(axis=1)
     if np.argmin(total) in (0, len(total) - 1):
@@ -87,7 +89,7 @@ def vertex_with_error(places: NDArray[np.float64], by_block: NDArray[np.float64]
     return _vertex(places, total), jackknife_error(each)
 
 
-def _vertex(places: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+def _vertex(places: Floats, values: Floats) -> float:
     """Return where a parabola through the least of the values and its neighbours has its vertex."""
     k = int(np.clip(np.argmin(values), 1, len(places) - 2))
     before, at, after = values[k - 1 : k + 2]

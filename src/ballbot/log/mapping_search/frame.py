@@ -29,6 +29,8 @@ from ballbot.robot import Robot
 SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.95, 0.6
 #: weight of the standard errors of the handedness, and of a heading that turns by less than this [rad]
 HANDEDNESS_WEIGHT, STILL_HEADING, STILL_WEIGHT = 0.8, 0.02, 0.3
+#: correlation of the wheels' sum and the heading's rate at which their ratio is the wheels' unit
+FOLLOWS = 0.9
 #: a heading by the wheels that turns by less than this [rad]: both directions in which all wheels may count make nearly
 #: the same log, and this is the confidence in either
 TURNING_BY_WHEELS, EQUAL_DIRECTIONS = 0.1, 0.95
@@ -43,6 +45,11 @@ class HeadingTest:
     correlation: float  #: negative if the wheels count as the robot's do
     gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
     confidence: float  #: in the sign of the correlation
+
+    @property
+    def turning(self) -> float | None:
+        """The gain; None if the wheels do not plainly follow the heading."""
+        return self.gain if abs(self.correlation) > FOLLOWS and self.confidence >= CONFIDENT else None
 
 
 def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest) -> HeadingTest:

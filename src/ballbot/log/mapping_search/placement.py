@@ -77,8 +77,6 @@ PUSHED, PUSHED_SHARE = 3.0, 0.12
 FIT_ROUNDS, LEAST_SIZE = 4, 0.3
 #: over which disturbance and gravity are compared [s], about the time in which the robot falls
 SLOW = 0.25
-#: two explanations whose residuals differ by less than this part are one: the heading stands still
-ALIKE = 0.01
 #: the fewest seconds of balancing, and the rows at its ends, where the lag looks past the log, that are not used [s]
 LEAST_TIME, EDGE = 3.0, 0.3
 #: below this many seconds an order or a sign must fit `SHORT_MARGIN` times better than any other
@@ -149,8 +147,6 @@ class LeanTest:
     lag_error: float  #: its standard error [s]
     #: by how many standard errors sigma = 1 is better than -1, with the yaw or the wheels' heading
     handedness: float
-    #: by how many standard errors lean about the body's axes fits better than about the world's
-    body_frame: float
     headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
     balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
@@ -204,20 +200,10 @@ def torque_free_gains(robot: Robot) -> tuple[float, float]:
 def lean_test(
     robot: Robot, lean: Smooth, wheels: Smooth, heading: Smooth | None, usable: NDArray[np.bool_]
 ) -> LeanTest | None:
-    """Find how the wheels sit; None if too little of the log is balancing.
+    """Find how three wheels or more sit; None if too little of the log is balancing.
 
-    Parameters
-    ----------
-    robot : Robot
-        Three wheels or more.
-    lean : Smooth (N, 2)
-        Roll and pitch [rad].
-    wheels : Smooth (N, n)
-        Angles [rad], in the file's order and with its signs.
-    heading : Smooth (N, 1), optional
-        Yaw [rad].
-    usable : ndarray (N,)
-        Rows of the robot moving on its ball, not falling.
+    On even rows: roll and pitch (N, 2), the wheels' angles (N, n) in the file's order and with its signs, the yaw
+    (N, 1) [rad], and which rows (N,) are those of the robot moving on its ball, not falling.
     """
     usable, edge = usable.copy(), round(EDGE / INTERVAL)
     usable[:edge] = usable[-edge:] = False
@@ -232,11 +218,10 @@ def lean_test(
         law, sigmas = replace(law, heading=_heading_of(robot, wheels, ranked[0])), (0.0, 1.0, -1.0)
     law = min((replace(law, sigma=sigma) for sigma in sigmas), key=lambda one: float(one.left(weights).sum()))
     weights, _ = _weights(law, usable)
-    by_lag = np.array([replace(law, lag=float(lag)).left(weights) for lag in LAGS])
-    lag, lag_error = vertex_with_error(LAGS, by_lag)
+    lag, lag_error = vertex_with_error(LAGS, np.array([replace(law, lag=one).left(weights) for one in LAGS]))
     law = replace(law, lag=lag)
     weights, pushed = _weights(law, usable)
-    balanced, usable = usable, usable & ~pushed
+    usable = usable & ~pushed
     placements, confidence = _ranked_placements(robot, law, heading, weights, gamma)
     best = placements[0]
     law = replace(law, way=_way(robot, best), heading=heading or _heading_of(robot, wheels, best))
@@ -254,9 +239,7 @@ def lean_test(
         lag=lag,
         lag_error=lag_error,
         handedness=_advantage(same, opposite, weights),
-        body_frame=0.0 if heading is None else _body_frame(law, weights),
-        # with the rows of pushes: a lean about other axes looks like one where the heading is away from its mean
-        headings=float(np.std(law.heading.value[balanced])) if law.heading else 0.0,
+        headings=float(np.std(law.heading.value[usable])) if law.heading else 0.0,
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
         pushed=pushed,
@@ -312,9 +295,9 @@ class _Law:
             parts = [part @ self.way for part in parts]
         return np.column_stack([*parts, np.ones(len(speed))]).astype(np.complex128)
 
-    def left(self, weights: Floats, driven: Complex | None = None) -> Floats:
+    def left(self, weights: Floats) -> Floats:
         """Return the squares (B,) that a fit leaves of what is driven, weighted, by blocks."""
-        columns, driven = self.columns, self.driven if driven is None else driven
+        columns, driven = self.columns, self.driven
         rest = np.abs((driven - columns @ _solve(columns, driven, weights)) * weights) ** 2
         return block_sums(rest, _blocks(len(rest)))
 
@@ -346,25 +329,6 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
     ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
     odds = behind(repeated, abs(ratio), len(gained), each_second=0.5)
     return math.copysign(math.sqrt(2.0 * odds) / ERRORS_WEIGHT, ratio)
-
-
-def _body_frame(law: _Law, weights: Floats) -> float:
-    """Return by how many standard errors a lean about the body's axes fits better than one about the world's.
-
-    A lean about the world's axes is that about the body's, turned by the heading. Where the heading stands still, both
-    fit alike, and the IMU's turn contains the heading.
-    """
-    if law.heading is None:
-        return 0.0
-    body, still = law.left(weights), replace(law, sigma=0.0).driven
-    worlds = [
-        replace(law, sigma=sigma).left(weights, still * np.exp(-1j * sigma * law.heading.value[:, 0]))
-        for sigma in (1.0, -1.0)
-    ]
-    world = min(worlds, key=lambda one: float(one.sum()))
-    if abs(float(world.sum() / body.sum()) - 1.0) < ALIKE:
-        return 0.0
-    return _advantage(body, world, weights)
 
 
 def _solve(X: Complex, y: Complex, weights: Floats) -> Complex:
@@ -445,16 +409,12 @@ def _ranked_placements(
             for one, other in zip(lean_sums, wheel_sums, strict=True)
         ]
     )
-    likely, found = (_weighed(every, total.score, blocks, usual=part) for part in (1.0, PRIOR_POWER))
-    best = next(iter(likely))
-    ranked = [best, *sorted((h for h in likely if h != best), key=lambda h: (-likely[h], total.score[h]))]
-    same = [
-        h
-        for h in ranked[1:]
-        if found[h] > TINY_PROBABILITY and _same_wheels(wheels.value, every[best], every[h])
-    ]
+    found = _weighed(every, total.score, blocks)
+    ranked = sorted(found, key=lambda h: (-found[h], total.score[h]))
+    likely, first = [h for h in ranked if found[h] > TINY_PROBABILITY], every[ranked[0]]
+    shown = sum(found[h] for h in likely if _same_wheels(wheels.value, first, every[h]))
     explained = (LARGEST_REST - float(total.unexplained.min())) / (LARGEST_REST - USUAL_REST)
-    confidence = min(found[best] + sum(found[h] for h in same), MOST) * min(max(explained, 0.0), 1.0)
+    confidence = min(shown, MOST) * min(max(explained, 0.0), 1.0)
     placements = [
         Placement(
             positions=tuple(place + 1 for place in every[h][0]),
@@ -470,11 +430,10 @@ def _ranked_placements(
     return placements, confidence
 
 
-def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats, *, usual: float) -> dict[int, float]:
-    """Return the probability of each placement, by its place in `every`, the likeliest first.
+def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats) -> dict[int, float]:
+    """Return the probability of each placement, by its place in `every`.
 
-    `usual` is the power of the prior. A placement is behind the best by the jackknife of the best's gain, or by so much
-    that few seconds are enough.
+    A placement is behind the best by the jackknife of the best's gain, or by so much that few seconds are enough.
     """
     best, seconds, n = int(np.argmin(score)), len(blocks) * BLOCK, len(every[0][0])
     own, mirrored = tuple(range(n)), (0, *range(n - 1, 0, -1))
@@ -489,7 +448,7 @@ def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats, *, usual: flo
         rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / orders
         p = OWN_ORDER if order == own else MIRRORED_ORDER if order == mirrored else rare
         p *= EQUAL_SIGNS if len(set(signs)) == 1 else (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1)
-        weights[other] = usual * math.log(p) - behind(z, gained, seconds, each_second=EACH_SECOND)
+        weights[other] = PRIOR_POWER * math.log(p) - behind(z, gained, seconds, each_second=EACH_SECOND)
     return probabilities(weights)
 
 

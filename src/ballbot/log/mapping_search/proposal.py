@@ -8,6 +8,7 @@ file, whose comments are the evidence.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,14 @@ from ballbot.log.checks.kinematics import disturbance_findings
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.log import Log
 from ballbot.log.mapping import apply_mapping, parse_mapping
-from ballbot.log.mapping_search.commands import KINDS, CommandDrive, drive_of, needs_of, turned_by
+from ballbot.log.mapping_search.commands import (
+    KINDS,
+    CommandDrive,
+    CommandOrder,
+    drive_of,
+    needs_of,
+    turned_by,
+)
 from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.frame import SensorFrame, frame_of
 from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, motion_of_file
@@ -39,8 +47,8 @@ from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
 
-#: standard errors by which a lean about the world's axes must fit better to be asked about, and of the IMU's turn [rad]
-WORLD_BETTER, CLEAR_TURN = 1.5, math.radians(8.0)
+#: standard error of the IMU's turn from which it is asked for [rad]
+CLEAR_TURN = math.radians(8.0)
 #: response of the lean to the wheels over the robot's beyond which it is another robot: 1.0 to 1.4 on real logs of one
 GAIN_RANGE = (0.5, 2.0)
 #: nothing explains the lean if the best placement leaves more of its acceleration
@@ -60,8 +68,9 @@ OF_THE_RECORDING = frozenset(
 MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
+What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
 #: what each log is usable for
-_USES = {
+_USES: dict[What, str] = {
     "balancing": "identify, simulate and validate",
     "held by hand": "nothing but checks of its sensors",
     "free wheels": "identify-driveline",
@@ -71,7 +80,7 @@ _USES = {
 MOST_LINES = 30
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Question:
     """What the log and its user leave open."""
 
@@ -95,7 +104,7 @@ class Proposal:
     motion: SensedMotion | None  #: None without wheels
     frame: SensorFrame
     keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]
-    what: Literal["balancing", "held by hand", "free wheels", "IMU only"]
+    what: What
     drive: CommandDrive | None = None
     questions: tuple[Question, ...] = ()
     contradiction: str = ""  #: why it is not this robot's log, in a sentence; empty if nothing says so
@@ -224,9 +233,7 @@ def _contradiction(proposal: Proposal, motion: SensedMotion) -> str:
     )
 
 
-def _what(
-    roles: Roles, motion: SensedMotion | None
-) -> Literal["balancing", "held by hand", "free wheels", "IMU only"]:
+def _what(roles: Roles, motion: SensedMotion | None) -> What:
     if motion is None:
         return "IMU only"
     if not roles.attitude:
@@ -250,54 +257,45 @@ def _on_a_stand(base: Columned, motion: SensedMotion) -> bool:
 def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
     for place, (key, name) in enumerate((("[attitude] unit", "lean"), ("[wheels] angle", "wheels"))):
-        shares: dict[str, float] = {}
+        shares = Counter[str]()
         for units, share in motion.likely.items():
-            shares[units[place].name] = shares.get(units[place].name, 0.0) + share
-        ranked = sorted(shares, key=lambda one: -shares[one])[:3]
-        if shares[ranked[0]] < CONFIDENT:
-            shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
-            yield _question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
-    yield from _frame_questions(proposal)
+            shares[units[place].name] += share
+        ranked = shares.most_common(3)
+        if ranked[0][1] < CONFIDENT:
+            shown = ", ".join(f"{100.0 * share:.0f} %" for _, share in ranked)
+            names = tuple(one for one, _ in ranked)
+            yield Question(key, f"unit of the {name}", names, f"probabilities {shown}")
+    yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
     if proposal.drive is not None:
-        yield from _command_questions(proposal, proposal.drive)
+        yield from _scale_questions(proposal.drive)
+        yield from _sign_questions(proposal, proposal.drive.assigned) if proposal.tested else ()
 
 
-def _question(key: str, name: str, answers: Sequence[str], evidence: str) -> Question:
-    return Question(key=key, name=name, answers=tuple(answers), evidence=evidence)
-
-
-def _frame_questions(proposal: Proposal) -> Iterator[Question]:
-    tested, frame = proposal.tested, proposal.frame
+def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Question]:
+    order = "[wheels] order", "order and signs of the wheels"
     if tested is None:
-        if proposal.roles.attitude:
-            words = "order and signs of the wheels"
-            yield _question("[wheels] order", words, ("as in the file",), "the robot hardly moves")
+        yield Question(*order, ("as in the file",), "the robot hardly moves")
         return
+    best, other = tested.placements[:2]
     if tested.confidence < CONFIDENT:
-        words = [one.description for one in tested.placements[:2]]
         evidence = f"the first fits {tested.margin:.2f} times better than the second"
-        yield _question("[wheels] order", "order and signs of the wheels", words, evidence)
+        yield Question(*order, (best.description, other.description), evidence)
     elif frame.direction < CONFIDENT:
         words = str(list(frame.signs)), str([-sign for sign in frame.signs])
         evidence = "the heading turns too little; with the other signs the IMU is turned by half a turn more"
-        yield _question("[wheels] sign", "direction in which all wheels count", words, evidence)
+        yield Question("[wheels] sign", "direction in which all wheels count", words, evidence)
     elif frame.handedness < CONFIDENT:
-        evidence = f"the turning of the heading shows it by {abs(tested.handedness):.1f} standard errors"
         words = str(list(frame.axis_signs)), "one axis reversed"
-        yield _question("[attitude] sign", "axes of the IMU", words, evidence)
-    if tested.body_frame < -WORLD_BETTER:
-        words = "about the world's axes", "about the IMU's axes"
-        evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
-        yield _question("[attitude] from", "axes of the lean", words, evidence)
-    if tested.phase_error is None or tested.phase_error > CLEAR_TURN:
-        known = "unknown"
-        if tested.phase_error is not None:
-            known = f"known to {math.degrees(tested.phase_error):.0f} deg"
+        evidence = f"the turning of the heading shows it by {abs(tested.handedness):.1f} standard errors"
+        yield Question("[attitude] sign", "axes of the IMU", words, evidence)
+    error = tested.phase_error
+    if error is None or error > CLEAR_TURN:
+        known = "unknown" if error is None else f"known to {math.degrees(error):.0f} deg"
         words = (f"{math.degrees(frame.turn):.0f} deg",)
-        yield _question("[attitude] turn", "turn of the IMU", words, known)
+        yield Question("[attitude] turn", "turn of the IMU", words, known)
 
 
-def _command_questions(proposal: Proposal, drive: CommandDrive) -> Iterator[Question]:
+def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
     if drive.kind is None:
         shown = [
             f"as {one} the torques are {times:.2g} times those that the motion needs"
@@ -305,43 +303,39 @@ def _command_questions(proposal: Proposal, drive: CommandDrive) -> Iterator[Ques
             if math.isfinite(times)
         ]
         evidence = "; ".join(shown) or "state it with --command"
-        yield _question("[input] kind", "kind of the command", KINDS, evidence)
+        yield Question("[input] kind", "kind of the command", KINDS, evidence)
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        yield _question("[input] scale", name, drive.scales, "the motion fits both")
+        yield Question("[input] scale", name, drive.scales, "the motion fits both")
     elif math.isfinite(drive.ratio) and not 1.0 / LARGEST_RATIO < drive.ratio < LARGEST_RATIO:
         evidence = f"as it is stated the torques are {drive.ratio:.2g} times those that the motion needs"
-        yield _question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
-    if proposal.tested is None:
-        return
-    one, values = drive.assigned, np.array([proposal.base.cut[name] for name in proposal.roles.commands])
+        yield Question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
+
+
+def _sign_questions(proposal: Proposal, one: CommandOrder | None) -> Iterator[Question]:
+    values = np.array([proposal.base.cut[name] for name in proposal.roles.commands])
     if not np.nanmin(values) < 0.0:
-        evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
-        yield _question("[input] zero", "sign of the commands", words, evidence)
+        evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
+        yield Question("[input] zero", "sign of the commands", words, evidence)
     elif one is None or one.confidence < CONFIDENT:
         words, evidence = ("as numbered",), "too little motion"
         if one is not None:
-            words = (
-                f"for wheels {[wheel + 1 for wheel in one.wheels]}, signs {list(one.signs)}",
-                one.next_best,
-            )
+            words = one.description, one.next_best
             explained = f"the first explains {100.0 * one.explained:.0f} %"
             evidence = f"{explained}, {one.advantage:.1f} standard errors better"
-        yield _question("[input] sign", "order and signs of the commands", words, evidence)
+        yield Question("[input] sign", "order and signs of the commands", words, evidence)
 
 
 def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     """Yield what was noticed and not changed."""
-    roles, tested, drive, cut = proposal.roles, motion.tested, proposal.drive, proposal.base.cut
+    roles, tested, cut = proposal.roles, motion.tested, proposal.base.cut
     used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in cut]
     holes = sum(int((~np.isfinite(cut[name])).sum()) for name in used)
     if holes:
         yield warning("missing", f"{holes} cells are missing; short gaps are filled.")
     if motion.largest_speed is not None or motion.wrap is not None:
-        sentence = (
-            "A wheel angle jumps by more than a wheel can turn: a reset or a full counter; it is continued."
-        )
+        sentence = "A wheel angle jumps by more than a wheel can turn, at a reset or a full counter: it is continued."
         yield warning("reset", sentence, *roles.angles)
     if roles.gyro and motion.gyro is None and roles.attitude:
         sentence = (
@@ -350,8 +344,7 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
         yield warning("columns", sentence, *roles.gyro)
     if not roles.commands:
         sentence = (
-            "No column is named as a command of a motor, so that the log has no torques. If some are commands, name "
-            "them u1, u2, .. with --columns."
+            "No column is named as a motor's command: the log has no torques. Name them u1, .. by --columns."
         )
         yield warning("columns", sentence)
     if tested is not None and tested.pushed.any():
@@ -364,7 +357,7 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
             "IMU's data sheet gives one."
         )
         yield note("timing", sentence, *roles.attitude)
-    ratio = drive.ratio if drive is not None else math.nan
+    ratio = proposal.drive.ratio if proposal.drive is not None else math.nan
     if math.isfinite(ratio) and not 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO:
         sentence = (
             f"The torques are {ratio:.2f} times those that the motion and the robot file's masses need."

@@ -17,6 +17,8 @@ from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 from ballbot.log.mapping_search.names import Kind, NameReading, read_names
 
+Floats = NDArray[np.float64]
+
 #: norm of a unit quaternion [1 +-], in nearly all rows
 UNIT_NORM, UNIT_ROWS = 0.02, 0.99
 #: the roll of an IMU that hangs upside down is within this part of a turn of half a turn, in this share of the rows
@@ -125,7 +127,7 @@ def _axes(readings: Iterable[NameReading], kind: Kind) -> dict[str, str]:
     return {axis: one.name for axis, one in best.items()}
 
 
-def _quaternion(columns: Mapping[str, NDArray[np.float64]]) -> tuple[str, ...]:
+def _quaternion(columns: Mapping[str, Floats]) -> tuple[str, ...]:
     """Return the names of the w, x, y and z of an IMU's quaternion, that of the odometry last; empty if none has one.
 
     They differ in one letter, w, x, y and z, and the sum of their squares is one.
@@ -147,7 +149,7 @@ def _quaternion(columns: Mapping[str, NDArray[np.float64]]) -> tuple[str, ...]:
     return min(found, key=lambda series: "odom" in series[0].lower(), default=())
 
 
-def _half_turn(roll: NDArray[np.float64], unit: str | None) -> float | None:
+def _half_turn(roll: Floats, unit: str | None) -> float | None:
     """Return half a turn in the unit of a roll (N,) that shows an IMU upside down; None if it shows none."""
     known = roll[np.isfinite(roll)]
     for one, half in (("deg", 180.0), ("rad", np.pi)):

@@ -20,6 +20,8 @@ from ballbot.log.mapping_search.evidence import probabilities
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 
+Floats = NDArray[np.float64]
+
 #: intervals between rows that a log may have [s]
 INTERVALS = (2e-4, 0.2)
 #: a balancing robot's lean is within this in nine tenths of the rows [rad], and hardly ever within this [deg]
@@ -48,7 +50,7 @@ class Unit:
 Units = tuple[Unit, Unit]  #: of the lean and the wheels
 
 
-def time_unit(t: NDArray[np.float64], named: str | None) -> Unit | None:
+def time_unit(t: Floats, named: str | None) -> Unit | None:
     """Return the unit of a column of times (N,) by its intervals; None if none makes it a log's, or the name's."""
     steps = np.diff(t)
     usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
@@ -59,7 +61,7 @@ def time_unit(t: NDArray[np.float64], named: str | None) -> Unit | None:
     return None
 
 
-def _step_of(angles: NDArray[np.float64]) -> float | None:
+def _step_of(angles: Floats) -> float | None:
     """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
     found = []
     for column in angles.T:
@@ -85,9 +87,7 @@ def _counts_of(robot: Robot, given: float | None) -> float:
 OTHER_STEP, EDGES, ROUND = 1.4, (0.25, 0.5, 2.0, 4.0), 0.02
 
 
-def other_encoder(
-    angles: NDArray[np.float64], unit: Unit, robot: Robot, counts_per_turn: float | None
-) -> str:
+def other_encoder(angles: Floats, unit: Unit, robot: Robot, counts_per_turn: float | None) -> str:
     """Return that angles (N, n) step as no encoder of the robot does; empty if they do, or show no steps."""
     step, per_turn = _step_of(angles), _counts_of(robot, counts_per_turn)
     if unit.name.startswith("counts") or step is None:
@@ -114,8 +114,8 @@ def fastest(robot: Robot) -> float:
 
 
 def wheel_units(
-    t: NDArray[np.float64],
-    angles: NDArray[np.float64],
+    t: Floats,
+    angles: Floats,
     robot: Robot,
     named: str | None,
     *,
@@ -148,7 +148,7 @@ def wheel_units(
     return found
 
 
-def lean_units(lean: NDArray[np.float64], named: str | None) -> list[Unit]:
+def lean_units(lean: Floats, named: str | None) -> list[Unit]:
     """Return the units that roll and pitch (N, 2) may have; one alone if the heading has it."""
     table = FACTORS["rad"]
     if named in table:
