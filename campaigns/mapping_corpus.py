@@ -42,6 +42,8 @@ from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times
 from campaigns.mapping_recordings import MOTIONS, ROBOTS, dead_band, recording, robot_named
 from campaigns.section import Section
 
+Floats = NDArray[np.float64]
+
 #: length of the Hann window [s] that smooths both logs before they are compared. Its first zero is at 8 Hz: noise of
 #: the lean and chatter of the commands, which differ after an error of a millisecond in a delay, are above that
 SMOOTHED = 0.25
@@ -139,7 +141,7 @@ def _seconds_in_motion(log: Log) -> float:
     return float((np.abs(log.wheel_speeds) > IN_MOTION).any(axis=1).sum()) * log.sample_time
 
 
-Signals = dict[str, NDArray[np.float64]]
+Signals = dict[str, Floats]
 
 
 def _body_frame(log: Log) -> Signals:
@@ -194,16 +196,14 @@ def _compared(mapped: Signals, real: Signals, heading: bool, interval: float) ->
     return ", ".join(wrong)
 
 
-def _less_friction(truth: Log, robot: Robot, dead_band: float) -> NDArray[np.float64]:
+def _less_friction(truth: Log, robot: Robot, dead_band: float) -> Floats:
     """Return the torques (M, n) by which dry friction is less if a dead band that nobody states counts as such."""
     speeds = smoothed_wheel_speeds(truth, robot)
     duty = commands(robot, truth.torques, truth.wheel_speeds, "duty")
     return dead_band * robot.drive.torque_limit * np.where(speeds == 0.0, np.sign(duty), np.sign(speeds))
 
 
-def _as_written(
-    truth: Log, torques: NDArray[np.float64], habits: Habits, t: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _as_written(truth: Log, torques: Floats, habits: Habits, t: Floats) -> Floats:
     """Return torques (M, n) of the truth's rows as (n, N) at times t, as a true mapping makes them.
 
     Rows far apart miss what is between them.
@@ -220,13 +220,13 @@ def _as_written(
     return np.mean([held[place] for place in places], axis=0).T
 
 
-def _size_error(mapped: NDArray[np.float64], real: NDArray[np.float64]) -> float:
+def _size_error(mapped: Floats, real: Floats) -> float:
     """Return the root mean square of the difference, without its mean, over that of the signal."""
     difference = (mapped - real) - (mapped - real).mean()
     return float(np.std(difference) / max(float(np.std(real)), 0.01))
 
 
-def _smoothed(values: NDArray[np.float64], interval: float) -> NDArray[np.float64]:
+def _smoothed(values: Floats, interval: float) -> Floats:
     window = np.hanning(round(SMOOTHED / interval) + 2)[1:-1]
     return np.array([np.convolve(row, window / window.sum(), mode="valid") for row in values])
 

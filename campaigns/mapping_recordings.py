@@ -29,6 +29,8 @@ from ballbot.twin.imperfections import imperfections_of, true_model
 from campaigns.foreign_logs import commands
 from campaigns.section import is_kept
 
+Floats = NDArray[np.float64]
+
 #: a name that ends in `_four_wheels` is that robot with four wheels
 PRESETS = ("alten", "kugle", "rezero_four_wheels", "rob311", "rezero", "cmu")
 MOTIONS = ("hold", "square", "figure_eight", "turn", "tour", "dead_band")
@@ -162,9 +164,7 @@ class FirmwareDeadBand:
         """Start anew."""
         self.controller.reset()
 
-    def update(
-        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def update(self, t: float, state: Floats, reference: Floats) -> Floats:
         """Return the torques (n,) that reach the wheels [N m]."""
         torques = self.controller.update(t, state, reference)
         speeds = self.model.wheel_speed(state[:5], state[5:])
@@ -186,7 +186,7 @@ def _reference(motion: str, seed: int) -> Reference:
         case "turn":
             return change_pose(x=size, y=-0.5 * size, psi=np.pi * turn, at=6.0, ramp=40.0)
 
-    def tour(t: float) -> NDArray[np.float64]:
+    def tour(t: float) -> Floats:
         """Two slow sways and a quicker one of a few centimetres, now and then turned, from rest."""
         now, pose = slow * t, np.zeros(10)
         slower = np.sin(0.8 * now + phases[0]) + 1j * np.sin(0.55 * now + phases[1])

@@ -10,8 +10,7 @@ from ballbot.log.mapping_search.proposal import mapping_text, propose
 from ballbot.log.pose import causal_states, with_odometry
 from tests.support.foreign_log_examples import (
     SENSOR_DELAY,
-    Habits,
-    columns_of,
+    foreign_columns,
     small_robot,
     swaying_log,
     write_foreign,
@@ -20,10 +19,7 @@ from tests.support.foreign_log_examples import (
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
-    habits = Habits()
-    return write_foreign(
-        tmp_path_factory.mktemp("foreign") / "run.txt", columns_of(swaying_log(), habits), habits
-    )
+    return write_foreign(tmp_path_factory.mktemp("foreign") / "run.txt", foreign_columns())
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +44,7 @@ def test_causal_states_do_not_depend_on_later_rows(file, mapping, moments, tmp_p
     moment = float(moments[3])
     # the first row that shows the moment counts, and none after it
     later = np.flatnonzero(t >= moment + mapping.sensor_delay)[1:]
-    after[later, 2:] += np.random.default_rng(1).standard_normal((len(later), rows.shape[1] - 2))
+    after[later, 1:] += np.random.default_rng(1).standard_normal((len(later), rows.shape[1] - 1))
     changed = tmp_path / "changed.txt"
     changed.write_text("\n".join([header, *(" ".join(map(repr, row)) for row in after.tolist())]) + "\n")
 

@@ -38,7 +38,7 @@ from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, mo
 from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.placement import LeanTest
 from ballbot.log.mapping_search.roles import Roles, roles_of
-from ballbot.log.mapping_search.units import Unit, lean_units, other_encoder, time_unit
+from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
 from ballbot.log.pose import with_odometry
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows, rows_in_order
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
@@ -216,12 +216,7 @@ def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned,
 
 def _contradiction(proposal: Proposal, motion: SensedMotion) -> str:
     """Return why it is not this robot's log; empty if nothing says so."""
-    base, tested = proposal.base, motion.tested
-    if not base.roles.of_speeds:
-        angles = base.stacked(base.roles.angles)
-        other = other_encoder(angles, motion.units[1], base.robot, base.stated.counts_per_turn)
-        if other:
-            return other
+    tested = motion.tested
     if proposal.what != "balancing" or tested is None or tested.confidence < CONFIDENT:
         return ""
     gain = tested.placements[0].gain

@@ -77,34 +77,6 @@ def _step_of(angles: Floats) -> float | None:
     return float(np.median(found)) if found else None
 
 
-def _counts_of(robot: Robot, given: float | None) -> float:
-    """Return the counts in a turn of a wheel."""
-    return given or robot.sensors.encoder_counts * robot.drive.gear_ratio
-
-
-#: a step over one count of the encoder that is no other step, other edges of its lines, and how near a step must be to
-#: a round decimal to be rounding
-OTHER_STEP, EDGES, ROUND = 1.4, (0.25, 0.5, 2.0, 4.0), 0.02
-
-
-def other_encoder(angles: Floats, unit: Unit, robot: Robot, counts_per_turn: float | None) -> str:
-    """Return that angles (N, n) step as no encoder of the robot does; empty if they do, or show no steps."""
-    step, per_turn = _step_of(angles), _counts_of(robot, counts_per_turn)
-    if unit.name.startswith("counts") or step is None:
-        return ""
-    digits = step / 10.0 ** math.floor(math.log10(step))
-    ratio = step * unit.factor * per_turn / (2.0 * math.pi)
-    edges = any(abs(ratio / one - 1.0) < STEP_AGREEMENT for one in EDGES)
-    rounded = any(abs(digits / one - 1.0) < ROUND for one in (1.0, 2.0, 5.0, 10.0))
-    if rounded or edges or 1.0 / OTHER_STEP < ratio < OTHER_STEP:
-        return ""
-    return (
-        f"the wheel angles step by {step:.4g} {unit.name}, as an encoder of {per_turn / ratio:.0f} counts a turn "
-        f"does, and the robot's has {per_turn:g}. Give the robot file of the robot that wrote the log, or "
-        "--counts-per-turn."
-    )
-
-
 def fastest(robot: Robot) -> float:
     """Return the speed [rad/s] of a wheel at which the back-EMF is the supply's voltage."""
     drive = robot.drive
@@ -123,7 +95,8 @@ def wheel_units(
     counts_per_turn: float | None,
 ) -> list[Unit]:
     """Return the units that wheel angles (N, n) may have, or their speeds; one alone if the heading has it."""
-    per_turn, rate = _counts_of(robot, counts_per_turn), "/s" if of_speeds else ""
+    rate = "/s" if of_speeds else ""
+    per_turn = counts_per_turn or robot.sensors.encoder_counts * robot.drive.gear_ratio
     of_counts = f"{per_turn:g} a turn {'as given' if counts_per_turn else 'by the robot file'}"
     count = 2.0 * math.pi / per_turn
     table = {**FACTORS["rad" + rate], "counts" + rate: count}
@@ -173,17 +146,9 @@ def likeliest_units(
 ) -> dict[Units, float]:
     """Return the probability of each choice of units of lean and wheels, the likeliest first.
 
-    Parameters
-    ----------
-    leans, wheels : sequence of Unit
-    assumed : tuple of Unit, optional
-        With which the motion shows gain and turning.
-    gain : float, optional
-        Response of the lean to the wheels over the robot's.
-    turning : float, optional
-        Turning of the wheels over the heading's, over that of a ball that does not pivot.
-    heading_named : bool
-        Whether the heading has a unit of its own; otherwise it has the lean's.
+    `gain` is the response of the lean to the wheels over the robot's, and `turning` that of the wheels to the heading
+    over that of a ball that does not pivot, as the motion shows them with the units `assumed`. A heading without a unit
+    of its own has the lean's.
     """
     weights = {}
     for lean, wheel in product(leans, wheels):
