@@ -148,7 +148,7 @@ theta = "lean"
 
 
 def test_missing_file_column_is_reported_with_the_nearest_name(tmp_path):
-    with pytest.raises(InputError, match=r"log\.csv: .* theta from the column 'rol', .* did you mean 'roll'"):
+    with pytest.raises(InputError, match=r"log\.csv: .* theta from column 'rol', .* did you mean 'roll'"):
         read(tmp_path, "t,roll\n0,1\n", '[columns]\nt="t"\ntheta="rol"\n', name="log.csv")
 
 
@@ -191,7 +191,7 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
         ('[columns]\nt = "t"\n[wheels]\nspeed = { from = ["a"], wrap = 4096 }\n', "speed cannot have wrap"),
         (
             '[columns]\nt = "t"\n[wheels]\nangle = { integral_of = "speed" }\nspeed = { derivative_of = "angle" }\n',
-            "[wheels] speed is derivative of angle, which [wheels] lacks",
+            "[wheels] speed has derivative_of = 'angle', which [wheels] lacks",
         ),
         (
             '[columns]\nt = "t"\n[wheels]\nangle = { integral_of = "speed", unit = "rad" }\n',
@@ -276,7 +276,7 @@ scale = 0.5
     log = read(tmp_path, table, mapping + 'direction = ["b", "d"]\n')
     np.testing.assert_array_equal(log["u2"], [69.0, -59.0, np.nan])
     np.testing.assert_array_equal(log["u1"], [-45.0, 45.5, 46.5])
-    with pytest.raises(InputError, match="takes u2 from the column 'q', which does not exist"):
+    with pytest.raises(InputError, match="takes u2 from column 'q', which does not exist"):
         read(tmp_path, table, mapping + 'direction = ["q", "d"]\n')
 
 

@@ -340,9 +340,8 @@ class Source:
     factor: float = 1.0  #: unit, scale and sign in one
     offset: float = 0.0  #: in Ballbot's unit
     delay: float = 0.0  #: [s]
-    beside: str | None = (
-        None  #: of a time, the column with its nanoseconds; of a motor's magnitude, its direction
-    )
+    #: of a time, the column with its nanoseconds; of a motor's magnitude, its direction
+    beside: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -351,10 +350,9 @@ class LogMapping:
 
     #: by Ballbot's name, t among them; u1, u2, .. are the commands, and an IMU's columns have the names of `IMU_NAMES`
     columns: Mapping[str, Source]
-    derivatives: Mapping[str, str] = field(
-        default_factory=dict
-    )  #: by Ballbot's name, which one to differentiate
-    integrals: Mapping[str, str] = field(default_factory=dict)  #: by wheel angle, the speed to integrate
+    #: by Ballbot's name, which one to differentiate; by wheel angle, the speed to integrate
+    derivatives: Mapping[str, str] = field(default_factory=dict)
+    integrals: Mapping[str, str] = field(default_factory=dict)
     file: FileTable = FileTable()
     time: TimeTable = TimeTable()
     attitude: AttitudeTable | None = None
@@ -411,13 +409,7 @@ def read_mapping(path: str | Path) -> LogMapping:
 
 
 def parse_mapping(text: str, *, source: str) -> LogMapping:
-    """Return the mapping that the text of a mapping file describes; errors name its `source`.
-
-    Raises
-    ------
-    InputError
-        As `read_mapping`.
-    """
+    """Return the mapping that the text of a mapping file describes; errors, as of `read_mapping`, name its `source`."""
     tree = parse_toml(text, source=source)
     try:
         return _mapping(validate_table(MappingTable, take_format(tree, "mapping"), of="a mapping file"))
@@ -426,22 +418,15 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
 
 
 def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, ...]:
-    """Return a warning for each mapping file of duties that does not state the firmware's dead band.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or is no mapping.
-    """
+    """Return a warning for each mapping file of duties that does not state the firmware's dead band."""
     found = []
     for mapping in filter(None, mappings):
         drive = read_mapping(mapping).input
         if isinstance(drive, DutyTable) and drive.dead_band is None:
             sentence = (
-                "The commands are duties, and no dead band is stated: a duty that the firmware adds counts as less dry "
-                "friction. Friction identified from this log includes the firmware's part, and holds for logs that are "
-                "read the same way. For the wheels' own friction state dead_band in [input], 0 if the firmware adds "
-                "none."
+                "The commands are duties, and no dead band is stated: friction identified from this log is less by the "
+                "duty that the firmware adds, and holds for logs that are read the same way. For the wheels' own "
+                "friction state dead_band in [input], 0 if the firmware adds none."
             )
             place = Place(file=str(mapping))
             found.append(Finding(code="dead-band", severity="warning", text=sentence, where=place))
@@ -457,9 +442,7 @@ def _mapping(table: MappingTable) -> LogMapping:
     _check_file(table.file)
     for start, end in table.time.keep or ():
         if not end > start:
-            raise InputError(
-                f"[time] keep has the interval [{start:g}, {end:g}]; write the earlier time first"
-            )
+            raise InputError(f"[time] keep has [{start:g}, {end:g}]; write the earlier time first")
     columns, derivatives, integrals = dict[str, Source](), dict[str, str](), dict[str, str]()
     for name, entry in table.columns.items():
         _check_name(name)
@@ -504,9 +487,7 @@ def _mapping(table: MappingTable) -> LogMapping:
 
 def _check_file(file: FileTable) -> None:
     if file.header_lines == 0 and file.names is None:
-        raise InputError(
-            "[file] has header_lines = 0 and therefore needs names = [..], the names of the columns"
-        )
+        raise InputError("[file] has header_lines = 0 and therefore needs names = [..] of the columns")
     if file.decimal == "comma" and file.separator == "comma":
         raise InputError('[file] decimal = "comma" needs another separator, such as "semicolon"')
     if file.names is not None and len(set(file.names)) < len(file.names):
@@ -531,9 +512,7 @@ def _check_wheels(name: str, entry: WheelTable, made: str, other: WheelTable) ->
     if getattr(entry, made):
         _check_alone(where, entry, made)
         if not other.sources:
-            raise InputError(
-                f"{where} is {made.replace('_', ' ')} {getattr(entry, made)}, which [wheels] lacks"
-            )
+            raise InputError(f"{where} has {made} = {getattr(entry, made)!r}, which [wheels] lacks")
     elif not entry.sources and entry != WheelTable():
         raise InputError(f"{where} needs from = [..], the columns of the file")
 
@@ -548,9 +527,7 @@ def _check_name(name: str) -> None:
 
 def _source(name: str, entry: ColumnTable) -> Source:
     if entry.source is None:
-        raise InputError(
-            f'[columns] {name} needs from = "..", the column of the file, or derivative_of = ".."'
-        )
+        raise InputError(f'[columns] {name} needs from = "..", a column of the file, or derivative_of = ".."')
     if name == "t" and entry.delay:
         raise InputError("[columns] t cannot have a delay; give the delay to the columns that are delayed")
     if name != "t" and entry.nanoseconds is not None:
@@ -585,7 +562,7 @@ def _series(
 def _imu_sources(table: AttitudeTable) -> dict[str, Source]:
     if table.quaternion and table.unit is not None:
         raise InputError(
-            f"[attitude] takes four columns, a quaternion w, x, y, z, which has no unit; remove unit = {table.unit!r}"
+            "[attitude] takes four columns, a quaternion w, x, y, z, which has no unit; remove it"
         )
     angles, rates, where = table.sources, table.rates, "[attitude] rates"
     angles = QUATERNION_ANGLES if table.quaternion else angles
@@ -632,9 +609,7 @@ def _order(wheels: WheelsTable, count: int) -> list[int]:
     """Return, for Ballbot's wheels in turn, the place (from 0) in the file's lists."""
     order = wheels.order or tuple(range(1, count + 1))
     if sorted(order) != list(range(1, count + 1)):
-        raise InputError(
-            f"[wheels] order is {list(order)}; it must contain each number from 1 to {count} once"
-        )
+        raise InputError(f"[wheels] order is {list(order)}; it must have each number from 1 to {count} once")
     return [place - 1 for place in order]
 
 
@@ -758,26 +733,14 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
 
 
 def row_times(mapping: LogMapping, table: Table) -> Floats:
-    """Return the times of the file's rows (N,) by the file's own clock [s].
-
-    Raises
-    ------
-    InputError
-        If they do not increase.
-    """
+    """Return the times of the file's rows (N,) by the file's own clock [s]; InputError if they do not increase."""
     t = _clock(mapping.columns["t"], table)
     check_time(t)
     return t
 
 
 def whole_rows(mapping: LogMapping, table: Table) -> Columns:
-    """Return a file's table with the rows that a mapping takes.
-
-    Raises
-    ------
-    InputError
-        If rows out of order are to be left out, and are those of another run.
-    """
+    """Return a file's table with the rows that a mapping takes; InputError if it would mix the rows of two runs."""
     source, file = mapping.columns["t"], mapping.file
     unordered = file.unordered_rows == "drop"
     if source.column not in table or not (unordered or file.repeated_rows == "drop"):
@@ -788,9 +751,7 @@ def whole_rows(mapping: LogMapping, table: Table) -> Columns:
         runs = later_runs(t, repeated)
         again = runs[t[runs] < t[runs - 1]]
         if again.size:
-            raise InputError(
-                f"Time starts again at row {again[0] + 1}; split the log, or give `rows` in [file]."
-            )
+            raise InputError(f"Time starts again at row {again[0] + 1}; split the log, or give [file] rows.")
     return rows_in_order(table, t, repeated=repeated, unordered=unordered)
 
 
@@ -817,9 +778,7 @@ def _scaled(name: str, source: Source, table: Table) -> Floats:
     for column in (source.column, source.beside):
         if column is not None and column not in table:
             hint = suggest(column, table, otherwise="it has")
-            raise InputError(
-                f"The mapping takes {name} from the column {column!r}, which does not exist; {hint}"
-            )
+            raise InputError(f"The mapping takes {name} from column {column!r}, which does not exist; {hint}")
     values = mark_missing(source.factor * table[source.column] + source.offset)
     return values if source.beside is None else values * direction_sign(table[source.beside])
 
@@ -880,9 +839,7 @@ def _with_torques(mapping: LogMapping, columns: Columns) -> Columns:
     for i, name in enumerate(mapping.commands, start=1):
         speed = columns.get(f"wheel{i}_dot")
         if speed is None and isinstance(drive, DutyTable):
-            raise InputError(
-                f"Torque from a PWM duty needs the speed of the wheel: map the column wheel{i}_dot."
-            )
+            raise InputError(f"Torque from a duty needs the speed of the wheel: map the column wheel{i}_dot.")
         if drive is not None:
             found[name] = drive.torque(columns[name], np.zeros(1) if speed is None else speed)
     return found

@@ -47,8 +47,8 @@ Floats = NDArray[np.float64]
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
 #: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
 SAME_TORQUES = 0.1
-#: weight of the ratio of two squared errors for each second
-EACH_SECOND = 1.5
+#: logarithm of the ratio of two squared errors from which it counts, and its weight for each second (`behind`)
+LEAST_RATIO, EACH_SECOND = 0.15, 1.5
 #: share of the commands that must be explained, and from which on nothing is in doubt. Commands that are torques about
 #: axes are mixtures of all wheels': single ones leave 0.38 of them, and at most 0.18 on the development halves where
 #: they are right
@@ -214,7 +214,8 @@ def _by_wheel(commands: Floats, one: _Order) -> Floats:
 
 def _behind(total: Floats, least: Floats) -> float:
     ratio = math.log(max(float(total.sum()), 1e-12) / max(float(least.sum()), 1e-12))
-    return behind(clarity(total - least), ratio, len(total), each_second=EACH_SECOND)
+    z, seconds = clarity(total - least), len(total)
+    return behind(z, ratio, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
 
 
 def _left(driving: Driving) -> dict[_Order, Floats]:

@@ -16,9 +16,6 @@ CONFIDENT = 0.9
 #: weight of standard errors over blocks of a second: these are not independent, and the best of several explanations
 #: fits better by chance
 ERRORS_WEIGHT = 0.6
-#: logarithm of the ratio of what two explanations leave from which it counts, too. This and the weights for each second
-#: are chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
-LEAST_RATIO = 0.2
 #: no log gives more confidence than this
 MOST = 0.999
 #: smallest normal number: a denominator of at least this keeps the ratio of two zeros finite
@@ -47,13 +44,15 @@ def advantage_confidence(z: float, *, weight: float = ERRORS_WEIGHT) -> float:
     return min(0.5 * math.erfc(-weight * max(z, -10.0) / math.sqrt(2.0)), MOST)
 
 
-def behind(z: float, log_ratio: float, seconds: float, *, each_second: float) -> float:
+def behind(z: float, log_ratio: float, seconds: float, *, least_ratio: float, each_second: float) -> float:
     """Return by how much (logarithm of odds) an explanation is less likely than one that is z standard errors better.
 
-    Either the difference repeats in every block of a second, or it is so large that few blocks are enough.
+    Either the difference repeats in every block of a second, or it is so large that few blocks are enough: then the
+    logarithm of the ratio of what the two leave counts from `least_ratio`, with a weight for each second. These are
+    chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence.
     """
     repeated = ERRORS_WEIGHT * min(max(z, 0.0), 60.0)
-    return max(0.5 * repeated**2, each_second * seconds * max(log_ratio - LEAST_RATIO, 0.0))
+    return max(0.5 * repeated**2, each_second * seconds * max(log_ratio - least_ratio, 0.0))
 
 
 def correlations(x: Floats, y: Floats) -> Floats:

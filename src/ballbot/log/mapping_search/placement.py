@@ -93,8 +93,8 @@ OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: power of the prior in the confidence: a usual order is preferred among placements that fit alike, but does not make
 #: one certain
 PRIOR_POWER = 0.7
-#: weight of the ratio of two misfits for each second
-EACH_SECOND = 0.6
+#: logarithm of the ratio of two misfits from which it counts, and its weight for each second (`behind`)
+LEAST_RATIO, EACH_SECOND = 0.2, 0.6
 #: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
 #: 0.03 is still right (campaigns/mapping_corpus.py). Less probable ones would add little to the confidence
 SAME_WHEELS, TINY_PROBABILITY = 0.028, 1e-3
@@ -127,7 +127,6 @@ class Placement:
 
     @property
     def description(self) -> str:
-        """The placement in words."""
         return f"places {list(self.positions)}, signs {list(self.signs)}"
 
 
@@ -256,9 +255,8 @@ class _Law:
     kappa: float  #: [1/s^2]
     lag: float  #: lean later than wheels [s]
     sigma: float  #: 1 if lean and yaw have one handedness, -1 if not, 0 for a frame that stands still
-    way: Complex | None = (
-        None  #: s_i e^{j beta} (n,) of the file's wheels; None gives each wheel gains of its own
-    )
+    #: s_i e^{j beta} (n,) of the file's wheels; None gives each wheel gains of its own
+    way: Complex | None = None
 
     def late(self, values: Floats) -> Floats:
         """Return columns (N, k), a lag later."""
@@ -327,7 +325,7 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
         return 0.0
     repeated = float(norm.isf(student.sf(abs(clarity(gained)), len(gained) - 1)))
     ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
-    odds = behind(repeated, abs(ratio), len(gained), each_second=0.5)
+    odds = behind(repeated, abs(ratio), len(gained), least_ratio=LEAST_RATIO, each_second=0.5)
     return math.copysign(math.sqrt(2.0 * odds) / ERRORS_WEIGHT, ratio)
 
 
@@ -402,28 +400,25 @@ def _ranked_placements(
     table = np.column_stack([wheels.rate, rate])
     table = np.where(weights[:, None] > 0.0, table - table[weights > 0.0].mean(axis=0), 0.0)
     wheel_sums = _sums(table.astype(np.complex128), weights).real
-    total = _scores(every, lean_sums.sum(axis=0), wheel_sums.sum(axis=0), beta)
-    blocks = np.array(
-        [
-            _scores(every, lean_sums.sum(axis=0) - one, wheel_sums.sum(axis=0) - other, beta).score
-            for one, other in zip(lean_sums, wheel_sums, strict=True)
-        ]
-    )
-    found = _weighed(every, total.score, blocks)
-    ranked = sorted(found, key=lambda h: (-found[h], total.score[h]))
+    of_lean, of_wheels = lean_sums.sum(axis=0), wheel_sums.sum(axis=0)
+    gain, unexplained, together, score = _scores(every, of_lean, of_wheels, beta)
+    each = zip(lean_sums, wheel_sums, strict=True)
+    blocks = np.array([_scores(every, of_lean - a, of_wheels - b, beta)[-1] for a, b in each])
+    found = _weighed(every, score, blocks)
+    ranked = sorted(found, key=lambda h: (-found[h], score[h]))
     likely, first = [h for h in ranked if found[h] > TINY_PROBABILITY], every[ranked[0]]
     shown = sum(found[h] for h in likely if _same_wheels(wheels.value, first, every[h]))
-    explained = (LARGEST_REST - float(total.unexplained.min())) / (LARGEST_REST - USUAL_REST)
+    explained = (LARGEST_REST - float(unexplained.min())) / (LARGEST_REST - USUAL_REST)
     confidence = min(shown, MOST) * min(max(explained, 0.0), 1.0)
     placements = [
         Placement(
             positions=tuple(place + 1 for place in every[h][0]),
             signs=every[h][1],
-            phase=float(np.angle(total.gain[h])),
-            gain=float(abs(total.gain[h])) / gamma,
-            unexplained=float(total.unexplained[h]),
-            together=float(total.together[h]),
-            misfit=float(np.exp(total.score[h])),
+            phase=float(np.angle(gain[h])),
+            gain=float(abs(gain[h])) / gamma,
+            unexplained=float(unexplained[h]),
+            together=float(together[h]),
+            misfit=float(np.exp(score[h])),
         )
         for h in ranked
     ]
@@ -448,7 +443,8 @@ def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats) -> dict[int, 
         rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / orders
         p = OWN_ORDER if order == own else MIRRORED_ORDER if order == mirrored else rare
         p *= EQUAL_SIGNS if len(set(signs)) == 1 else (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1)
-        weights[other] = PRIOR_POWER * math.log(p) - behind(z, gained, seconds, each_second=EACH_SECOND)
+        rest = behind(z, gained, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
+        weights[other] = PRIOR_POWER * math.log(p) - rest
     return probabilities(weights)
 
 
@@ -468,18 +464,13 @@ def _same_wheels(angles: Floats, one: _Way, other: _Way) -> bool:
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Scores:
-    """Of every placement (H,)."""
+def _scores(
+    every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats, beta: Floats
+) -> tuple[Complex, Floats, Floats, Floats]:
+    """Return gain, what is unexplained and together, and the score (H,) of every placement.
 
-    gain: Complex
-    unexplained: Floats
-    together: Floats
-    score: Floats
-
-
-def _scores(every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats, beta: Floats) -> _Scores:
-    """Return how well placements fit products of columns: each wheel's and the lean; the wheels and the heading."""
+    They are by products of columns: each wheel's and the lean's; the wheels' and the heading's.
+    """
     ways = np.array([np.array(signs) * np.exp(1j * beta[list(order)]) for order, signs in every])
     H, n = ways.shape
     C = np.zeros((H, 2 * n + 1, 3), dtype=np.complex128)
@@ -494,7 +485,7 @@ def _scores(every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats, beta:
     unexplained = np.maximum(rest, TINY) / max(y - offset, TINY)
     together = np.array([_together(one, wheel_sums, beta) for one in every])
     score = np.log(unexplained) + 0.5 * np.log(together + LEAST_TOGETHER)
-    return _Scores(gain=found[:, 0], unexplained=unexplained, together=together, score=score)
+    return found[:, 0], unexplained, together, score
 
 
 def _together(way: _Way, sums: Floats, beta: Floats) -> float:

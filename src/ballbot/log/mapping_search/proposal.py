@@ -333,30 +333,21 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
         sentence = "A wheel angle jumps by more than a wheel can turn, at a reset or a full counter: it is continued."
         yield warning("reset", sentence, *roles.angles)
     if roles.gyro and motion.gyro is None and roles.attitude:
-        sentence = (
-            f"The gyro ({', '.join(roles.gyro)}) does not follow the rates of the angles, which are used."
-        )
+        sentence = f"The gyro ({', '.join(roles.gyro)}) does not follow the angles, whose rates are used."
         yield warning("columns", sentence, *roles.gyro)
     if not roles.commands:
-        sentence = (
-            "No column is named as a motor's command: the log has no torques. Name them u1, .. by --columns."
-        )
+        sentence = "No column is named as a motor's command. If there are any, name them u1, .. by --columns."
         yield warning("columns", sentence)
     if tested is not None and tested.pushed.any():
         seconds = float(tested.pushed.sum()) * INTERVAL
         sentence = f"For {seconds:.1f} s something other than the wheels moves the robot; left out."
         yield warning("hands", sentence)
     if tested is not None and tested.lag > 0.01 + tested.lag_error:
-        sentence = (
-            f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too: write [attitude] delay if the "
-            "IMU's data sheet gives one."
-        )
-        yield note("timing", sentence, *roles.attitude)
+        seems = f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too"
+        yield note("timing", f"{seems}: write [attitude] delay if the IMU has one.", *roles.attitude)
     ratio = proposal.drive.ratio if proposal.drive is not None else math.nan
     if math.isfinite(ratio) and not 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO:
-        sentence = (
-            f"The torques are {ratio:.2f} times those that the motion and the robot file's masses need."
-        )
+        sentence = f"The torques are {ratio:.2f} times those that the motion and the robot's masses need."
         yield warning("scale", sentence, *roles.commands)
 
 
@@ -479,7 +470,7 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
         )
     if proposal.what == "held by hand":
         return (
-            "the wheels do not explain how the robot leans: it is held by hand or stands on a bench, or it is not this "
+            "the wheels do not explain how the robot leans: it is held by hand, stands on a bench, or is not this "
             "robot. Record it while it balances, with every wheel's angle."
         )
     if proposal.contradiction:
