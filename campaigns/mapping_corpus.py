@@ -33,8 +33,8 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.formats import is_foreign
-from ballbot.log.mapping_search.frame import TURNING_BY_WHEELS
 from ballbot.log.mapping_search.motion import Stated
+from ballbot.log.mapping_search.placement import TURNING_BY_WHEELS
 from ballbot.log.mapping_search.proposal import Evaluation, evaluate, propose
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot

@@ -37,9 +37,9 @@ from ballbot.log.mapping_search.evidence import (
     solved,
     vertex_with_error,
 )
-from ballbot.log.mapping_search.frame import SensorFrame
 from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import INPUT_OF_UNIT, InputKind
+from ballbot.log.mapping_search.placement import SensorFrame
 from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
 from ballbot.robot import Robot
 

@@ -15,10 +15,8 @@ from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import correlations
-from ballbot.log.mapping_search.frame import HeadingTest, heading_test
-from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.mapping_search.placement import LeanTest, lean_test
-from ballbot.log.mapping_search.roles import Roles
+from ballbot.log.mapping_search.names import InputKind, Roles
+from ballbot.log.mapping_search.placement import HeadingTest, LeanTest, heading_test, lean_test
 from ballbot.log.mapping_search.units import Unit, Units, fastest, lean_units, likeliest_units, wheel_units
 from ballbot.log.signals import (
     INTERVAL,

@@ -33,11 +33,9 @@ from ballbot.log.mapping_search.commands import (
     turned_by,
 )
 from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.frame import SensorFrame, frame_of
 from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, motion_of_file
-from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.mapping_search.placement import LeanTest
-from ballbot.log.mapping_search.roles import Roles, roles_of
+from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
+from ballbot.log.mapping_search.placement import LeanTest, SensorFrame, frame_of
 from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
 from ballbot.log.pose import with_odometry
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows, rows_in_order
