@@ -662,14 +662,15 @@ def _kind_entries(kind: InputKind, scale: float, robot: Robot, known: str = "") 
 
 
 def answer_lines(found: Evaluation) -> list[str]:
-    """Return what the log is, the mapping's lines that have evidence, and what is open, in at most `MOST_LINES`."""
+    """Return what the log is, what the mapping says that is not usual, and what is open, in at most `MOST_LINES`."""
     one = found.proposal
     without = " (without torques)" if one.what == "balancing" and not one.roles.commands else ""
     lines = [
         f"{one.file.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}."
     ]
-    shown = found.text.partition("[columns]")[2].splitlines()
-    lines += [line for line in shown if "  # " in line and line[0] != "#"]
+    shown = found.text.partition("\n\n[columns]")[2].splitlines()
+    usual = "derivative_of", "from the robot file"
+    lines += [one for one in shown if one and one[0] != "#" and not any(words in one for words in usual)]
     lines += [f"cannot determine: {question.text}" for question in one.questions]
     lines += [f"{finding.severity}: {finding.text}" for finding in found.findings]
     more = len(lines) - MOST_LINES
