@@ -96,7 +96,7 @@ class Log:
             A log file (docs/logs.md) with Ballbot's column names; with a mapping, with any names, and tables of
             text in any layout.
         mapping : str, Path or LogMapping, optional
-            How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping_file`) or its
+            How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping`) or its
             content.
 
         Raises
@@ -375,7 +375,7 @@ class Log:
 def _read_mapping(mapping: str | Path | LogMapping | None) -> LogMapping | None:
     """Return the mapping itself, or the one in that file."""
     if isinstance(mapping, str | Path):
-        from ballbot.log.mapping_file import read_mapping
+        from ballbot.log.mapping import read_mapping
 
         return read_mapping(mapping)
     if not (mapping is None or hasattr(mapping, "layout")):
