@@ -315,7 +315,7 @@ def test_report_shows_the_predicted_performance(small: Study):
         none={},
     )
     made = provenance(command="ballbot study", files=[], seed=3)
-    page = page_of(study_report(replace(small, prediction=prediction), made))
+    page = page_of(study_report(replace(small, prediction=prediction)))
     assert f"{1e3 * intervals['peak_error'].low:.1f} to {1e3 * intervals['peak_error'].high:.1f}" in page
     assert "--prediction results.json LOG" in page
     assert study_results(replace(small, prediction=prediction), made)["prediction"] == prediction

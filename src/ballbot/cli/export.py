@@ -78,9 +78,7 @@ def export(
             "state_bytes": exported.state_bytes,
             "processor": None if load is None else load.to_dict(),
         }
-        page = export_report(
-            exported, read, load, to_install=to_install, made=result.origin, findings=findings
-        )
+        page = export_report(exported, read, load, to_install=to_install, findings=findings)
         texts = dict(exported.files) | {_README: f"{exported.files[_README]}\n{section}"}
         result.write(results, page, texts=texts)
     result.show(page.parts())

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from ballbot.findings import Finding, finding_results
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.words import signed_with_error, state_mark, with_error, with_symbols
 from ballbot.rounding import digits
@@ -21,7 +20,7 @@ from ballbot.validation.alignment.turning import ANGLE_NAMES
 
 
 def alignment_report(
-    alignment: Alignment, *, title: str, lead: str, made: Provenance, log_findings: Sequence[Finding]
+    alignment: Alignment, *, title: str, lead: str, log_findings: Sequence[Finding]
 ) -> Report:
     """Return the page of an alignment."""
     verdict, *others = (finding.text for finding in alignment_findings(alignment))
@@ -63,7 +62,6 @@ def alignment_report(
         verdict=[("", verdict)],
         sections=sections,
         undecided=undecided,
-        made=made,
         findings=log_findings,
     )
 

@@ -6,7 +6,6 @@
         verdict=(("full", "Recovers from a tilt of 9.1 degrees in every direction."),),
         sections=(Section(heading="Tilts and impulses", blocks=(Sheet(...), Picture(...))),),
         undecided=("How much a worn wheel slips: the grip is an assumption (--grip).",),
-        made=result.origin,
     )
 
 A terminal shows `Report.parts` of it, so that both have the same words and numbers.
@@ -162,7 +161,7 @@ class Report:
     verdict: Sequence[tuple[str, str]]
     sections: Sequence[Section]
     undecided: Sequence[str]  #: what the data cannot decide
-    made: Provenance | None  #: None of what a terminal alone shows
+    made: Provenance | None = None  #: None until a command writes its page
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
     #: whether the errors among them were accepted, so that results follow in spite of them
     accepted: bool = True

@@ -11,16 +11,23 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, section
-from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
-from ballbot.report.provenance import Provenance
+from ballbot.report.palette import INK, SHADE
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
-from ballbot.report.style import REFERENCE, LineStyle, drawn_picture, label_of, plain_log_ticks, thinned
+from ballbot.report.style import (
+    LOOKS,
+    MARKS,
+    REFERENCE,
+    LineStyle,
+    drawn_picture,
+    label_of,
+    plain_log_ticks,
+    thinned,
+)
 from ballbot.report.words import ratio_digits
 from ballbot.rounding import unit_heading
 from ballbot.summary import counted
@@ -39,12 +46,13 @@ from ballbot.workflows.league import (
 )
 from ballbot.workflows.metrics import BAND, SETTLE, position_error, settled, true_place
 
-RUN_LINES: Mapping[str, LineStyle] = {
-    "none": {"color": ORANGE, "linestyle": "--", "linewidth": 1.2},
-    "full": {"color": MUTED, "linestyle": ":", "linewidth": 1.4},
-    "partial": {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
-    "precise": {"color": BLUE, "linestyle": "-", "linewidth": 1.2},
-    "precise_without_compensation": {"color": VIOLET, "linestyle": "-", "linewidth": 1.2},
+#: looks and names of a study's candidates
+RUN_LOOKS: Mapping[str, Look] = {
+    "none": "second",
+    "full": "fourth",
+    "partial": "third",
+    "precise": "first",
+    "precise_without_compensation": "fifth",
 }
 RUN_LABELS: Mapping[str, str] = {
     "none": "no compensation",
@@ -63,7 +71,7 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
         place = true_place(log)
         axes.plot(log["ref_x"], log["ref_y"], label="reference", **REFERENCE)
         x, y = thinned(place["x"], place["y"])
-        axes.plot(x, y, label="robot", **RUN_LINES[name])
+        axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
         axes.plot(place["x"][:1], place["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none")
         axes.set_title(RUN_LABELS[name] + (" (fell)" if log.ended else ""))
         axes.set_aspect("equal")
@@ -72,27 +80,16 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
     return figure
 
 
-#: the same candidates over time
-_RUN_LOOKS: Mapping[str, Look] = {
-    "none": "second",
-    "full": "fourth",
-    "partial": "third",
-    "precise": "first",
-    "precise_without_compensation": "fifth",
-}
-
-
 def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     """Return the distance from the reference over time, with the reference below."""
     longest = max(runs.values(), key=len)
     t, errors = together([(log.t, 1e3 * position_error(log)) for log in runs.values()])
     lines = [
-        Line(name=RUN_LABELS[name], values=values, look=_RUN_LOOKS[name])
-        for name, values in zip(runs, errors, strict=True)
+        Line(RUN_LABELS[name], values, RUN_LOOKS[name]) for name, values in zip(runs, errors, strict=True)
     ]
     reference = (
-        Line(name="reference x", values=longest["ref_x"], look="measured"),
-        Line(name="reference y", values=longest["ref_y"], look="sixth"),
+        Line("reference x", longest["ref_x"], "measured"),
+        Line("reference y", longest["ref_y"], "sixth"),
     )
     return TimeSeries(
         t=t,
@@ -181,12 +178,8 @@ def _signed(value: float, decimals: int) -> str:
     return text if float(f"{value:.{decimals}f}") else text[1:]
 
 
-#: distinguished by dash and weight as well as by colour; of the first three as in the study's report
-_COLORS = (ORANGE, BLUE, GREEN, VIOLET, INK, YELLOW)
-#: the same in time series
+#: of controllers in turn; of the first three as in the study's report
 _TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
-_DASHES = ("--", "-", "-.", ":")
-_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 #: an interval that reaches zero has no end on a logarithmic scale: its bar is cut at this share of the mean
 _SHORTEST = 0.25
@@ -196,16 +189,22 @@ _SHOWN_METRICS = ("peak_position_error", "high_frequency_torque")
 
 def overview_figure(league: League) -> Figure:
     """Draw peak position error and rough torque of each controller on each course, with 95 % intervals."""
-    rows = len(league.courses)
-    height = 0.7 + rows * (0.16 + 0.1 * len(league.controllers)) + 0.17 * -(-len(league.controllers) // 2)
+    rows, count = len(league.courses), len(league.controllers)
+    height = 0.7 + rows * (0.16 + 0.1 * count) + 0.17 * -(-count // 2)
     figure = Figure(figsize=(7.4, height), layout="constrained")
     panels = figure.subplots(1, len(_SHOWN_METRICS), sharey=True, squeeze=False)[0]
     for axes, key in zip(panels, _SHOWN_METRICS, strict=True):
         metric = METRIC_BY_KEY[key]
         for place in range(1, rows, 2):
             axes.axhspan(place - 0.5, place + 0.5, color=SHADE, linewidth=0)
-        for index in range(len(league.controllers)):
-            _draw_controller(axes, league, index, metric)
+        for index, name in enumerate(league.controllers):
+            found = [standing(league, course.name, name).means[key] for course in league.courses]
+            low, mean, high = metric.scale * np.array([(one.low, one.mean, one.high) for one in found]).T
+            places = np.arange(rows) + 0.7 * ((index + 0.5) / count - 0.5)
+            color = line_of(index)["color"]
+            axes.hlines(places, np.maximum(low, _SHORTEST * mean), high, color=color, linewidth=1.4)
+            mark = MARKS[index % len(MARKS)]
+            axes.plot(mean, places, mark, color=color, markersize=4, label=label_of(name))
         axes.set_xscale("log")
         plain_log_ticks(axes.xaxis)
         axes.set_xlabel(unit_heading(metric.words, metric.unit))
@@ -242,7 +241,7 @@ def course_series(league: League, course: Course) -> TimeSeries:
         names.append(name + (" (fell)" if track.ended else ""))
     t, distances = together(runs)
     lines = [
-        Line(name=name, values=values, look=_TRACK_LOOKS[place % len(_TRACK_LOOKS)])
+        Line(name, values, _TRACK_LOOKS[place % len(_TRACK_LOOKS)])
         for place, (name, values) in enumerate(zip(names, distances, strict=True))
     ]
     pushes = ", ".join(f"{time:g} s" for time in course.disturbed)
@@ -265,43 +264,10 @@ def seed_shown(league: League) -> str:
 
 
 def line_of(index: int) -> LineStyle:
-    """Return how the controller of that place is drawn."""
-    again, kind = divmod(index, len(_DASHES))
-    return {
-        "color": _COLORS[index % len(_COLORS)],
-        "linestyle": _DASHES[kind],
-        "linewidth": 1.2 + 0.7 * again,
-    }
-
-
-def _draw_controller(axes: Axes, league: League, index: int, metric: Metric) -> None:
-    """Draw one controller's means with their intervals."""
-    name, count = league.controllers[index], len(league.controllers)
-    color, marker = _COLORS[index % len(_COLORS)], _MARKERS[index % len(_MARKERS)]
-    for row, course in enumerate(league.courses):
-        found = standing(league, course.name, name)
-        one = found.means[metric.key]
-        place = row + 0.7 * ((index + 0.5) / count - 0.5)
-        if np.isfinite(one.low):
-            ends = metric.scale * np.array([max(one.low, _SHORTEST * one.mean), one.high])
-            axes.plot(ends, [place, place], color=color, linewidth=1.4)
-        label = label_of(name) if row == 0 else None
-        mark = {"marker": marker, "color": color, "markersize": 4, "linestyle": "", "label": label}
-        axes.plot(metric.scale * one.mean, place, **mark)
-        if found.falls and metric.key == _SHOWN_METRICS[0]:
-            _mark_falls(axes, found, metric, place)
-
-
-def _mark_falls(axes: Axes, found: Standing, metric: Metric, place: float) -> None:
-    """Write beside a mark how many runs fell, with the controller's name where there is no mark."""
-    one = found.means[metric.key]
-    words = f"{found.falls} of {found.runs} fell"
-    if one.runs:
-        at, transform = metric.scale * (one.high if np.isfinite(one.high) else one.mean), axes.transData
-    else:
-        at, transform = 0.01, axes.get_yaxis_transform()
-        words = f"{label_of(found.controller)}: {words}"
-    axes.text(at, place, f" {words}", va="center", color=INK, fontsize=7, transform=transform)
+    """Return how the controller of that place is drawn; beyond the looks again, broader."""
+    again, place = divmod(index, len(_TRACK_LOOKS))
+    look = LOOKS[_TRACK_LOOKS[place]]
+    return {**look, "linewidth": look["linewidth"] + 0.7 * again}
 
 
 def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -313,7 +279,7 @@ def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
 _PEAK, _ROUGH = "peak_position_error", "high_frequency_torque"
 
 
-def league_report(league: League, made: Provenance) -> Report:
+def league_report(league: League) -> Report:
     """Return the page of a league."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
     first, courses = league.controllers[0], counted(len(league.courses), "course")
@@ -339,7 +305,6 @@ def league_report(league: League, made: Provenance) -> Report:
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
         undecided=[*(words for words in undecided if words), _BEYOND],
-        made=made,
     )
 
 

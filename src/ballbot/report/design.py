@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.control.controller import torque_limit_words
@@ -17,50 +14,12 @@ from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
 from ballbot.report.loop import linear_section, loop_section
-from ballbot.report.palette import BLUE, ORANGE, SHADE
-from ballbot.report.provenance import Provenance
-from ballbot.report.style import STATE_UNITS, LineStyle, drawn_picture
+from ballbot.report.style import STATE_UNITS
 from ballbot.report.words import NO_FRICTION, state_mark
 from ballbot.robot import Friction
 from ballbot.rounding import percent
 from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.robust_design import TAIL, PerturbationRanges, RobustDesign
-
-_LINES: dict[str, LineStyle] = {
-    "robust": {"color": BLUE, "linestyle": "-", "linewidth": 2.0},
-    "nominal": {"color": ORANGE, "linestyle": "--", "linewidth": 1.4},
-}
-_LABELS = {"robust": "weights found", "nominal": "nominal weights"}
-
-
-def robust_figure(found: RobustDesign) -> Figure:
-    """Draw the best worst tenth over the generations, and each design's costs on the fresh robots in order of size."""
-    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.6))
-    generations = np.arange(1, len(found.history) + 1)
-    left.step(generations, found.history, where="post", **_LINES["robust"])
-    left.set_ylim(0.0, 1.1 * found.history[0])
-    left.set_xlabel("generation")
-    left.set_ylabel("best worst tenth of J")
-    left.set_title("the search")
-    _draw_costs(right, found)
-    return figure
-
-
-def _draw_costs(axes: Axes, found: RobustDesign) -> None:
-    axes.axvspan(100.0 * (1.0 - TAIL), 100.0, color=SHADE, label="worst tenth")
-    for name, design in found.compared.items():
-        share = 100.0 * (np.arange(len(design.costs)) + 0.5) / len(design.costs)
-        axes.plot(share, np.sort(design.costs), label=_LABELS[name], **_LINES[name])
-    axes.set_yscale("log")
-    axes.set_yticks([1, 2, 5, 10, 20], labels=["1", "2", "5", "10", "20"])
-    axes.minorticks_off()
-    axes.set_xlim(0.0, 100.0)
-    axes.set_ylim(0.9, 1.3 * max(float(design.costs.max()) for design in found.compared.values()))
-    axes.set_xlabel("share of the robots that cost less [%]")
-    axes.set_ylabel("J")
-    axes.set_title(f"{found.fresh} robots that the search had not seen")
-    axes.legend(loc="upper left", fontsize=7.5)
+from ballbot.workflows.robust_design import PerturbationRanges, RobustDesign
 
 
 def search_comment(found: RobustDesign, command: str) -> str:
@@ -110,9 +69,7 @@ def _fractions(parts: Sequence[float], wholes: Sequence[float]) -> str:
     )
 
 
-def controller_design_report(
-    found: ControllerDesign, made: Provenance, findings: Sequence[Finding]
-) -> Report:
+def controller_design_report(found: ControllerDesign, findings: Sequence[Finding]) -> Report:
     """Return the page of a design without a search."""
     controller = found.controller
     robot = controller.robot
@@ -155,18 +112,17 @@ def controller_design_report(
             linear_section(frictionless_model(robot).linearize(), caption="exact model without friction"),
         ],
         undecided=undecided,
-        made=made,
         findings=findings,
     )
 
 
 def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
-    yield _gain_sheet(found.gain.gain, "Gain K of u = K S(ψ) (r − x), in N m per unit of each state.")
+    yield gain_sheet(found.gain.gain)
     spread = found.uncertainty
     if largest := spread.largest():
         causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
         caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
-        yield _gain_sheet(spread.deviation, caption)
+        yield gain_sheet(spread.deviation, caption)
 
 
 def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
@@ -190,7 +146,9 @@ def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
         yield Bullets(items=[_certain_fractions(found.stated, found.certain)])
 
 
-def _gain_sheet(gain: NDArray[np.float64], caption: str) -> Sheet:
+def gain_sheet(
+    gain: NDArray[np.float64], caption: str = "Gain K of u = K S(ψ) (r − x), in N m per unit of each state."
+) -> Sheet:
     """Return a gain (n, k) with a row for each state, so that it fits a narrow page."""
     # an integral action adds states of its own
     names = [f"{state_mark(name)} [{STATE_UNITS[name]}]" for name in STATE_NAMES]
@@ -207,7 +165,7 @@ def _capital(sentence: str) -> str:
     return f"{sentence[0].upper()}{sentence[1:]}."
 
 
-def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequence[Finding]) -> Report:
+def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Report:
     """Return the page of a design by search."""
     robust, nominal = (found.compared[name] for name in ("robust", "nominal"))
     headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
@@ -223,10 +181,6 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
         "nominal gain's median plus its torques' roughness over the nominal gain's median, so that J is about 2 with "
         "the nominal weights; a fall costs 10 to 20. The worst tenth is the mean of the largest tenth."
     )
-    figure = (
-        "First the best worst tenth over the generations of the search, then the costs of each design on robots "
-        "that the search had not seen, in order of size."
-    )
     ratio = nominal.worst_tenth / robust.worst_tenth
     compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
     text = (
@@ -241,16 +195,10 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
             ("Falls", f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."),
         ],
         sections=[
-            section(
-                "Compared with other weights",
-                Sheet(headings=headings, rows=rows, caption=caption),
-                drawn_picture("robust", partial(robust_figure, found), figure),
-            ),
+            section("Compared with other weights", Sheet(headings=headings, rows=rows, caption=caption)),
             section(
                 "Gain",
-                _gain_sheet(
-                    found.controller.gain, "Gain K of u = K S(ψ) (r − x), in N m per unit of each state."
-                ),
+                gain_sheet(found.controller.gain),
                 Bullets(items=[_weights(found)]),
             ),
             loop_section(found.loop_margins),
@@ -259,6 +207,5 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
             "Robots outside the ranges: the cost counts those that were drawn.",
             f"The cost's tail beyond {found.fresh} robots: rarer ones may fall.",
         ],
-        made=made,
         findings=findings,
     )

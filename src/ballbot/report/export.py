@@ -10,7 +10,6 @@ from ballbot.firmware.emulator import CYCLES
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
 from ballbot.report.blocks import Report, Sheet, section
-from ballbot.report.provenance import Provenance
 
 _HEADINGS = ("quantity", "value")
 
@@ -78,7 +77,6 @@ def export_report(
     load: ProcessorLoad | None,
     *,
     to_install: str,
-    made: Provenance,
     findings: Sequence[Finding],
 ) -> Report:
     """Return the page of an exported firmware; `to_install` says what a measurement of the load needs."""
@@ -119,7 +117,6 @@ def export_report(
             ),
         ],
         undecided=undecided,
-        made=made,
         findings=findings,
     )
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ballbot.control.overcompensation import has_friction
 from ballbot.report.blocks import Report, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
-from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn_picture, label_of
 from ballbot.report.words import NO_FRICTION
 from ballbot.robot import Robot
@@ -81,37 +80,14 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
         Line2D([], [], color=color, marker=mark if on_twin else "", label=label_of(name), linewidth=width)
         for name, (color, mark, width) in zip(found, _LOOKS, strict=False)
     ]
-    handles += _bound_handles()
+    handles += [
+        Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
+        Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"),
+    ]
     if on_twin:
         handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="marks: on the twin"))
     figure.legend(handles=handles, loc="outside lower left", ncols=2)
     return figure
-
-
-def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
-    """Draw the largest impulse that a robot recovers from in every direction, over its height."""
-    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
-    axes = figure.subplots()
-    for (name, one), (color, _, width) in zip(found.items(), _LOOKS, strict=False):
-        axes.plot(
-            one.impulse.lower.min(axis=1), one.heights, color=color, linewidth=width, label=label_of(name)
-        )
-        upper = one.impulse.upper.min(axis=1)
-        axes.plot(upper, one.heights, color=color, linewidth=min(width, 1.6), linestyle="--")
-    axes.set_xlim(left=0.0)
-    axes.set_xlabel("largest impulse from every direction [N s]")
-    axes.set_ylabel("height above the\nball's centre [m]")
-    lines, _ = axes.get_legend_handles_labels()
-    figure.legend(handles=[*lines, *_bound_handles()], loc="outside upper left", ncols=2)
-    return figure
-
-
-def _bound_handles() -> list[Line2D]:
-    """Return the entries of legends for the two bounds of a limit."""
-    return [
-        Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
-        Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"),
-    ]
 
 
 def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
@@ -179,7 +155,6 @@ def limits_report(
     *,
     grip: float,
     scenario: str,
-    made: Provenance,
 ) -> Report:
     """Return the page."""
     verdict = []
@@ -207,7 +182,6 @@ def limits_report(
         "The tilts and tilt rates that each controller recovers from, in its worst direction. Strong: no wheel slips; "
         "faint: only if wheels never slip. Without an outline, an area continues beyond what was tried."
     )
-    heights = "The largest impulse from every direction against its height above the ball's centre."
     return Report(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
         lead=(
@@ -222,12 +196,8 @@ def limits_report(
                 drawn_picture("directions", partial(directions_figure, found, on_twin), directions),
             ),
             section("Tilt and tilt rate", drawn_picture("planes", partial(planes_figure, found), planes)),
-            section(
-                "Height of an impulse", drawn_picture("heights", partial(heights_figure, found), heights)
-            ),
         ],
         undecided=_undecided(on_twin),
-        made=made,
     )
 
 

@@ -14,7 +14,6 @@ from ballbot.link.session import stop_reason
 from ballbot.link.wiring import WiringCheck
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section
-from ballbot.report.provenance import Provenance
 from ballbot.report.run import over_time, run_sections, run_verdict
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
 from ballbot.robot import Robot
@@ -97,9 +96,7 @@ def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
     )
 
 
-def live_run_report(
-    log: Log, robot: Robot | None, *, balancing: bool, ending: str, about: str, made: Provenance
-) -> Report:
+def live_run_report(log: Log, robot: Robot | None, *, balancing: bool, ending: str, about: str) -> Report:
     """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
     verdict = run_verdict(log) if balancing else []
     sections = run_sections(log, robot) if balancing else [section("Over time", *over_time(log, robot))]
@@ -117,7 +114,6 @@ def live_run_report(
         verdict=[*verdict, ("Ending", ending)],
         sections=sections,
         undecided=undecided,
-        made=made,
     )
 
 
@@ -136,7 +132,7 @@ def wiring_sheet(check: WiringCheck) -> Sheet:
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
-def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report:
+def wiring_report(check: WiringCheck, *, about: str) -> Report:
     """Return the page of a wiring check and, if it passed, of the self-test that must then have passed, too."""
     verdict = (
         "The wiring is right. Every motor turns its own encoder forward: the self-test passed."
@@ -156,7 +152,6 @@ def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report
         verdict=[("", verdict)],
         sections=[section("Turns by hand", wiring_sheet(check))],
         undecided=undecided,
-        made=made,
         findings=check.findings,
         accepted=False,
     )
@@ -179,7 +174,7 @@ def wiring_results(check: WiringCheck) -> dict[str, object]:
 
 
 def alternation_report(
-    found: Alternation, logs: Sequence[Log], *, controllers: tuple[str, str], about: str, made: Provenance
+    found: Alternation, logs: Sequence[Log], *, controllers: tuple[str, str], about: str
 ) -> Report:
     """Return the page of two controllers in turn; `controllers` names the files of the one before and the one after."""
     runs = [f"{k} {'after' if k % 2 == 0 else 'before'}" for k in range(1, len(logs) + 1)]
@@ -237,7 +232,6 @@ def alternation_report(
             ),
         ],
         undecided=undecided,
-        made=made,
     )
 
 

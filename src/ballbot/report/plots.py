@@ -19,13 +19,12 @@ from ballbot.log.columns import unit_of
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
 from ballbot.report.comparison import overview_figure, paths_figure
-from ballbot.report.design import robust_figure
 from ballbot.report.driveline import curve_figure
 from ballbot.report.identification import friction_figure
 from ballbot.report.limits import planes_figure
 from ballbot.report.loop import bode_figure, poles_figure
-from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.style import label_of, thinned
+from ballbot.report.series import IN_TURN
+from ballbot.report.style import LOOKS, label_of, thinned
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.robot.figure import robot_figure
 
@@ -36,8 +35,6 @@ _PANELS = (
     (("psi", "ref_psi"), "heading [rad]"),
     (("u1", "u2", "u3", "u4"), "wheel torques [N m]"),
 )
-#: of lines in one panel, the first first
-_LOOKS = ((BLUE, "-"), (ORANGE, "--"), (INK, ":"), (MUTED, "-."))
 #: columns of a log that has none of the above
 _MOST_COLUMNS = 6
 #: wheel speeds shown reach this many Stribeck speeds
@@ -68,10 +65,8 @@ def log_figure(log: Log) -> Figure:
 
 
 def _draw_columns(axes: Axes, log: Log, names: Sequence[str]) -> None:
-    for name, (color, style) in zip(names, _LOOKS * len(names), strict=False):
-        axes.plot(
-            *thinned(log.t, log[name]), color=color, linestyle=style, linewidth=1.1, label=label_of(name)
-        )
+    for name, look in zip(names, IN_TURN, strict=False):
+        axes.plot(*thinned(log.t, log[name]), label=label_of(name), **LOOKS[look])
     axes.margins(x=0.01)
     if len(names) > 1:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(names), borderpad=0.0)
@@ -95,8 +90,8 @@ def upside_down_figure(found: UpsideDown) -> Figure:
     torques = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)
     figure = Figure(figsize=(7.4, 2.8), layout="constrained")
     axes = figure.subplots()
-    for wheel, (torque, (color, dash)) in enumerate(zip(torques.T, _LOOKS, strict=False), start=1):
-        axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.3, label=f"wheel {wheel}")
+    for wheel, (torque, look) in enumerate(zip(torques.T, IN_TURN, strict=False), start=1):
+        axes.plot(speed, torque, label=f"wheel {wheel}", **LOOKS[look])
     axes.set_xlabel("wheel speed [rad/s]")
     axes.set_ylabel("friction torque [N m]")
     axes.set_ylim(bottom=0.0)
@@ -117,7 +112,7 @@ FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "Margins": bode_figure,
     "Robot": robot_figure,
     "RobotLimits": lambda limits: planes_figure({"limits": limits}),
-    "RobustDesign": robust_figure,
+    "RobustDesign": lambda design: controller_figure(design.controller),
     "Study": lambda study: paths_figure(study.choice.runs),
     "UpsideDown": upside_down_figure,
     "Validation": lambda validation: horizon_figure(validation.horizon, validation.models.names),

@@ -13,7 +13,6 @@ from ballbot.control.presets import PRESETS
 from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, Verbatim, section
 from ballbot.report.console import matrix_text
 from ballbot.report.loop import linear_section, loop_section
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.robot.figure import robot_figure
@@ -29,7 +28,7 @@ from ballbot.workflows.robot_check import (
 )
 
 
-def robot_check_report(checked: CheckedRobot, made: Provenance | None) -> Report:
+def robot_check_report(checked: CheckedRobot) -> Report:
     """Return the page."""
     robot = checked.robot
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
@@ -40,7 +39,6 @@ def robot_check_report(checked: CheckedRobot, made: Provenance | None) -> Report
         verdict=_verdict(checked),
         sections=list(_sections(checked)),
         undecided=_undecided(checked),
-        made=made,
         findings=checked.findings,
     )
 

@@ -13,7 +13,6 @@ import numpy as np
 from ballbot.findings import Finding, finding_results
 from ballbot.report.blocks import Bullets, Picture, Report, Sheet, section
 from ballbot.report.page import picture_data
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries, true_spans
 from ballbot.report.words import signed_with_error, with_error
 from ballbot.vision.spin import Spin, WheelComparison, spin_findings
@@ -83,7 +82,6 @@ def spin_report(
     *,
     video: str,
     picture: bytes,
-    made: Provenance,
     log_findings: Sequence[Finding],
 ) -> Report:
     """Return the page; `picture` is the overlay as PNG."""
@@ -121,7 +119,6 @@ def spin_report(
             ),
         ],
         undecided=undecided,
-        made=made,
         findings=log_findings if comparison else None,
     )
 
