@@ -472,7 +472,7 @@ def _record(
             page = live_run_report(
                 log,
                 link.described,
-                balancing=not plan.held,
+                held=plan.held,
                 ending=made.ending.text,
                 about=_about_words(connection, link),
             )

@@ -6,8 +6,7 @@ Of a league: tables, an overview with intervals, and each course as it was run w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -28,8 +27,7 @@ from ballbot.report.style import (
     plain_log_ticks,
     thinned,
 )
-from ballbot.report.words import ratio_digits
-from ballbot.rounding import unit_heading
+from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
 from ballbot.workflows.comparison import Estimate
 from ballbot.workflows.courses import Course
@@ -111,7 +109,7 @@ def overall_rows(league: League) -> list[list[str]]:
     rows = []
     for name in league.controllers:
         found = overall(league, name)
-        ratios = [_ratio(found.ratios[key]) if found.ratios else "1" for key in RATIOS]
+        ratios = [_estimate(found.ratios[key]) if found.ratios else "1" for key in RATIOS]
         rows.append([name, *ratios, f"{found.falls} of {found.runs}"])
     return rows
 
@@ -119,63 +117,34 @@ def overall_rows(league: League) -> list[list[str]]:
 def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
     """Return a row for each metric on a course: its name and each controller's mean, below it the difference."""
     found = [standing(league, course, name) for name in league.controllers]
-    rows: list[list[str | Cell]] = [
-        [unit_heading(one.heading, one.unit), *(_cell(each, one) for each in found)]
-        for one in _with_decimals(found)
+    return [
+        *([unit_heading(one.heading, one.unit), *(_cell(each, one) for each in found)] for one in METRICS),
+        ["falls", *(f"{each.falls} of {each.runs}" for each in found)],
     ]
-    return [*rows, ["falls", *(_falls(each) for each in found)]]
-
-
-def _with_decimals(found: Sequence[Standing]) -> list[Metric]:
-    """Return the metrics with up to two more decimals, so that small means are not written as zero."""
-    metrics = []
-    for metric in METRICS:
-        means = [metric.scale * one.means[metric.key].mean for one in found]
-        needed = (-math.floor(math.log10(mean)) for mean in means if 0.0 < mean < math.inf)
-        most = metric.decimals + 2
-        decimals = max([metric.decimals, *(one for one in needed if one <= most)])
-        metrics.append(replace(metric, decimals=decimals))
-    return metrics
 
 
 def _cell(found: Standing, metric: Metric) -> Cell:
+    """Return a mean in the metric's unit, and below it how much it differs; a star where an interval shows it."""
+    # a settling time is a lower bound where some run had not arrived at its end
+    late = metric.key == "settling_time" and found.arrived < found.runs - found.falls
+    text = f"{'≥ ' if late else ''}{digits(metric.scale * found.means[metric.key].mean)}"
     difference = found.differences.get(metric.key)
     if difference is None or math.isnan(difference.mean):
-        return Cell(text=_mean(found, metric))
-    below = _difference(difference, metric)
-    return Cell(text=_mean(found, metric), below=f"{below}{' *' if difference.sign else ''}")
+        return Cell(text=text)
+    star = " *" if difference.sign else ""
+    return Cell(text=text, below=f"{_estimate(difference, metric.scale, signed=True)}{star}")
 
 
-def _mean(found: Standing, metric: Metric) -> str:
-    """Return a mean in the metric's unit; a settling time with >= where some run had not arrived at its end."""
-    mean = found.means[metric.key].mean
-    if math.isnan(mean):
-        return "–"
-    late = metric.key == "settling_time" and found.arrived < found.runs - found.falls
-    return f"{'≥ ' if late else ''}{metric.scale * mean:.{metric.decimals}f}"
+def _estimate(found: Estimate, scale: float = 1.0, *, signed: bool = False) -> str:
+    """Return a mean with its interval, such as "−120 (−130, −110)"; the mean alone of too few seeds for one."""
 
+    def shown(value: float) -> str:
+        text = digits(scale * value).replace("-", "−")
+        return f"+{text}" if signed and value > 0.0 else text
 
-def _difference(difference: Estimate, metric: Metric) -> str:
-    """Return a difference and its interval in the metric's unit, such as "−120 (−130, −110)"."""
-    mean, low, high = (
-        _signed(metric.scale * value, metric.decimals)
-        for value in (difference.mean, difference.low, difference.high)
+    return shown(found.mean) + (
+        "" if math.isnan(found.low) else f" ({shown(found.low)}, {shown(found.high)})"
     )
-    return mean if math.isnan(difference.low) else f"{mean} ({low}, {high})"
-
-
-def _ratio(found: Estimate) -> str:
-    interval = "" if math.isnan(found.low) else f" ({ratio_digits(found.low)}, {ratio_digits(found.high)})"
-    return f"{ratio_digits(found.mean)}{interval}"
-
-
-def _falls(found: Standing) -> str:
-    return f"{found.falls} of {found.runs}"
-
-
-def _signed(value: float, decimals: int) -> str:
-    text = f"{value:+.{decimals}f}".replace("-", "−")
-    return text if float(f"{value:.{decimals}f}") else text[1:]
 
 
 #: of controllers in turn; of the first three as in the study's report
@@ -257,12 +226,6 @@ def course_series(league: League, course: Course) -> TimeSeries:
     )
 
 
-def seed_shown(league: League) -> str:
-    """Return which seed the courses are drawn with, in words."""
-    first, count = league.seeds[0], len(league.seeds)
-    return f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
-
-
 def line_of(index: int) -> LineStyle:
     """Return how the controller of that place is drawn; beyond the looks again, broader."""
     again, place = divmod(index, len(_TRACK_LOOKS))
@@ -276,9 +239,6 @@ def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)
 
 
-_PEAK, _ROUGH = "peak_position_error", "high_frequency_torque"
-
-
 def league_report(league: League) -> Report:
     """Return the page of a league."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
@@ -289,13 +249,14 @@ def league_report(league: League) -> Report:
     )
     overview = (
         "Means over the seeds with their 95 % intervals, on logarithmic scales; a bar ends at a quarter of its mean "
-        "at the least."
+        "at the least. Of runs that fell there is no mark."
     )
     undecided = [_open_sentence(name, league) for name in league.controllers[1:]]
+    beyond = "How the controllers compare on a real robot: these are simulated runs of the robot as its file describes it."
     return Report(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
-        verdict=[(name, _sentence(overall(league, name), league)) for name in league.controllers],
+        verdict=[(name, _sentence(overall(league, name), first)) for name in league.controllers],
         sections=[
             section(
                 "Over all courses",
@@ -304,21 +265,20 @@ def league_report(league: League) -> Report:
             ),
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
-        undecided=[*(words for words in undecided if words), _BEYOND],
+        undecided=[*(words for words in undecided if words), beyond],
     )
 
 
 def _course_section(league: League, course: Course, place: int) -> Section:
-    first = league.controllers[0]
     caption = (
-        f"Means over the runs that did not fall. Below them, how much more or less than {first}'s, seed by seed, "
-        "with its 95 % interval; a star where the interval leaves zero out."
+        f"Means over the runs that did not fall. Below them, how much more or less than {league.controllers[0]}'s, seed "
+        "by seed, with its 95 % interval; a star where the interval leaves zero out."
     )
-    floor = (
-        f"The path over the floor of one run of each controller, {seed_shown(league)}. Broad: the reference."
-    )
+    first, count = league.seeds[0], len(league.seeds)
+    shown = f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
+    floor = f"The path over the floor of one run of each controller, {shown}. Broad: the reference."
     return section(
-        _title(course.name),
+        course.name.replace("_", " ").capitalize(),
         Paragraph(text=f"{course.about} A run lasts {course.duration:g} s."),
         Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
         drawn_picture(f"course-{place}", partial(course_figure, league, course), floor),
@@ -328,10 +288,9 @@ def _course_section(league: League, course: Course, place: int) -> Section:
 
 def _open_sentence(name: str, league: League) -> str:
     """Return in which of the ratios a controller may equal the first; empty if in none."""
-    ratios = overall(league, name).ratios
     open_ones = [
         METRIC_BY_KEY[key].words
-        for key, one in ratios.items()
+        for key, one in overall(league, name).ratios.items()
         if math.isnan(one.low) or one.low <= 1.0 <= one.high
     ]
     if not open_ones:
@@ -339,30 +298,19 @@ def _open_sentence(name: str, league: League) -> str:
     return f"Whether {name} differs from {league.controllers[0]} in {', '.join(open_ones)}: no interval leaves one out."
 
 
-_BEYOND = "How the controllers compare on a real robot: these are simulated runs of the robot as its file describes it."
-
-
-def _title(name: str) -> str:
-    return name.replace("_", " ").capitalize()
-
-
-def _sentence(found: Overall, league: League) -> str:
+def _sentence(found: Overall, first: str) -> str:
     """Return a controller over all courses in a sentence or two."""
     falls = (
-        f"No fall in {counted(found.runs, 'run')}: the probability of a "
-        f"fall is below {100 * found.fall_interval[1]:.2g} %."
+        f"No fall in {counted(found.runs, 'run')}: the probability of a fall is below "
+        f"{100 * found.fall_interval[1]:.2g} %."
         if not found.falls
         else f"{found.falls} of {found.runs} runs ended in a fall."
     )
     if not found.ratios:
         return f"The reference for the others. {falls}"
-    known = [key for key in (_PEAK, _ROUGH) if not math.isnan(found.ratios[key].mean)]
-    if not known:
-        return falls
-    words = ", ".join(_ratio_phrase(key, found.ratios[key], of=league.controllers[0]) for key in known)
-    return f"{words[0].upper()}{words[1:]}. {falls}"
-
-
-def _ratio_phrase(key: str, ratio: Estimate, *, of: str) -> str:
-    interval = "" if math.isnan(ratio.low) else f" ({ratio_digits(ratio.low)} to {ratio_digits(ratio.high)})"
-    return f"{METRIC_BY_KEY[key].words} {ratio_digits(ratio.mean)} times that of {of}{interval}"
+    words = ", ".join(
+        f"{METRIC_BY_KEY[key].words} {_estimate(found.ratios[key])} times that of {first}"
+        for key in _SHOWN_METRICS
+        if not math.isnan(found.ratios[key].mean)
+    )
+    return f"{words[0].upper()}{words[1:]}. {falls}" if words else falls

@@ -49,28 +49,6 @@ def _load_rows(load: ProcessorLoad) -> list[list[str]]:
     ]
 
 
-def load_section(load: ProcessorLoad | None, *, to_install: str) -> str:
-    """Return the section of the exported README.md about the processor, in Markdown."""
-    if load is None:
-        return f"## On the processor\n\n{to_install}\n"
-    lines = [f"| {name} | {value} |" for name, value in _load_rows(load)]
-    return "\n".join(
-        [
-            "## On the processor",
-            "",
-            f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
-            f"({load.compiler}).",
-            f"Instructions are exact. Cycles are an upper estimate, {CYCLES:g} for each instruction in flash with two "
-            "wait states. Interrupts and drivers come on top.",
-            "",
-            "| quantity | value |",
-            "|---|---:|",
-            *lines,
-            "",
-        ]
-    )
-
-
 def export_report(
     exported: Export,
     controller: Controller,
@@ -96,8 +74,9 @@ def export_report(
             )
         )
         caption = (
-            "On an emulated Cortex-M4F. Instructions are exact; cycles are an upper estimate with two wait states of "
-            "flash."
+            f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
+            f"({load.compiler}). Instructions are exact; cycles are an upper estimate, {CYCLES:g} for each instruction in "
+            "flash with two wait states."
         )
         table = Sheet(headings=_HEADINGS, rows=_load_rows(load), caption=caption)
         sections.append(section("On the processor", table))

@@ -13,7 +13,7 @@ from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.blocks import Block, Film, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Block, Film, Paragraph, Report, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent
@@ -50,9 +50,7 @@ def simulation_report(
 ) -> Report:
     """Return the page of a run of the equations of motion; without a scenario its sensors are perfect."""
     sensors = "perfect sensors" if scenario is None else f"the sensors and faults of the scenario {scenario}"
-    equations = (
-        "the exact equations of motion" if formulation == "exact" else "the thesis's equations of motion"
-    )
+    equations = "exact" if formulation == "exact" else "thesis's"
     undecided = [
         "How a real robot runs: the equations of motion have point contacts that do not slip, and a rigid body. "
         "`ballbot record` runs a physics engine with rollers and play.",
@@ -62,11 +60,39 @@ def simulation_report(
         undecided.insert(
             0, "What noise, delay and quantisation do: the sensors are perfect; give --scenario nominal."
         )
-    return Report(
+    return run_report(
+        log,
+        robot,
         title=f"{robot.name}: a simulated run",
-        lead=f"The reference {reference}, {float(log.t[-1] - log.t[0]):.1f} s, by {equations} with {sensors}.",
-        verdict=run_verdict(log),
-        sections=run_sections(log, robot),
+        lead=(
+            f"The reference {reference}, {float(log.t[-1] - log.t[0]):.1f} s, by the {equations} equations of motion "
+            f"with {sensors}."
+        ),
+        undecided=undecided,
+        findings=findings,
+    )
+
+
+def run_report(
+    log: Log,
+    robot: Robot | None,
+    *,
+    title: str,
+    lead: str,
+    undecided: Sequence[str],
+    held: bool = False,
+    ending: str = "",
+    findings: Sequence[Finding] | None = None,
+) -> Report:
+    """Return the page of a run; of a `held` robot, which does not balance, it has the time series only."""
+    return Report(
+        title=title,
+        lead=lead,
+        verdict=[*([] if held else run_verdict(log)), *([("Ending", ending)] if ending else [])],
+        sections=[
+            *([] if held else [section("The run", _replay(log, robot), _numbers(log, robot))]),
+            section("Over time", *over_time(log, robot)),
+        ],
         undecided=undecided,
         findings=findings,
     )
@@ -79,14 +105,9 @@ def run_verdict(log: Log) -> list[tuple[str, str]]:
         return [("Run", f"It ended early, after {length:.1f} s: {log.ended}.")]
     if not _has_lean(log):
         return [("Run", f"{length:.1f} s were recorded.")]
-    verdict = [
-        (
-            "Run",
-            f"The robot balances for {length:.1f} s and leans by {_rounded(_largest_lean(log))}° at most.",
-        )
-    ]
+    leaned = f"The robot balances for {length:.1f} s and leans by {_rounded(_largest_lean(log))}° at most."
     if not _has_reference(log):
-        return verdict
+        return [("Run", leaned)]
     counted, error = settled(log, SETTLE), position_error(log)
     if counted.any():
         text = (
@@ -99,15 +120,7 @@ def run_verdict(log: Log) -> list[tuple[str, str]]:
             f"Not rated, as the {short} shorter than the {SETTLE:g} s that it needs to settle; "
             f"{_mm(error[-1])} mm at the end."
         )
-    return [*verdict, ("Distance from the reference", text)]
-
-
-def run_sections(log: Log, robot: Robot | None) -> list[Section]:
-    """Return the sections on a run: its replay if the robot is known, its numbers, and its time series."""
-    return [
-        section("The run", _replay(log, robot), _numbers(log, robot)),
-        section("Over time", *over_time(log, robot)),
-    ]
+    return [("Run", leaned), ("Distance from the reference", text)]
 
 
 def over_time(log: Log, robot: Robot | None) -> list[Block]:

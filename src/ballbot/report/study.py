@@ -10,7 +10,6 @@ import numpy as np
 from ballbot.control.controller import torque_limit_words
 from ballbot.errors import InputError, every
 from ballbot.findings import texts
-from ballbot.mechanics.model import Model
 from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, section
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
 from ballbot.report.design import gain_sheet
@@ -19,7 +18,6 @@ from ballbot.report.prediction import predicted_rows
 from ballbot.report.style import drawn_picture
 from ballbot.report.validation import undecided_by, validation_sections
 from ballbot.report.words import logs_words, millimetres, with_symbols
-from ballbot.robot import Robot
 from ballbot.rounding import digits
 from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
@@ -37,7 +35,7 @@ from ballbot.workflows.stiffness import (
     Variant,
 )
 from ballbot.workflows.study import Study
-from ballbot.workflows.twin_confirmation import Confirmation, TwinRolling
+from ballbot.workflows.twin_confirmation import Confirmation
 
 #: candidates and on-board states in words
 _CANDIDATE_NAMES = {
@@ -188,7 +186,12 @@ def interval_words(estimate: MedianEstimate) -> str:
 
 def study_report(study: Study) -> Report:
     """Return the page of a study."""
-    warnings = texts(study.found.findings)
+    undecided = texts(study.found.findings) or [doubts_sentence(study)]
+    if study.confirmation and np.isnan(study.confirmation.rolling.added):
+        undecided.append(
+            "What the rollers of the twin add to its rolling friction: its log does not show it, so that its errors may "
+            "be too large."
+        )
     found = [with_symbols(text) for text in texts(model_findings(study.validation))]
     return Report(
         title=f"{study.robot.name}: friction, model and controller",
@@ -196,8 +199,8 @@ def study_report(study: Study) -> Report:
         verdict=summary(study),
         sections=[
             section(
-                "The robot and its logs",
-                Paragraph(text=f"{_robot_words(study.robot)} {_log_words(study)}"),
+                "The logs",
+                Paragraph(text=_log_words(study)),
                 *log_blocks(study.logs),
             ),
             section("Friction found", *parameter_blocks(study.found, study.logs)),
@@ -205,19 +208,8 @@ def study_report(study: Study) -> Report:
             *validation_sections(study.validation),
             *_controller_sections(study),
         ],
-        undecided=[*(warnings or [doubts_sentence(study)]), *undecided_by(study.validation), _PREDICTION],
+        undecided=[*undecided, *undecided_by(study.validation), _PREDICTION],
         findings=study.log_findings,
-    )
-
-
-def _robot_words(robot: Robot) -> str:
-    body, ball = robot.body, robot.ball
-    pole = float(Model(robot).linearize().poles()[0].real)
-    return (
-        f"{robot.name} has {robot.wheel_count} omni-wheels of {1e3 * robot.wheels.radius:.0f} mm radius on a ball of "
-        f"{1e3 * ball.radius:.0f} mm radius and {digits(ball.mass)} kg; its body weighs {digits(body.mass)} kg with "
-        f"the centre of mass {1e3 * body.center_of_mass:.0f} mm above the ball's centre. Without control its "
-        f"lean doubles every {1e3 * np.log(2.0) / pole:.0f} ms (unstable pole {pole:.2f} rad/s)."
     )
 
 
@@ -255,12 +247,6 @@ def _controller_sections(study: Study) -> Iterator[Section]:
         drawn_picture("paths", partial(paths_figure, choice.runs), path),
         position_error_series(choice.runs, "Distance from the reference over time on the first robot."),
     )
-    if study.confirmation:
-        yield section(
-            "A second opinion: the physics-engine twin",
-            _confirmation_sheet(study.confirmation),
-            Paragraph(text=_rolling_words(study.confirmation.rolling)),
-        )
     if study.steps:
         yield section("Where the gain comes from", _step_sheet(study.steps, choice.course.name))
     if study.stiffness:
@@ -309,35 +295,6 @@ def _candidate_sheet(choice: ControllerChoice) -> Sheet:
         *("peak smaller by", "roughness [N m]", "falls"),
     )
     return Sheet(headings=headings, rows=rows, caption=caption)
-
-
-def _confirmation_sheet(confirmation: Confirmation) -> Sheet:
-    rows = [
-        (
-            *(_CANDIDATE_NAMES[name], on, str(len(trial.scores))),
-            *(millimetres(trial.peak.median), millimetres(trial.rms.median)),
-            *(digits(trial.roughness.median), str(trial.falls)),
-        )
-        for name, twin in confirmation.on_twin.items()
-        for on, trial in (("twin", twin), ("loop", confirmation.on_loop[name]))
-    ]
-    headings = ("controller", "on the", "runs", "peak [mm]", "rms [mm]", "roughness [N m]", "falls")
-    caption = "Medians. The twin has rollers, contacts and slip, which the loop lacks."
-    return Sheet(headings=headings, rows=rows, caption=caption)
-
-
-def _rolling_words(rolling: TwinRolling) -> str:
-    if rolling.added == 0.0:
-        return "The floor of the twins has the identified rolling friction."
-    if np.isnan(rolling.added):
-        return (
-            f"The floor of the twins has the identified C_rr {rolling.identified:.3g}, to which the rollers' own "
-            "losses come: they could not be identified from a twin's log, so the errors may be too large."
-        )
-    return (
-        f"The identified C_rr {rolling.identified:.3g} contains losses of the rollers, which the twins have as well: "
-        f"{rolling.added:.2g} by a twin's log. The floor of the twins has the remainder."
-    )
 
 
 def _step_sheet(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> Sheet:
