@@ -252,7 +252,7 @@ def league_report(league: League) -> Report:
         "at the least. Of runs that fell there is no mark."
     )
     undecided = [_open_sentence(name, league) for name in league.controllers[1:]]
-    beyond = "How the controllers compare on a real robot: these are simulated runs of the robot as its file describes it."
+    beyond = "How the controllers compare on a real robot: these are simulated runs of the robot that its file describes."
     return Report(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
@@ -271,8 +271,8 @@ def league_report(league: League) -> Report:
 
 def _course_section(league: League, course: Course, place: int) -> Section:
     caption = (
-        f"Means over the runs that did not fall. Below them, how much more or less than {league.controllers[0]}'s, seed "
-        "by seed, with its 95 % interval; a star where the interval leaves zero out."
+        f"Means over the runs that did not fall. Below them, how much more or less than {league.controllers[0]}'s, "
+        "seed by seed, with its 95 % interval; a star where the interval leaves zero out."
     )
     first, count = league.seeds[0], len(league.seeds)
     shown = f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"

@@ -75,8 +75,8 @@ def export_report(
         )
         caption = (
             f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
-            f"({load.compiler}). Instructions are exact; cycles are an upper estimate, {CYCLES:g} for each instruction in "
-            "flash with two wait states."
+            f"({load.compiler}). Instructions are exact; cycles are an upper estimate, {CYCLES:g} for each instruction "
+            "in flash with two wait states."
         )
         table = Sheet(headings=_HEADINGS, rows=_load_rows(load), caption=caption)
         sections.append(section("On the processor", table))

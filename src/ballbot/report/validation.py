@@ -21,7 +21,6 @@ from ballbot.report.style import STATE_UNITS, drawn_picture, state_panels
 from ballbot.report.validation_figures import (
     correlation_figure,
     horizon_figure,
-    ratio_figure,
     symbols,
     wheels_figure,
     whole_log_figure,
@@ -106,27 +105,19 @@ def _error_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
 
 
 def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
-    """Return RMS, amplitude and period of the log, and least, median and largest of each model's runs."""
-    log_is = np.array(["below", "inside", "above"])[whole.places + 1]  # the range of each model's runs
-    names = [key_of(name) for name in models.names]
+    """Return RMS, amplitude and period of the log, and median and range of each model's runs."""
     return {
         "duration": whole.duration,
         "runs": RUNS,
         **{
             quantity: {
                 "log": _by_state(whole.measured[k]),
-                **{
-                    name: {
-                        "range_95": _by_state(whole.ranges[::2, model, k]),
-                        "median": _by_state(whole.ranges[1, model, k]),
-                        "log_is": _by_state(log_is[model, k]),
-                    }
-                    for model, name in enumerate(names)
-                },
+                **_by_model("median_", models, *whole.ranges[1, :, k]),
+                **_by_model("range_95_", models, *whole.ranges[::2, :, k].swapaxes(0, 1)),
             }
             for k, quantity in enumerate(QUANTITIES)
         },
-        "ended_early": dict(zip(names, whole.fell, strict=True)),
+        "ended_early": dict(zip(map(key_of, models.names), whole.fell, strict=True)),
         "errors": _error_results(whole.errors, models),
     }
 
@@ -235,29 +226,19 @@ def undecided_by(validation: Validation) -> list[str]:
 
 def validation_sections(validation: Validation) -> list[Section]:
     """Return the sections on a validation."""
-    heading = "Which model is better where"
     if validation.no_evidence is not None:
-        return [section(heading, Paragraph(text=validation.no_evidence))]
-    first, second = names = validation.models.names
-    loop, closed = validation.open_loop, validation.closed_loop
-    ratios = (
-        f"Error of the model {second} over the error of the one {first}. Bars: 95 % intervals, from a bootstrap of "
-        f"blocks of runs; below {LEAST_RUNS} runs there are none."
-    )
+        return [section("Which model is better", Paragraph(text=validation.no_evidence))]
+    names = validation.models.names
     horizon = (
         "Root mean square error of the forecast against how far ahead it looks. Dotted: the error that noise of the "
         "measured start alone causes in a perfect model. A filled dot: the interval of the ratio is wholly above one, "
-        f"the model {first} is better."
+        f"the model {names[0]} is better."
     )
-    draw = partial(ratio_figure, loop, closed, names)
+    draw = partial(horizon_figure, validation.horizon, names)
     return [
-        *([section(heading, drawn_picture("ratios", draw, ratios))] if loop or closed else []),
         section("Open loop", *_open_loop_blocks(validation)),
         section("Closed loop", *_closed_loop_blocks(validation)),
-        section(
-            "Error against horizon",
-            drawn_picture("horizon", partial(horizon_figure, validation.horizon, names), horizon),
-        ),
+        section("Error against horizon", drawn_picture("horizon", draw, horizon)),
         section("Residuals of the next sample", *_residual_blocks(validation)),
     ]
 

@@ -1,11 +1,10 @@
-"""Figures of a validation: ratios of errors, the error against the horizon, and the residuals."""
+"""Figures of a validation: runs over whole logs, the error against the horizon, and the residuals."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
@@ -23,53 +22,13 @@ from ballbot.report.style import (
     WITH_FRICTION,
     WITHOUT_FRICTION,
     label_of,
-    plain_log_ticks,
 )
-from ballbot.validation.closed_loop import ClosedLoop
-from ballbot.validation.models import ErrorPair
-from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import HorizonComparison
 from ballbot.validation.residuals import SpeedEffect
 from ballbot.validation.whole_log import WholeLog
 
 #: ends of the ratios drawn for whole logs
 _DRAWN = (0.03, 30.0)
-
-
-def ratio_figure(
-    open_loop: OpenLoop | None, closed_loop: ClosedLoop | None, names: tuple[str, str]
-) -> Figure:
-    """Return the second model's error over the first's, state by state, with bootstrap intervals."""
-    figure = Figure(figsize=(7.4, 2.7), layout="constrained")
-    axes = figure.subplots()
-    places = np.arange(len(STATE_NAMES), dtype=np.float64)
-    if open_loop is not None:
-        _draw_ratios(axes, places - 0.14, open_loop.errors, color=BLUE, marker="o", label="open loop")
-    if closed_loop is not None:
-        label = f"closed loop, restarted every {closed_loop.restart_every:.2g} s"
-        _draw_ratios(axes, places + 0.14, closed_loop.restarted, color=ORANGE, marker="s", label=label)
-    axes.axhline(1.0, color=INK, linewidth=0.9)
-    axes.set_yscale("log")
-    axes.set_xticks(places, [STATE_SYMBOLS[name] for name in STATE_NAMES], fontsize=10)
-    axes.set_ylabel(f"error {label_of(names[1])}\nover error {label_of(names[0])}")
-    lower, upper = axes.get_ylim()
-    axes.set_ylim(min(lower, 0.7), max(upper, 2.0))
-    plain_log_ticks(axes.yaxis)
-    better = f"above the line: better {label_of(names[0])}"
-    axes.annotate(better, (places[-1] + 0.5, 1.0), (0, -3), textcoords="offset points",
-                  ha="right", va="top", fontsize=7, color=MUTED)  # fmt: skip
-    axes.tick_params(axis="x", length=0, pad=5, labelcolor=INK)
-    figure.legend(loc="outside upper left", ncols=2)
-    axes.grid(axis="x", visible=False)
-    return figure
-
-
-def _draw_ratios(
-    axes: Axes, places: NDArray[np.float64], errors: ErrorPair, *, color: str, marker: str, label: str
-) -> None:
-    lower, upper = errors.ratio_interval()
-    axes.vlines(places, lower, upper, color=color, linewidth=1.2)
-    axes.plot(places, errors.ratio, marker, color=color, markersize=5, label=label)
 
 
 def whole_log_figure(whole: WholeLog, names: tuple[str, str]) -> Figure:
