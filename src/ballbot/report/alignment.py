@@ -27,8 +27,8 @@ def alignment_report(
     sensors = alignment.sensors
     bullets = Bullets(items=[with_symbols(text) for text in others]) if others else None
     estimates = Sheet(
-        headings=ESTIMATE_HEADINGS,
-        rows=estimate_rows(alignment),
+        headings=("", "estimate", "unit"),
+        rows=_estimate_rows(alignment),
         caption="Clocks, frames and path. ±: half width of the 95 % interval, from blocks of time.",
     )
     sections = [section("What was found", bullets, estimates)]
@@ -44,7 +44,7 @@ def alignment_report(
             f"{_CLOCK_SIGNALS[alignment.clock_signal]}, by which the clocks were aligned."
         )
         sections += [
-            section("Errors", Sheet(headings=ERROR_HEADINGS, rows=error_rows(sensors), caption=caption)),
+            section("Errors", Sheet(headings=_ERROR_HEADINGS, rows=_error_rows(sensors), caption=caption)),
             section(
                 "Orientation",
                 _seen_series(alignment.log, ANGLE_NAMES),
@@ -123,13 +123,12 @@ _UNITS = {
     **dict.fromkeys(ANGLE_NAMES, (float(np.degrees(1.0)), "deg")),
     **dict.fromkeys(POSITIONS, (1e3, "mm")),
 }
+_ERROR_HEADINGS = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
 #: what the clocks of log and cameras are aligned by
 _CLOCK_SIGNALS = {"gyro": "the gyro", "angles": "the log's angles"}
-ESTIMATE_HEADINGS = ("", "estimate", "unit")
-ERROR_HEADINGS = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
 
 
-def estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
+def _estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
     """Return name, value with half width, and unit of clock, frames, lever arm and scale of the path."""
     motion, frame, path = alignment.motion, alignment.frame, alignment.path
     found: list[tuple[str, float, float, str]] = [
@@ -155,7 +154,7 @@ def estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
     return [(name, with_error(value, half), unit) for name, value, half, unit in found]
 
 
-def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
+def _error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
     """Return name, unit, rms, largest, drift a minute with half width, wander and delay [ms] of each."""
     rows = []
     for name, one in sensors.of.items():

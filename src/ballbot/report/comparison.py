@@ -27,6 +27,7 @@ from ballbot.report.style import (
     plain_log_ticks,
     thinned,
 )
+from ballbot.report.words import capital
 from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
 from ballbot.workflows.comparison import Estimate
@@ -252,7 +253,9 @@ def league_report(league: League) -> Report:
         "at the least. Of runs that fell there is no mark."
     )
     undecided = [_open_sentence(name, league) for name in league.controllers[1:]]
-    beyond = "How the controllers compare on a real robot: these are simulated runs of the robot that its file describes."
+    beyond = (
+        "How the controllers compare on a real robot: these are simulated runs of the robot as described."
+    )
     return Report(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
@@ -313,4 +316,4 @@ def _sentence(found: Overall, first: str) -> str:
         for key in _SHOWN_METRICS
         if not math.isnan(found.ratios[key].mean)
     )
-    return f"{words[0].upper()}{words[1:]}. {falls}" if words else falls
+    return f"{capital(words)}. {falls}" if words else falls

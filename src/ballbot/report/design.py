@@ -15,7 +15,7 @@ from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
 from ballbot.report.loop import linear_section, loop_section
 from ballbot.report.style import STATE_UNITS
-from ballbot.report.words import NO_FRICTION, state_mark
+from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.robot import Friction
 from ballbot.rounding import percent
 from ballbot.workflows.controller_design import ControllerDesign
@@ -85,11 +85,11 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
             f"The slowest pole has the real part −{slowest:.3g} rad/s: the robot settles in "
             f"about {4.0 / slowest:.2g} s.",
         ),
-        ("Margins", _capital(found.loop_margins.sentence())),
+        ("Margins", f"{capital(found.loop_margins.sentence())}."),
         ("Torque limit of each wheel", f"{torque_limit_words(controller)}."),
     ]
     if controller.compensation != "none":
-        margin = _capital(found.margin.sentence)
+        margin = f"{capital(found.margin.sentence)}."
         if found.margin.overcompensates:
             margin = f"WARNING: {found.margin.sentence}; this injects energy and can destabilise the robot."
         verdict.append(("Compensation", _nothing_compensated(found) or margin))
@@ -159,10 +159,6 @@ def gain_sheet(
     ]
     wheels = (f"wheel {k}" for k in range(1, len(gain) + 1))
     return Sheet(headings=("state", *wheels), rows=rows, caption=caption)
-
-
-def _capital(sentence: str) -> str:
-    return f"{sentence[0].upper()}{sentence[1:]}."
 
 
 def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Report:

@@ -83,18 +83,11 @@ def export_report(
         undecided.insert(
             0, "What interrupts and drivers of a board take: they come on top of the library's cycles."
         )
-    files = [(name, f"{len(text):,}") for name, text in sorted(exported.files.items())]
-    caption = f"{len(files)} files in C99; README.md says how to build them."
     return Report(
         title=f"{controller.robot.name}: a controller as firmware",
-        lead=caption,
+        lead=f"{len(exported.files)} files in C99; README.md says how to build them.",
         verdict=verdict,
-        sections=[
-            *sections,
-            section(
-                "Files", Sheet(headings=("file", "characters"), rows=files, caption=caption, folded=True)
-            ),
-        ],
+        sections=sections,
         undecided=undecided,
         findings=findings,
     )

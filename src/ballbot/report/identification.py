@@ -115,12 +115,8 @@ def _parameter_sheet(found: Identification) -> Sheet:
     before = layout.nominal(found.predictor.robot)
     rows = [
         (
-            label,
-            BY_NAME[name].unit,
-            digits(float(before[i])),
-            *value_and_error(values[i], errors[i]),
-            interval_text(found.intervals.get(label)),
-            interval_text(found.another_log.get(label)),
+            *(label, BY_NAME[name].unit, digits(float(before[i])), *value_and_error(values[i], errors[i])),
+            *(interval_text(of.get(label)) for of in (found.intervals, found.another_log)),
             *([] if other is None else [digits(float(other.values[i]))]),
             _allowed(*found.bounds[i].tolist()),
         )
@@ -129,22 +125,16 @@ def _parameter_sheet(found: Identification) -> Sheet:
     ]
     rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in found.names)
     with_sweep = any(one.method == "with sweep" for one in found.intervals.values())
+    both = " Numbers and errors are those of the logs and the sweep together." * with_sweep
     caption = (
         f"{driveline_symbols(found.names)}{rolling} Standard errors contain the variation between logs. A dash: held "
-        "at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed."
-        + " Numbers and errors are those of the logs and the sweep together."
-        * with_sweep
+        f"at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed.{both}"
     )
     headings = (
-        "parameter",
-        "unit",
-        "in the robot file",
-        "found",
-        "standard error",
-        "95 %",
-        "95 %, another log",
+        *("parameter", "unit", "in the robot file", "found", "standard error", "95 %", "95 %, another log"),
+        *(["other optimum"] if other else []),
+        "allowed",
     )
-    headings = (*headings, *([] if other is None else ["other optimum"]), "allowed")
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
@@ -158,9 +148,7 @@ def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sh
     rows = [
         (
             unit_heading(state_mark(state), STATE_UNITS[state]),
-            digits(with_friction),
-            digits(without),
-            f"{ratio:.2f}",
+            *(digits(with_friction), digits(without), f"{ratio:.2f}"),
             *(f"{one.errors.with_over_without[state]:.2f}" for one in holdouts),
         )
         for (state, ratio), with_friction, without in zip(
@@ -168,69 +156,51 @@ def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sh
         )
     ]
     others = "; with / without friction on other logs" if holdouts else ""
-    caption = f"Open-loop RMSE on {ours.windows} held-out windows{others}"
-    headings = (
-        "state",
-        "with friction",
-        "without",
-        "with / without",
-        *(one.name for one in holdouts),
+    return Sheet(
+        headings=("state", "with friction", "without", "with / without", *(one.name for one in holdouts)),
+        rows=rows,
+        caption=f"Open-loop RMSE on {ours.windows} held-out windows{others}",
     )
-    return Sheet(headings=headings, rows=rows, caption=caption)
 
 
 def _horizon_sheet(holdout: HoldoutResult) -> Sheet:
     """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
-    rows = [
-        (
-            f"{one.horizon:.3g}",
-            digits(one.wheel_speed.with_friction),
-            digits(one.wheel_speed.viscous_part),
-            digits(one.wheel_speed.without_friction),
-            digits(one.wheel_speed.share, 2),
-            digits(math.degrees(one.lean.with_friction)),
-            digits(math.degrees(one.lean.without_friction)),
-            digits(one.lean.share, 2),
-        )
-        for one in holdout.horizons
-    ]
+    rows = []
+    for one in holdout.horizons:
+        speed, lean = one.wheel_speed, one.lean
+        errors = (speed.with_friction, speed.viscous_part, speed.without_friction)
+        leans = (math.degrees(lean.with_friction), math.degrees(lean.without_friction))
+        cells = (*map(digits, errors), digits(speed.share, 2), *map(digits, leans), digits(lean.share, 2))
+        rows.append((f"{one.horizon:.3g}", *cells))
     known = "past rows" if holdout.causal else "its rows"
-    caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
     headings = (
         *("after, s", "wheel speed, rad/s", "viscous part", "without friction", "missing friction"),
         *("lean, deg", "without friction", "missing friction"),
     )
+    caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
 #: of laws in words
-_DECISIONS = {
-    "accepted": "taken",
-    "rejected": "no useful gain",
-    "undecided": "the data cannot decide",
-}
+_DECISIONS = {"accepted": "taken", "rejected": "no useful gain", "undecided": "the data cannot decide"}
 
 
 def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
     """Return the laws with their errors and gains on windows held out."""
+
+    def gain(one: Gain | None) -> str:
+        return f"{100 * one.share:.1f} % ({100 * one.lower:.1f} .. {100 * one.upper:.1f})" if one else ""
+
     rows = [
         (
-            one.name,
-            law_named(one.name).formula,
-            f"{one.error:.3f}",
-            one.within or "no friction",
-            _gain(one.gain) if one.gain else "",
-            "best" if one is selection.best else _DECISIONS[one.decision],
+            *(one.name, law_named(one.name).formula, f"{one.error:.3f}", one.within or "no friction"),
+            *(gain(one.gain), "best" if one is selection.best else _DECISIONS[one.decision]),
         )
         for one in selection.candidates
     ]
     headings = ("law", "friction", "error", "compared with", "gain, 95 % interval", "")
     caption = "Friction laws on held-out windows: error relative to no friction."
     return Sheet(headings=headings, rows=rows, caption=caption)
-
-
-def _gain(gain: Gain) -> str:
-    return f"{100 * gain.share:.1f} % ({100 * gain.lower:.1f} .. {100 * gain.upper:.1f})"
 
 
 def friction_curve(

@@ -17,7 +17,7 @@ from ballbot.report.identification import friction_sentence, log_blocks, open_la
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.style import drawn_picture
 from ballbot.report.validation import undecided_by, validation_sections
-from ballbot.report.words import logs_words, millimetres, with_symbols
+from ballbot.report.words import capital, logs_words, millimetres, with_symbols
 from ballbot.rounding import digits
 from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
@@ -106,7 +106,7 @@ def controller_sentence(study: Study) -> str:
     else:
         compared = ""
     sentences = [
-        f"{name[0].upper()}{name[1:]}, with the state by {_STATE_WORDS[best.controller.estimator]}: around a 0.5 m "
+        f"{capital(name)}, with the state by {_STATE_WORDS[best.controller.estimator]}: around a 0.5 m "
         f"square on {_plants_words(study)}, the largest distance from the reference after settling is "
         f"{millimetres(best.peak.median)} mm (median){compared}.",
         "No run fell." if falls == "none" else f"Excluded because they fall: {falls} of {count} runs.",

@@ -99,3 +99,8 @@ def state_mark(name: str) -> str:
     """Return a state as the thesis prints it, in Unicode: a rate has a dot above."""
     base = name.removesuffix("_dot")
     return STATE_MARKS[base] + ("\u0307" if name.endswith("_dot") else "")
+
+
+def capital(sentence: str) -> str:
+    """Return a sentence whose first letter is a capital."""
+    return f"{sentence[:1].upper()}{sentence[1:]}"
