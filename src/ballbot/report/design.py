@@ -19,7 +19,7 @@ from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.robot import Friction
 from ballbot.rounding import percent
 from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.robust_design import PerturbationRanges, RobustDesign
+from ballbot.workflows.robust_design import RobustDesign
 
 
 def search_comment(found: RobustDesign, command: str) -> str:
@@ -31,13 +31,6 @@ def search_comment(found: RobustDesign, command: str) -> str:
         f"# worst tenth of J on {found.fresh} fresh robots: {designs['robust']}; nominal gain "
         f"{designs['nominal']}\n\n"
     )
-
-
-def _perturbed_by(spread: PerturbationRanges) -> str:
-    """Return the sentence on the ranges of the perturbed mass, height and friction."""
-    ranges = {"mass": spread.mass, "height": spread.height, "friction": spread.friction}
-    words = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in ranges.items())
-    return f"Perturbed robots: {words}; --perturb changes a range."
 
 
 def _weights(found: RobustDesign) -> str:
@@ -55,17 +48,15 @@ def _nothing_compensated(found: ControllerDesign) -> str:
 
 
 def _certain_fractions(stated: Friction, certain: Friction) -> str:
-    dry = _fractions(certain.coulomb, stated.coulomb)
-    viscous = _fractions(certain.viscous, stated.viscous)
+    dry, viscous = (
+        ", ".join(
+            percent(part / whole) if whole else "none" for part, whole in zip(parts, wholes, strict=True)
+        )
+        for parts, wholes in ((certain.coulomb, stated.coulomb), (certain.viscous, stated.viscous))
+    )
     return (
         "Only the friction that is certain is compensated, as a fraction of each wheel's "
         f"dry friction: {dry}; of its viscous friction: {viscous}."
-    )
-
-
-def _fractions(parts: Sequence[float], wholes: Sequence[float]) -> str:
-    return ", ".join(
-        percent(part / whole) if whole else "none" for part, whole in zip(parts, wholes, strict=True)
     )
 
 
@@ -79,12 +70,9 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
     lead = (
         f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}."
     )
+    settles = f"about {4.0 / slowest:.2g} s"
     verdict = [
-        (
-            "Closed loop",
-            f"The slowest pole has the real part −{slowest:.3g} rad/s: the robot settles in "
-            f"about {4.0 / slowest:.2g} s.",
-        ),
+        ("Closed loop", f"The slowest pole is at −{slowest:.3g} rad/s: the robot settles in {settles}."),
         ("Margins", f"{capital(found.loop_margins.sentence())}."),
         ("Torque limit of each wheel", f"{torque_limit_words(controller)}."),
     ]
@@ -118,11 +106,10 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
 
 def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
     yield gain_sheet(found.gain.gain)
-    spread = found.uncertainty
-    if largest := spread.largest():
+    if largest := found.uncertainty.largest():
         causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
         caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
-        yield gain_sheet(spread.deviation, caption)
+        yield gain_sheet(found.uncertainty.deviation, caption)
 
 
 def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
@@ -133,11 +120,10 @@ def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
         yield Bullets(items=[nothing])
         return
     margin = found.margin
+    of_wheels = zip(margin.wheel_fractions, margin.at_speeds, strict=True)
     rows = [
         (f"wheel {place}", percent(share), f"{speed:.2g} rad/s")
-        for place, (share, speed) in enumerate(
-            zip(margin.wheel_fractions, margin.at_speeds, strict=True), start=1
-        )
+        for place, (share, speed) in enumerate(of_wheels, start=1)
     ]
     rows.append(("rolling", percent(margin.rolling_fraction), ""))
     caption = "Largest compensated fraction of the friction that is certain; beyond 100 % it injects energy."
@@ -177,6 +163,8 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
         "nominal gain's median plus its torques' roughness over the nominal gain's median, so that J is about 2 with "
         "the nominal weights; a fall costs 10 to 20. The worst tenth is the mean of the largest tenth."
     )
+    spread = {name: getattr(found.spread, name) for name in ("mass", "height", "friction")}
+    ranges = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in spread.items())
     ratio = nominal.worst_tenth / robust.worst_tenth
     compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
     text = (
@@ -185,7 +173,7 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
     )
     return Report(
         title=f"{found.controller.robot.name}: a robust controller",
-        lead=_perturbed_by(found.spread),
+        lead=f"Perturbed robots: {ranges}; --perturb changes a range.",
         verdict=[
             ("", text),
             ("Falls", f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."),

@@ -21,32 +21,26 @@ def _limits_table(result: Excitation) -> Sheet:
     """Return each limit with the peaks of the square and of the design, on the model and on the loop."""
     runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
     runs |= {f"{name}, loop": one.peaks for name, one in result.on_loop.items()}
+    shown = (result.task.limits, *runs.values())
     rows = [
-        (
-            unit_heading(name, unit),
-            *(_shown(name, getattr(one, name)) for one in (result.task.limits, *runs.values())),
-        )
-        for name, (unit, _) in _SHOWN.items()
+        (unit_heading(name, unit), *(digits(factor * getattr(one, name)) for one in shown))
+        for name, (unit, factor) in _SHOWN.items()
     ]
     return table("Limits, and the largest values of each run", ("quantity", "limit", *runs), rows)
 
 
 def _errors_table(result: Excitation) -> Sheet:
     """Return the standard errors expected, the worst of each run last."""
-    question, wheels = result.task.question, result.task.robot.wheel_count
-    units = {
-        label: "" if one.unit == DIMENSIONLESS else one.unit
-        for one in BY_NAME.values()
-        for label in one.labels(wheels)
+    question = result.task.question
+    quantities = {
+        label: one for one in BY_NAME.values() for label in one.labels(result.task.robot.wheel_count)
     }
-    believed = question.coordinates.physical(question.point)[question.coordinates.free]
+    assumed = question.coordinates.physical(question.point)[question.coordinates.free]
     scaled = {"square": result.square.errors, "designed": result.design.errors}
     columns = {name: question.in_units(errors) for name, errors in scaled.items()}
     rows = [
         (
-            label,
-            units[label],
-            digits(float(believed[i])),
+            *(label, quantities[label].unit.removeprefix(DIMENSIONLESS), digits(float(assumed[i]))),
             *(digits(float(one[i]), 2) for one in columns.values()),
         )
         for i, label in enumerate(question.labels)
@@ -60,19 +54,16 @@ def _errors_table(result: Excitation) -> Sheet:
     return table(caption, headings, rows)
 
 
-def _verdict(result: Excitation) -> list[str]:
-    """Return what to know of the design, in sentences."""
-    sentences = [gain_sentence(float(result.square.errors.max() / result.design.errors.max()))]
+def _verdict(result: Excitation) -> str:
+    gain = gain_sentence(float(result.square.errors.max() / result.design.errors.max()))
     trial = result.on_loop["designed"]
-    if trial.ended:
-        return [*sentences, f"On the loop with sensors a run ended early: {trial.ended}. Lower the limits."]
     exceeded = result.task.limits.exceeded(trial.peaks)
-    kept = (
-        f"The loop with sensors exceeded the limit on {' and '.join(exceeded)}; lower that limit"
-        if exceeded
-        else "The loop with sensors stayed within all limits"
-    )
-    return [*sentences, f"{kept}."]
+    if trial.ended:
+        return f"{gain} On the loop with sensors a run ended early: {trial.ended}. Lower the limits."
+    if exceeded:
+        limits = " and ".join(exceeded)
+        return f"{gain} The loop with sensors exceeded the limit on {limits}; lower that limit."
+    return f"{gain} The loop with sensors stayed within all limits."
 
 
 def gain_sentence(gain: float) -> str:
@@ -87,10 +78,6 @@ def gain_sentence(gain: float) -> str:
             "square is more informative. Search for longer (--generations, --population)."
         )
     return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
-
-
-def _shown(name: str, value: float) -> str:
-    return digits(value * _SHOWN[name][1])
 
 
 def _worst(errors: NDArray[np.float64]) -> str:
@@ -111,7 +98,7 @@ def excitation_report(result: Excitation) -> Report:
             f"{result.design.times[-1]:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of "
             f"floor and {limits.torque:.3g} N m of torque."
         ),
-        verdict=[("", " ".join(_verdict(result)))],
+        verdict=[("", _verdict(result))],
         sections=[
             section("The run", _limits_table(result), _followed_series(result), Paragraph(text=_HOW_TO_RUN)),
             section("Expected errors", _errors_table(result)),

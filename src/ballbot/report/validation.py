@@ -40,7 +40,6 @@ from ballbot.validation.whole_log import QUANTITIES, RUNS, WholeLog
 def validation_results(validation: Validation) -> dict[str, object]:
     """Return what results.json holds of one validation."""
     loop, closed, models = validation.open_loop, validation.closed_loop, validation.models
-    recovered = validation.recovered
     return {
         "models": [
             {"name": one.name, "robot": one.model.robot.name, "formulation": one.model.formulation}
@@ -65,12 +64,7 @@ def validation_results(validation: Validation) -> dict[str, object]:
         "no_closed_loop": validation.no_closed_loop,
         "prediction": _prediction_results(validation.prediction, validation.residuals, models),
         "horizon": _horizon_results(validation.horizon, models),
-        "recovered_gain": recovered
-        and {
-            "gain": recovered.gain,
-            "delay_samples": recovered.delay,
-            "r_squared": recovered.r_squared,
-        },
+        "recovered_gain": validation.recovered,
     }
 
 
@@ -163,15 +157,7 @@ def _prediction_results(
         },
         "wheels": {
             "refused": found.no_wheels,
-            "by_speed": [
-                {
-                    "speed": effect.speeds,
-                    "torque": effect.torques,
-                    "half_width": effect.half_widths,
-                    "p_value": effect.p_value,
-                }
-                for effect in found.by_speed or ()
-            ],
+            "by_speed": found.by_speed or (),
         },
     }
 
