@@ -232,27 +232,22 @@ def friction_curve(
     return torque, np.sqrt(np.maximum(variance, 0.0))
 
 
-def log_series(studied: StudiedLog) -> TimeSeries:
-    """Return position, heading and torques in a log over time, with what was held out shaded."""
-    log = studied.log
-    torques = [log[name] for name in torque_names(MAX_WHEELS) if name in log]
-    return TimeSeries(
-        t=log.t,
-        panels=[*pose_panels(log), Panel(label="torques [N m]", lines=wheel_lines(torques))],
-        caption=f"{studied.name}: position, heading and the wheels' torques.",
-        across="time of the log [s]",
-        shaded=studied.held_out,
-        shade="held out",
-    )
-
-
 #: logs drawn over time: a page has about 0.1 MB for each
 MOST_LOGS = 8
 
 
 def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
-    """Yield the time series of logs, of the first if there are many."""
-    yield from (log_series(one) for one in logs[:MOST_LOGS])
+    """Yield position, heading and torques over time, what was held out shaded; of the first logs if there are many."""
+    for one in logs[:MOST_LOGS]:
+        torques = [one.log[name] for name in torque_names(MAX_WHEELS) if name in one.log]
+        yield TimeSeries(
+            t=one.log.t,
+            panels=[*pose_panels(one.log), Panel(label="torques [N m]", lines=wheel_lines(torques))],
+            caption=f"{one.name}: position, heading and the wheels' torques.",
+            across="time of the log [s]",
+            shaded=one.held_out,
+            shade="held out",
+        )
     if len(logs) > MOST_LOGS:
         names = ", ".join(one.name for one in logs[MOST_LOGS:])
         yield Paragraph(text=f"Not drawn, as the page would be too large: {names}.")

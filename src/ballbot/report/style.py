@@ -117,15 +117,7 @@ _RC: dict[RcKeyType, object] = {
 
 
 def drawn(draw: Callable[[], Figure], *, name: str) -> str:
-    """Draw a figure in the report's style and return it as an SVG element for a page.
-
-    Parameters
-    ----------
-    draw : function
-        Makes the figure; it belongs to no window.
-    name : str
-        Different for each figure of a page; it keeps the figures' inner names apart.
-    """
+    """Return a figure, which belongs to no window, as an SVG element; `name` keeps the inner names of figures apart."""
     with mpl.rc_context(_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
         figure = draw()

@@ -191,19 +191,15 @@ def undecided_by(validation: Validation) -> list[str]:
     ):
         if errors is None:
             sentences.append(f"Which model is better in {where}: {refused}")
-        elif not np.isfinite(errors.ratio_interval()).any():
+            continue
+        verdicts_of = zip(STATE_NAMES, errors.verdicts(), strict=True)
+        open_ones = ", ".join(state_mark(name) for name, verdict in verdicts_of if verdict == "undecided")
+        few = f" or there are fewer than {LEAST_RUNS} runs" if errors.runs < LEAST_RUNS else ""
+        if open_ones:
             sentences.append(
-                f"Which model is better in {where}: intervals need {LEAST_RUNS} runs, and there "
-                f"{'is one' if errors.runs == 1 else f'are {errors.runs}'}."
+                f"Whether the model {first} predicts {open_ones} better than the one {second} in {where}: the interval "
+                f"of the ratio of errors contains one{few}."
             )
-        else:
-            verdicts_of = zip(STATE_NAMES, errors.verdicts(), strict=True)
-            open_ones = [state_mark(name) for name, verdict in verdicts_of if verdict == "undecided"]
-            if open_ones:
-                sentences.append(
-                    f"Whether the model {first} predicts {', '.join(open_ones)} better than the one {second} in "
-                    f"{where}: the interval of the ratio of errors contains one."
-                )
     found = validation.residuals
     if found.no_wheels:
         sentences.append(f"Whether the wheels' residual torques depend on their speeds: {found.no_wheels}.")
