@@ -89,7 +89,7 @@ def _failure(one: Stiffness) -> str:
     trial = one.trials[_PLAIN]
     if trial.falls:
         return f"it falls in {trial.falls} of {len(trial.scores)} runs"
-    if one.sensitivities[_PLAIN.observer] > LARGEST_SENSITIVITY:
+    if one.sensitivity > LARGEST_SENSITIVITY:
         return "the margins have ended"
     return f"the error grows again, to {millimetres(trial.peak.median)} mm"
 

@@ -31,7 +31,7 @@ from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, St
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.study import Study
-from ballbot.workflows.twin_confirmation import Confirmation, TwinRolling
+from ballbot.workflows.twin_confirmation import Confirmation
 
 #: candidates and on-board states in words
 _CANDIDATE_NAMES = {
@@ -299,7 +299,6 @@ def _controller_sections(study: Study) -> Iterator[Section]:
         yield section(
             "A second opinion: the physics-engine twin",
             _confirmation_sheet(study.confirmation),
-            Paragraph(text=_rolling_words(study.confirmation.rolling)),
         )
     if study.steps:
         yield section("Where the gain comes from", _step_sheet(study.steps, choice.course.name))
@@ -386,8 +385,8 @@ def _confirmation_sheet(confirmation: Confirmation) -> Sheet:
             )
     headings = ("controller", "on the", "runs", "peak [mm]", "rms [mm]", "roughness [N m]", "falls")
     caption = (
-        "The twin has rollers, contacts and slip, which the loop lacks. Medians, in brackets the smallest and the "
-        "largest."
+        "The twin has rollers, contacts and slip, which the loop lacks. The identified rolling friction contains what "
+        "rollers take, so that its errors are rather too large. Medians, in brackets the smallest and the largest."
     )
     return Sheet(headings=headings, rows=rows, caption=caption)
 
@@ -453,20 +452,4 @@ def _prediction_words(study: Study) -> str:
         "--prediction results.json LOG`: it says whether the prediction is confirmed, by how much not and what "
         "else differs from the logs, and recommends to keep the controller, to weaken it, or to go back to "
         "previous_controller.toml."
-    )
-
-
-def _rolling_words(rolling: TwinRolling) -> str:
-    if rolling.added == 0.0:
-        return "The floor of the twins has the identified rolling friction."
-    if np.isnan(rolling.added):
-        return (
-            f"The floor of the twins has the identified C_rr {rolling.identified:.3g}. It contains losses of the "
-            "rollers, which the twins have as well, so the errors may be too large: the twin's own losses could not "
-            "be identified from its log."
-        )
-    return (
-        f"The identified C_rr {rolling.identified:.3g} contains losses of the rollers, play and noise. The twins "
-        f"have these as well, and they add {rolling.added:.2g} to the C_rr of a twin's log. The floor of the twins "
-        "therefore has the remainder."
     )

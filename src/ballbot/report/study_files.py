@@ -104,7 +104,7 @@ def _stiffness(found: FrictionByStiffness | None) -> dict[str, object] | None:
                 "position_gain": one.position_gain,
                 "compensation": variant.compensation,
                 "observer": variant.observer,
-                "sensitivity": one.sensitivities[variant.observer],
+                "sensitivity": one.sensitivity,
                 **_trial(trial),
             }
             for one in found.gains
@@ -131,7 +131,6 @@ def _confirmation(study: Study) -> dict[str, object] | None:
         return None
     return {
         "course": made.course,
-        "twin_rolling": made.rolling,
         "contradiction": made.contradiction,
         **{
             name: {"twin": _trial(twin), "loop": _trial(made.on_loop[name])}
