@@ -187,10 +187,10 @@ def interval_words(estimate: MedianEstimate) -> str:
 def study_report(study: Study) -> Report:
     """Return the page of a study."""
     undecided = texts(study.found.findings) or [doubts_sentence(study)]
-    if study.confirmation and np.isnan(study.confirmation.rolling.added):
+    if study.confirmation:
         undecided.append(
-            "What the rollers of the twin add to its rolling friction: its log does not show it, so that its errors "
-            "may be too large."
+            "How far too large the twin's errors are: the identified rolling friction contains what rollers take, "
+            "which the twin has as well."
         )
     found = [with_symbols(text) for text in texts(model_findings(study.validation))]
     return Report(
@@ -383,7 +383,7 @@ def _stiffest_sentence(found: FrictionByStiffness) -> str:
     trial = beyond.trials[_PLAIN]
     if trial.falls:
         failure = f"it falls in {trial.falls} of {len(trial.scores)} runs"
-    elif beyond.sensitivities[_PLAIN.observer] > LARGEST_SENSITIVITY:
+    elif beyond.sensitivity > LARGEST_SENSITIVITY:
         failure = "the margins have ended"
     else:
         failure = f"the error grows again, to {millimetres(trial.peak.median)} mm"
