@@ -289,7 +289,6 @@ class TestTermsByDirectionAndLoad:
         law = Driveline.of_wheel(alten(friction), 1).friction
         assert isinstance(law, Classical)
         assert law.terms == WheelTerms(coulomb_asymmetry=0.02, load=0.1)
-        assert not law.is_plain
 
     def test_asymmetry_beyond_the_friction_is_refused(self):
         with pytest.raises(InputError, match=r"asymmetries are 0\.2 and 0"):

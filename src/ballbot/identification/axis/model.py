@@ -229,7 +229,7 @@ class _Drive(NamedTuple):
 
 @inlined
 def _loaded(law, more):
-    return ClassicalNumbers(law.b, law.c + more, law.s, law.inv_vs, law.delta)
+    return ClassicalNumbers(law.b, law.c + more, law.s, law.inv_vs, law.delta, law.terms)
 
 
 @inlined
@@ -331,7 +331,7 @@ class Axis:
 
     def _numbers(self) -> _Numbers:
         """Return the axis as compiled code reads it."""
-        plus, minus = (ClassicalNumbers(*one.numbers()[:5]) for one in self.law.laws(self.values))
+        plus, minus = (one.numbers() for one in self.law.laws(self.values))
         return _Numbers(
             plus=plus,
             minus=minus,

@@ -26,33 +26,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
-from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.friction import (
     NO_TERMS,
     WheelTerms,
     asymmetry,
     directed_friction,
     friction_shift,
-    has_directions,
-    loaded_coulomb,
     sign,
     stribeck_curve,
     stribeck_decay,
+    under_load,
 )
 
 
 class ClassicalNumbers(NamedTuple):
     """The classical law in compiled code."""
-
-    b: float
-    c: float
-    s: float
-    inv_vs: float
-    delta: float
-
-
-class DirectedNumbers(NamedTuple):
-    """The classical law with the terms by direction and by load, in compiled code."""
 
     b: float
     c: float
@@ -94,16 +82,16 @@ class Classical:
                 f"{self.stribeck:g} (stribeck) in magnitude."
             )
 
-    @property
-    def is_plain(self) -> bool:
-        """Whether the dry friction is the same in both directions, whatever the torque."""
-        return not any(self.terms)
-
-    def numbers(self) -> ClassicalNumbers | DirectedNumbers:
+    def numbers(self) -> ClassicalNumbers:
         """Return the law's numbers for compiled code."""
-        b, c, s, delta = self.viscous, self.coulomb, self.stribeck, self.stribeck_exponent
-        plain = ClassicalNumbers(b=b, c=c, s=s, inv_vs=1.0 / self.stribeck_speed, delta=delta)
-        return plain if self.is_plain else DirectedNumbers(*plain, self.terms)
+        return ClassicalNumbers(
+            b=self.viscous,
+            c=self.coulomb,
+            s=self.stribeck,
+            inv_vs=1.0 / self.stribeck_speed,
+            delta=self.stribeck_exponent,
+            terms=self.terms,
+        )
 
     def steady_friction(self, speed: ArrayLike) -> NDArray[np.float64]:
         """Return tau(w) [N m] at speeds (...) without load, 0 at rest."""
@@ -164,16 +152,10 @@ def clamped(inertia, speed):
     return min(max(speed, -inertia.clamp), inertia.clamp)
 
 
-@traced
-def _under_load(law, torque):
-    """Return a law's numbers with the friction that it has under the motor's torque."""
-    return law._replace(c=loaded_coulomb(law.c, law.terms, torque)) if has_directions(law) else law
-
-
 @inlined
 def move(law, inertia, torque, speed, h) -> tuple[float, float]:
     """Advance an inertia under a law's numbers by h [s] with the torque held; return its speed and the angle turned."""
-    loaded = _under_load(law, torque)
+    loaded = under_load(law, torque)
     holds = abs(available(inertia, torque, 0.0) - friction_shift(loaded, 0.0)) <= loaded.c + loaded.s
     if speed == 0.0 and holds:
         return 0.0, 0.0
