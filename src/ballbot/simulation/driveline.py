@@ -1,4 +1,4 @@
-"""One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w), under any friction law (thesis 3.1 to 3.4).
+"""One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w), tau the classical law (thesis 3.1 to 3.4).
 
 Torques are held over a sample. The supply's speed limit is a torque-speed curve, or the thesis's clamp (3.2) as it
 stands, for comparison: it limits the output x_1 and not the state x_2, which winds up and leaves the limit late.
@@ -16,28 +16,18 @@ from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.friction import WheelTerms, friction_terms
-from ballbot.mechanics.friction_laws.classical import Classical
-from ballbot.mechanics.friction_laws.interface import (
-    UNLIMITED,
-    FrictionLaw,
-    Inertia,
-    clamped,
-    move,
-)
-from ballbot.mechanics.friction_laws.smoothed import Smoothed
+from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, Inertia, clamped, move
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 
 
 @compiled
-def run_driveline(law, inertia, state, speed, torques, sample_time, steps, out):
+def run_driveline(law, inertia, speed, torques, sample_time, steps, out):
     """Turn one driveline; `out` (3, samples) takes speed, angle and integrated speed.
 
     Parameters
     ----------
     law, inertia : named tuple
-    state : ndarray (m,)
-        The law's; it is changed.
     speed : float
         At the start [rad/s].
     torques : ndarray (samples,)
@@ -49,7 +39,7 @@ def run_driveline(law, inertia, state, speed, torques, sample_time, steps, out):
     h, angle = sample_time / steps, 0.0
     for sample in range(len(torques)):
         for _ in range(steps):
-            speed, travel = move(law, inertia, torques[sample], state, speed, h)
+            speed, travel = move(law, inertia, torques[sample], speed, h)
             angle += travel
         out[0, sample] = clamped(inertia, speed)
         out[1, sample] = angle
@@ -102,22 +92,16 @@ class Driveline:
     Raises
     ------
     InputError
-        If the inertia is not above zero, or the thesis's clamp meets a friction law that has a state or a dead
-        zone.
+        If the inertia is not above zero.
     """
 
     inertia: float  #: j_w + j_r [kg m^2]
-    friction: FrictionLaw
+    friction: Classical
     speed_limit: TorqueSpeedCurve | SpeedClamp | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.inertia < np.inf:
             raise InputError(f"The driveline's inertia is {self.inertia:g} kg m^2; it must be above zero.")
-        if isinstance(self.speed_limit, SpeedClamp) and not isinstance(self.friction, Classical | Smoothed):
-            raise InputError(
-                f"The thesis's speed clamp needs the classical friction law, not {type(self.friction).__name__}; "
-                "use a torque-speed curve instead."
-            )
 
     @staticmethod
     def of_wheel(
@@ -197,7 +181,7 @@ def simulate_driveline(
     step : float
         Longest inner step [s]; it is shorter where the driveline's fastest rate asks for that.
     initial_speed : float
-        [rad/s]; the friction starts as after a long rest.
+        [rad/s]
 
     Raises
     ------
@@ -216,8 +200,8 @@ def simulate_driveline(
             f"for its friction, or the step of {step:g} s is too short."
         )
     steps = math.ceil(wanted * (1.0 - 1e-9))
-    state, out = line.friction.initial_state(sample_time / steps), np.empty((3, len(inputs)))
-    run_driveline(line.friction.numbers(), line.numbers(), state, speed, inputs, sample_time, steps, out)
+    out = np.empty((3, len(inputs)))
+    run_driveline(line.friction.numbers(), line.numbers(), speed, inputs, sample_time, steps, out)
     speeds, angles, integrated = out
     t = np.arange(1.0, len(inputs) + 1.0) * sample_time
     return DrivelineMotion(t=t, speeds=speeds, angles=angles, integrated_speeds=integrated)

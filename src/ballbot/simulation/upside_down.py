@@ -36,10 +36,10 @@ from ballbot.mechanics.friction import (
     directed_friction,
     dry_friction,
     friction_terms,
-    loaded_coulomb,
     sign,
+    under_load,
 )
-from ballbot.mechanics.friction_laws.classical import DirectedNumbers
+from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.stick_slip import minimiser
 from ballbot.robot import Friction, Robot
@@ -65,7 +65,7 @@ def _wheel(ball, i, torque):
     """Return the numbers of a wheel's friction under its motor's torque."""
     row = ball.friction[i]
     terms = WheelTerms(row[5], row[6], row[7])
-    return DirectedNumbers(row[0], loaded_coulomb(row[1], terms, torque), row[2], row[3], row[4], terms)
+    return under_load(ClassicalNumbers(row[0], row[1], row[2], row[3], row[4], terms), torque)
 
 
 @inlined

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from ballbot.fitting.parameter import Parameter, RelativeSpace, Scale
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
-from ballbot.mechanics.friction_laws.interface import UNLIMITED, Inertia, move
+from ballbot.mechanics.friction import NO_TERMS
+from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumbers, Inertia, move
 
 Values = Mapping[str, float]
 
@@ -141,7 +141,7 @@ class _Windows(NamedTuple):
 
 
 @inlined
-def _step(axis, state, position, speed, force, h) -> tuple[float, float]:
+def _step(axis, position, speed, force, h) -> tuple[float, float]:
     """Return position and speed after h [s] under a force, less gravity halfway."""
     halfway = position + 0.5 * h * speed
     gravity = axis.sine * math.sin(halfway) + axis.cosine * math.cos(halfway)
@@ -149,9 +149,9 @@ def _step(axis, state, position, speed, force, h) -> tuple[float, float]:
     force -= gravity
     way = 1.0 if speed > 0.0 or (speed == 0.0 and force > 0.0) else -1.0
     law = ClassicalNumbers(
-        axis.law.b + way * axis.asymmetry, dry, axis.law.s, axis.law.inv_vs, axis.law.delta
+        axis.law.b + way * axis.asymmetry, dry, axis.law.s, axis.law.inv_vs, axis.law.delta, axis.law.terms
     )
-    speed, travel = move(law, axis.inertia, force, state, speed, h)
+    speed, travel = move(law, axis.inertia, force, speed, h)
     return position + travel, speed
 
 
@@ -161,14 +161,13 @@ def follow_windows(axis, windows, forces, rises, h, steps, positions):
 
     The force of each row begins at `forces` (N,) [N] and rises evenly by `rises` (N,) [N] over h [s].
     """
-    state = np.empty(0)
     place = 0
     for w in range(len(windows.firsts)):
         position, speed = windows.starts[w, 0], windows.starts[w, 1]
         for k in range(windows.firsts[w], windows.firsts[w] + windows.counts[w]):
             for i in range(steps):
                 force = forces[k] + rises[k] * (i + 0.5) / steps
-                position, speed = _step(axis, state, position, speed, force, h / steps)
+                position, speed = _step(axis, position, speed, force, h / steps)
             positions[place] = position
             place += 1
 
@@ -244,7 +243,7 @@ class Axis:
     @property
     def _law(self) -> ClassicalNumbers:
         b, c, s = (self._value(name) for name in ("viscous", "coulomb", "stribeck"))
-        return ClassicalNumbers(b, c, s, 1.0 / self.values.get("stribeck_speed", 1.0), 1.0)
+        return ClassicalNumbers(b, c, s, 1.0 / self.values.get("stribeck_speed", 1.0), 1.0, NO_TERMS)
 
     def _value(self, name: str) -> float:
         return self.values.get(name, 0.0)
