@@ -16,10 +16,8 @@ from ballbot.mechanics.friction import WheelTerms
 from ballbot.mechanics.friction_laws import Classical
 from ballbot.simulation.driveline import (
     Driveline,
-    SpeedClamp,
     TorqueSpeedCurve,
     simulate_driveline,
-    speed_clamp,
 )
 from tests.support.control_examples import FRICTION, alten
 
@@ -188,37 +186,6 @@ class TestRest:
         work = torques[1:] * np.diff(motion.angles)
         # speed and angle are of order four and not each other's: 1e-7 J of some 1e-2
         assert (energy <= work + 1e-7).all()
-
-
-class TestThesisClamp:
-    """Design item 9: what (3.2) does."""
-
-    def test_as_the_text_says_it_gives_one_speed(self):
-        np.testing.assert_array_equal(speed_clamp([-100.0, -1.0, 0.0, 5.0, 100.0], -27.7), 27.7)
-        np.testing.assert_array_equal(speed_clamp([-100.0, -1.0, 0.0, 5.0], 27.7), [-27.7, -1.0, 0.0, 5.0])
-        with pytest.raises(InputError, match="above zero"):
-            SpeedClamp(limit=-27.7)
-
-    def test_the_state_winds_up_and_leaves_the_limit_late(self):
-        """The thesis's sweep: 1 N m of 62.83 s, j_w = 1e-3, its friction; the supply's curve beside it."""
-        t = np.arange(12_566) * 0.005
-        torques = np.sin(2.0 * math.pi * t / 62.83)
-        law = Classical(viscous=0.014, coulomb=0.11, stribeck=0.05, stribeck_speed=0.6)
-        clamp, curve = (
-            simulate_driveline(wheel(law, limit, inertia=1e-3), torques, sample_time=0.005)
-            for limit in (SpeedClamp(limit=27.7), CURVE)
-        )
-        assert np.abs(clamp.speeds).max() == 27.7
-        # the first half wave: (u - tau(27.7))/j_w integrated, tau = 0.498 N m
-        tau = 0.014 * 27.7 + 0.11
-        gained = np.maximum(np.sin(2.0 * math.pi * t / 62.83) - tau, 0.0)[:6283].sum() * 0.005 / 1e-3
-        assert clamp.integrated_speeds.max() == pytest.approx(27.7 + gained, rel=0.01)
-        assert clamp.integrated_speeds.max() > 6000.0
-        # with a supply the wheel slows as soon as the torque no longer holds it; clamped, seconds later
-        leaves = [motion.t[:9000][motion.speeds[:9000] > 25.0][-1] for motion in (clamp, curve)]
-        held_until = 62.83 / (2.0 * math.pi) * (math.pi - math.asin(tau))
-        assert leaves[1] == pytest.approx(held_until, abs=1.0)
-        assert leaves[0] - leaves[1] > 5.0
 
 
 def test_a_stiff_driveline_takes_shorter_steps():

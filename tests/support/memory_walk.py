@@ -38,7 +38,6 @@ from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
-from ballbot.simulation.upside_down import follow as follow_ball
 from ballbot.twin import Twin
 
 FRICTION = Friction(
@@ -286,20 +285,6 @@ def _clamped_ball() -> Iterator[tuple[str, Case]]:
                 "torques": np.array([[TORQUES] * 3] * 2),
             },
             rows=("torques",),
-        ),
-    )
-    yield (
-        "upside_down.follow",
-        Case(
-            call=lambda a: follow_ball(
-                BALL,
-                friction=FRICTION,
-                gain=a["gain"],
-                reference=lambda _: a["wanted"],
-                duration=2 * H,
-                sample_time=H,
-            ),
-            arrays={"gain": np.arange(18.0).reshape(3, 6) / 8.0, "wanted": np.array([0.5, 0.25, 0.125])},
         ),
     )
     yield (

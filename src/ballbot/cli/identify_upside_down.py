@@ -22,7 +22,6 @@ from ballbot.identification.upside_down import identify_upside_down as find_fric
 from ballbot.log.checks import bench_findings
 from ballbot.report.bench import upside_down_parts, upside_down_report
 from ballbot.robot import Robot
-from ballbot.workflows.ball_movement import ball_movement
 
 _WRITTEN = (PAGE, "robot.toml", "results.json")
 
@@ -91,14 +90,10 @@ def identify_upside_down(
                 run=Run(seed=seed, progress=bar.report),
             )
         with result.replaced() as new:
-            movement = ball_movement(found.robot)
-            results = found.to_dict() | {"movement": movement}
-            result.write_json(results, new, findings=[*findings, *found.findings])
+            result.write_json(found.to_dict(), new, findings=[*findings, *found.findings])
             if found.verdict.usable:
                 found.robot.write(new / "robot.toml")
-            page = upside_down_report(
-                found, described, named, movement, made=result.origin, findings=findings
-            )
+            page = upside_down_report(found, described, named, made=result.origin, findings=findings)
             result.write_page(page, new)
     result.show(upside_down_parts(found, described))
     result.show_file(PAGE, *(["robot.toml"] if found.verdict.usable else []))

@@ -1,6 +1,6 @@
 """What is identified on the bench: friction upside down (figures and tables), geometry (table), a free swing (figure).
 
-Upside down: the ball's measured and predicted velocity, and a commanded turn. Swing: the record, the pendulum
+Upside down: the ball's measured and predicted velocity. Swing: the record, the pendulum
 fitted to it, and the residual.
 """
 
@@ -37,7 +37,6 @@ from ballbot.robot import Friction, Robot
 from ballbot.rounding import digits, unit_heading, value_and_error
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import counted
-from ballbot.workflows.ball_movement import TURN, BallMovement
 
 #: windows shown of the log, from its middle
 _WINDOWS_SHOWN = 8
@@ -160,7 +159,6 @@ def upside_down_report(
     found: UpsideDown,
     described: Robot,
     logs: Mapping[str, Log],
-    movement: BallMovement,
     *,
     made: Provenance,
     findings: Sequence[Finding],
@@ -194,7 +192,6 @@ def upside_down_report(
                 _error_table(found),
                 prediction_series(found, next(iter(logs.values()))),
             ),
-            section("The ball's movement", movement_series(movement)),
         ],
         undecided=[
             *texts(found.findings),
@@ -248,25 +245,6 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
         across="time of the log [s]",
         shaded=[(one.start, one.end) for one in windows.spans if (one.log, one.start) in held_out],
         shade="held out",
-    )
-
-
-def movement_series(movement: BallMovement) -> TimeSeries:
-    """Return the ball's rotation about each axis along the reference, with friction and without."""
-    panels = []
-    for axis, name in enumerate("xyz"):
-        lines = (
-            Line(name="reference", values=movement.reference[:, axis], look="reference"),
-            Line(name="without friction", values=movement.without_friction.rotations[:, axis], look="second"),
-            Line(name="with friction", values=movement.with_friction.rotations[:, axis], look="first"),
-        )
-        panels.append(Panel(label=f"rotation about {name} [rad]", lines=lines))
-    return TimeSeries(
-        t=movement.without_friction.t,
-        panels=panels,
-        caption=f"A simulation with the friction found and without any, under the same linear-quadratic regulator. The "
-        f"ball is to turn by {TURN:g} rad about x, y and z, one after the other. Friction stops it short and turns it "
-        "about the other axes as well.",
     )
 
 

@@ -1,7 +1,6 @@
 """One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w), tau the classical law (thesis 3.1 to 3.4).
 
-Torques are held over a sample. The supply's speed limit is a torque-speed curve, or the thesis's clamp (3.2) as it
-stands, for comparison: it limits the output x_1 and not the state x_2, which winds up and leaves the limit late.
+Torques are held over a sample. The supply's speed limit is a torque-speed curve.
 """
 
 from __future__ import annotations
@@ -16,14 +15,14 @@ from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.friction import WheelTerms, friction_terms
-from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, Inertia, clamped, move
+from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, Inertia, move
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 
 
 @compiled
 def run_driveline(law, inertia, speed, torques, sample_time, steps, out):
-    """Turn one driveline; `out` (3, samples) takes speed, angle and integrated speed.
+    """Turn one driveline; `out` (2, samples) takes speed and angle.
 
     Parameters
     ----------
@@ -34,42 +33,19 @@ def run_driveline(law, inertia, speed, torques, sample_time, steps, out):
     sample_time : float
     steps : int
         Inner steps a sample.
-    out : ndarray (3, samples)
+    out : ndarray (2, samples)
     """
     h, angle = sample_time / steps, 0.0
     for sample in range(len(torques)):
         for _ in range(steps):
             speed, travel = move(law, inertia, torques[sample], speed, h)
             angle += travel
-        out[0, sample] = clamped(inertia, speed)
+        out[0, sample] = speed
         out[1, sample] = angle
-        out[2, sample] = speed
 
 
 _LARGEST_RATE_STEP = 0.5  # explicit steps are at most this part of the driveline's fastest time constant
 _MAX_STEPS = 100_000  # a sample
-
-
-def speed_clamp(speed: ArrayLike, limit: float) -> NDArray[np.float64]:
-    """Return max(min(x_2, l), -l), the thesis's (3.2) as printed.
-
-    With the text's l = -27.7 rad/s it is +27.7 at every speed; l = 27.7 is meant.
-    """
-    return np.maximum(np.minimum(np.asarray(speed, dtype=float), limit), -limit)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpeedClamp:
-    """The thesis's limit (3.2): friction and sensors see the speed within it, the integrated speed runs on."""
-
-    limit: float  #: l [rad/s]
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.limit < np.inf:
-            raise InputError(
-                f"The speed clamp's limit is {self.limit:g} rad/s; it must be above zero. With the thesis's "
-                "negative limit, (3.2) gives the same speed for every state."
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,16 +73,14 @@ class Driveline:
 
     inertia: float  #: j_w + j_r [kg m^2]
     friction: Classical
-    speed_limit: TorqueSpeedCurve | SpeedClamp | None = None
+    speed_limit: TorqueSpeedCurve | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.inertia < np.inf:
             raise InputError(f"The driveline's inertia is {self.inertia:g} kg m^2; it must be above zero.")
 
     @staticmethod
-    def of_wheel(
-        robot: Robot, wheel: int, *, speed_limit: TorqueSpeedCurve | SpeedClamp | None = None
-    ) -> Driveline:
+    def of_wheel(robot: Robot, wheel: int, *, speed_limit: TorqueSpeedCurve | None = None) -> Driveline:
         """Return the driveline of a robot's wheel (0 for the first) with the robot's friction.
 
         Raises
@@ -135,17 +109,15 @@ class Driveline:
     def fastest_rate(self) -> float:
         """Return the fastest rate [1/s] that an explicit step has to resolve."""
         slope = self.friction.explicit_slope()
-        if isinstance(self.speed_limit, TorqueSpeedCurve):
+        if self.speed_limit:
             slope += self.speed_limit.stall_torque / self.speed_limit.no_load_speed
         return slope / self.inertia
 
     def numbers(self) -> Inertia:
         """Return inertia and speed limit as compiled code reads them."""
-        limit = self.speed_limit
-        curve = limit if isinstance(limit, TorqueSpeedCurve) else None
+        curve = self.speed_limit
         return Inertia(
             inv_J=1.0 / self.inertia,
-            clamp=limit.limit if isinstance(limit, SpeedClamp) else UNLIMITED,
             stall=curve.stall_torque if curve else UNLIMITED,
             inv_no_load=1.0 / curve.no_load_speed if curve else 0.0,
         )
@@ -156,9 +128,8 @@ class DrivelineMotion:
     """The result of `simulate_driveline` after every sample."""
 
     t: NDArray[np.float64]  #: (samples,) [s]
-    speeds: NDArray[np.float64]  #: (samples,) as an encoder has them, the thesis's x_1_dot [rad/s]
+    speeds: NDArray[np.float64]  #: (samples,) [rad/s]
     angles: NDArray[np.float64]  #: (samples,) [rad], 0 at the start
-    integrated_speeds: NDArray[np.float64]  #: (samples,) x_2, which (3.2) lets run on [rad/s]
 
 
 def simulate_driveline(
@@ -200,8 +171,7 @@ def simulate_driveline(
             f"for its friction, or the step of {step:g} s is too short."
         )
     steps = math.ceil(wanted * (1.0 - 1e-9))
-    out = np.empty((3, len(inputs)))
+    out = np.empty((2, len(inputs)))
     run_driveline(line.friction.numbers(), line.numbers(), speed, inputs, sample_time, steps, out)
-    speeds, angles, integrated = out
     t = np.arange(1.0, len(inputs) + 1.0) * sample_time
-    return DrivelineMotion(t=t, speeds=speeds, angles=angles, integrated_speeds=integrated)
+    return DrivelineMotion(t=t, speeds=out[0], angles=out[1])

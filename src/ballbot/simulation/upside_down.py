@@ -14,13 +14,12 @@ order, in which the ball's place on the floor has no part.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
@@ -175,14 +174,6 @@ def run_ball(ball, omega, torques, sample_time, steps, every, out):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinearBall:
-    """x_dot = A x + B u, x = [rotation about x, y, z of the robot's frame, and Omega]."""
-
-    A: NDArray[np.float64]  #: (6, 6)
-    B: NDArray[np.float64]  #: (6, n)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class ClampedBall:
     """A ball on n clamped wheels."""
 
@@ -208,12 +199,6 @@ class ClampedBall:
     def push(self) -> NDArray[np.float64]:
         """Return M^-1 A^T (3, n): the ball's angular acceleration from wheel torques."""
         return np.ascontiguousarray(np.linalg.solve(self.inertia, self.A.T), dtype=np.float64)
-
-    def linearize(self) -> LinearBall:
-        """Return the plant without friction, exact for turning about one axis and for small angles about several."""
-        n = len(self.A)
-        A = np.block([[np.zeros((3, 3)), np.eye(3)], [np.zeros((3, 6))]])
-        return LinearBall(A=A, B=np.vstack([np.zeros((3, n)), self.push()]))
 
 
 def _friction_rows(friction: Friction) -> NDArray[np.float64]:
@@ -286,68 +271,3 @@ def simulate_balls(
 
     over_threads(run, len(sets) * count, threads)
     return out
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BallRun:
-    """A ball under control."""
-
-    t: NDArray[np.float64]  #: (N,) [s]
-    #: (N, 3), rotation vector from where the ball started [rad], robot's frame
-    rotations: NDArray[np.float64]
-    omegas: NDArray[np.float64]  #: (N, 3) [rad/s]
-    torques: NDArray[np.float64]  #: (N, n) [N m]
-
-
-def follow(
-    ball: ClampedBall,
-    *,
-    friction: Friction,
-    gain: ArrayLike,
-    reference: Callable[[float], NDArray[np.float64]],
-    duration: float,
-    sample_time: float,
-) -> BallRun:
-    """Let the ball follow a reference under u = K [rotation that is missing; -Omega] (thesis, Figure 3.4).
-
-    Parameters
-    ----------
-    ball : ClampedBall
-    friction : Friction
-        Of the wheels; rolling friction has no part here.
-    gain : array_like (n, 6)
-        K, by `ballbot.control.lqr` of `ball.linearize()`.
-    reference : function of time
-        f(t) -> rotation vector (3,) [rad] where the ball should be.
-    duration, sample_time : float
-        [s]
-
-    Raises
-    ------
-    InputError
-        If the gain or the reference has another shape or a value that is not finite, or a time is not above zero.
-    """
-    K = real_array(gain, (len(ball.A), 6), "The gain")
-    duration = positive_number(duration, "The duration")
-    sample_time = positive_number(sample_time, "The sample time")
-    omega, turned = np.zeros(3), Rotation.identity()
-    t = sample_time * np.arange(max(1, round(duration / sample_time)), dtype=np.float64)
-    rotations, omegas, torques = [], [], []
-    for time in t:
-        wanted = real_array(reference(float(time)), (3,), f"The reference at t = {time:g} s")
-        missing = (Rotation.from_rotvec(wanted) * turned.inv()).as_rotvec()
-        torque = K @ np.concatenate([missing, -omega])
-        rotations.append(turned.as_rotvec())
-        omegas.append(omega)
-        torques.append(torque)
-        after = simulate_balls(
-            ball,
-            frictions=[friction],
-            initial=omega[None],
-            torques=torque[None, None],
-            sample_time=sample_time,
-            threads=1,
-        )[0, 0, 0]
-        turned = Rotation.from_rotvec(0.5 * sample_time * (omega + after)) * turned
-        omega = after
-    return BallRun(t=t, rotations=np.array(rotations), omegas=np.array(omegas), torques=np.array(torques))

@@ -210,9 +210,7 @@ class Axis:
         numbers = _Numbers(
             law=self._law,
             asymmetry=self._value("asymmetry"),
-            inertia=Inertia(
-                inv_J=1.0 / self.values["mass"], clamp=UNLIMITED, stall=UNLIMITED, inv_no_load=0.0
-            ),
+            inertia=Inertia(inv_J=1.0 / self.values["mass"], stall=UNLIMITED, inv_no_load=0.0),
             sine=self._value("gravity_sine"),
             cosine=self._value("gravity_cosine"),
             mu=self._value("load"),

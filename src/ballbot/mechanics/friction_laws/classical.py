@@ -6,12 +6,11 @@ Terms by direction and by load may be added, as a robot's friction has them (`ba
 at rest: it holds up to exactly c + s.
 
 `move` turns an inertia, J w_dot = T(u, w) - tau, where the drive's speed limit is a torque-speed curve, |T| up to
-T_stall (1 -+ w/w_0), or the thesis's clamp (3.2) of the speed that friction and sensors see while the integrated one
-runs on; without a limit both are far away. A step is RK4 of known sign; where the speed reaches zero within it, which
-under a held torque it does at most once, the moment is found to rounding, and from there the inertia rests exactly or
-leaves the other way. That is the minimiser of the convex step (docs/mechanics.md) with the step ended where the sign
-changes, so that order four holds through stops (for v_s's power delta below four, the start from rest leaves order
-1 + delta, because the law itself is no smoother there).
+T_stall (1 -+ w/w_0); without a limit it is far away. A step is RK4 of known sign; where the speed reaches zero within
+it, which under a held torque it does at most once, the moment is found to rounding, and from there the inertia rests
+exactly or leaves the other way. That is the minimiser of the convex step (docs/mechanics.md) with the step ended where
+the sign changes, so that order four holds through stops (for v_s's power delta below four, the start from rest leaves
+order 1 + delta, because the law itself is no smoother there).
 """
 
 from __future__ import annotations
@@ -134,7 +133,6 @@ class Inertia(NamedTuple):
     """A driven inertia, in compiled code."""
 
     inv_J: float  #: 1/J [1/(kg m^2)]
-    clamp: float  #: l of (3.2) [rad/s]
     stall: float  #: torque available at rest [N m]
     inv_no_load: float  #: 1/w_0 [s/rad]
 
@@ -144,12 +142,6 @@ def available(inertia, torque, speed):
     """Return the torque [N m] that the supply lets through at that speed."""
     lost = inertia.stall * (speed * inertia.inv_no_load)
     return min(max(torque, -inertia.stall - lost), inertia.stall - lost)
-
-
-@inlined
-def clamped(inertia, speed):
-    """Return the speed within the thesis's clamp."""
-    return min(max(speed, -inertia.clamp), inertia.clamp)
 
 
 @inlined
@@ -173,8 +165,7 @@ def move(law, inertia, torque, speed, h) -> tuple[float, float]:
 
 @inlined
 def _acceleration(law, inertia, torque, speed, direction):
-    seen = clamped(inertia, speed)
-    friction = law.b * seen + direction * directed_friction(law, seen, direction)
+    friction = law.b * speed + direction * directed_friction(law, speed, direction)
     return inertia.inv_J * (available(inertia, torque, speed) - friction)
 
 
@@ -189,8 +180,7 @@ def _slide(law, inertia, torque, speed, direction, h) -> tuple[float, float]:
     a3 = _acceleration(law, inertia, torque, w3, direction)
     w4 = speed + h * a3
     a4 = _acceleration(law, inertia, torque, w4, direction)
-    middle = clamped(inertia, w2) + clamped(inertia, w3)
-    travel = h / 6.0 * (clamped(inertia, speed) + 2.0 * middle + clamped(inertia, w4))
+    travel = h / 6.0 * (speed + 2.0 * (w2 + w3) + w4)
     return speed + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4), travel
 
 

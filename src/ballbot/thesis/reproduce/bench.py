@@ -32,11 +32,11 @@ from ballbot.progress import ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import sample_count, simulate
+from ballbot.thesis.reproduce.ball_movement import BallMovement, ball_movement
 from ballbot.thesis.reproduce.item import RUNS, run_seed
 from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, Logs, ModelOnGrid, record
 from ballbot.thesis.reproduce.runs import Validated, validated
 from ballbot.validation.alignment import Alignment, align
-from ballbot.workflows.ball_movement import BallMovement, ball_movement
 
 #: a run that stands about the origin lasts so long [s], from a lean of so much [rad]
 STANDING, FIRST_LEAN = 60.0, 0.02

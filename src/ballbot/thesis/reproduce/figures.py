@@ -22,7 +22,7 @@ from ballbot.identification.inertia import Pivot, inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
-from ballbot.report.bench import movement_series, swing_figure
+from ballbot.report.bench import swing_figure
 from ballbot.report.comparison import paths_figure, position_error_series
 from ballbot.report.driveline import measured_figure, torque_speed_figure
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
@@ -118,10 +118,10 @@ def figure_3_4(bench: Bench) -> Item:
     movement, friction = bench.ball_movement, bench.contact.friction
     asked = movement.reference[-1]
     missed, missed_without = (
-        float(np.abs(run.rotations[-1] - asked).max() / asked.max())
+        float(np.abs(run[-1] - asked).max() / asked.max())
         for run in (movement.with_friction, movement.without_friction)
     )
-    free = np.where(movement.reference == 0.0, movement.without_friction.rotations, 0.0)
+    free = np.where(movement.reference == 0.0, movement.without_friction, 0.0)
     ratio = min(movement.off_axis_with_friction / max(float(np.abs(free).max()), 1e-9), 1e3)
     off_axis = 1e3 * movement.off_axis_with_friction
     coulomb = ", ".join(f"{c:.3f}" for c in friction.coulomb)
@@ -145,7 +145,7 @@ def figure_3_4(bench: Bench) -> Item:
             check(aside, "largest turn about one with friction", off_axis, "mrad", lowest=5.0),
             check("and does so more than the controller alone", other, ratio, lowest=10.0),
         ),
-        series=lambda: movement_series(movement),
+        series=movement.series,
     )
 
 
