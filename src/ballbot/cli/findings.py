@@ -12,7 +12,7 @@ from ballbot.cli.output import notice_output
 from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
 from ballbot.report.console import finding_line
 from ballbot.robot import Robot
-from ballbot.robot.plausibility import named_robot_findings
+from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
     from ballbot.log import Log
@@ -76,7 +76,7 @@ def check_robot(robot: Robot, *, accept: Sequence[str] | None) -> tuple[Finding,
     InputError
         If there is an error whose code is not accepted, or a code is unknown.
     """
-    findings = named_robot_findings(robot)
+    findings = robot_findings(robot, file=f"robot {robot.name}")
     stop_or_show(findings, accept=accept, others="`ballbot check`")
     return findings
 
