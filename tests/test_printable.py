@@ -18,6 +18,7 @@ from ballbot.cli.output import progress_bar
 from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.printable import printable, printable_line, shell_line
+from ballbot.progress import Progress
 from ballbot.report.blocks import table
 from ballbot.report.console import PlainConsole
 from ballbot.report.style import drawn, label_of
@@ -75,8 +76,8 @@ def test_progress_prints_names_literally(monkeypatch):
         monkeypatch.setenv(name, value)
     out = io.StringIO()
     console = PlainConsole(file=out, width=200)
-    with progress_bar(console, "[/x]") as bar:
-        bar.show(0.5, doing="[/y]\x1b[2J", note="[/z]")
+    with progress_bar(console, "[/x]") as report:
+        report(Progress(stage="[/y]\x1b[2J", done=0.5, total=1.0, note="[/z]"))
     shown = out.getvalue()
     assert all(name in shown for name in ("[/x]", "[/y]", "[/z]"))
     assert "\x1b[2J" not in shown

@@ -35,6 +35,8 @@ Shape = tuple[int | str, ...]
 def real_array(value: ArrayLike, shape: Shape, what: str, *, finite: bool = True) -> NDArray[np.float64]:
     """Return an array as compiled code takes it.
 
+    InputError if the array has another shape, is not of real numbers, or holds a value that is not finite.
+
     Parameters
     ----------
     value : array_like
@@ -50,11 +52,6 @@ def real_array(value: ArrayLike, shape: Shape, what: str, *, finite: bool = True
     -------
     ndarray
         float64, C order, aligned and writable: `value` itself where it is so already.
-
-    Raises
-    ------
-    InputError
-        If the array has another shape, is not of real numbers, or holds a value that is not finite.
     """
     if type(value) is np.ndarray and value.dtype == _FLOAT and value.flags.carray:
         array = value
@@ -75,10 +72,7 @@ def real_array(value: ArrayLike, shape: Shape, what: str, *, finite: bool = True
 def index_array(value: ArrayLike, what: str, *, count: int, length: int) -> NDArray[np.int64]:
     """Return `length` indices (length,) of `count` rows as compiled code takes them, contiguous int64.
 
-    Raises
-    ------
-    InputError
-        If they are not so many whole numbers from 0 to count - 1.
+    InputError if they are not so many whole numbers from 0 to count - 1.
     """
     try:
         array = np.asarray(value)
@@ -95,13 +89,7 @@ def index_array(value: ArrayLike, what: str, *, count: int, length: int) -> NDAr
 
 
 def real_number(value: object, what: str) -> float:
-    """Return a finite number as a float.
-
-    Raises
-    ------
-    InputError
-        If it is not one.
-    """
+    """Return a finite number as a float; InputError if it is not one."""
     if type(value) is float and math.isfinite(value):
         return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
@@ -240,17 +228,14 @@ _LENGTHS = (
 def check_table(rows: float, columns: int, *, source: str) -> None:
     """Do nothing if a table of that size fits.
 
+    InputError if it does not.
+
     Parameters
     ----------
     rows, columns : float, int
         Of the table that is to be made.
     source : str
         The subject of the refusal: a file's name, or "The run".
-
-    Raises
-    ------
-    InputError
-        If it does not.
     """
     if columns > MOST_COLUMNS:
         raise InputError(f"{source} has {columns:,} columns; at most {MOST_COLUMNS:,} are read.")
@@ -265,6 +250,8 @@ def check_table(rows: float, columns: int, *, source: str) -> None:
 def rows_between(span: float, interval: float, *, columns: int = 1, source: str) -> int:
     """Return how many whole intervals a span of time has.
 
+    InputError if a table of so many rows does not fit.
+
     Parameters
     ----------
     span, interval : float
@@ -273,11 +260,6 @@ def rows_between(span: float, interval: float, *, columns: int = 1, source: str)
         Of the table that will have so many rows.
     source : str
         The subject of the refusal, as for `check_table`.
-
-    Raises
-    ------
-    InputError
-        If a table of so many rows does not fit.
     """
     rows = span / interval if interval > 0.0 else math.inf
     most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))

@@ -196,16 +196,13 @@ def as_argument(codes: Sequence[str]) -> str:
 def check_codes(accept: Iterable[str], *, listed: Collection[str] = CODES) -> tuple[str, ...]:
     """Return codes to accept, each once.
 
+    InputError if one is not in `CODES`; the sentence names the nearest.
+
     Parameters
     ----------
     accept : iterable of str
     listed : collection of str
         The codes that a command can meet, which the sentence on an unknown one names.
-
-    Raises
-    ------
-    InputError
-        If one is not in `CODES`; the sentence names the nearest.
     """
     codes = tuple(dict.fromkeys(accept))
     for code in codes:
@@ -224,6 +221,8 @@ def stop_on_errors(
 ) -> None:
     """Raise InputError on the first error whose code is not accepted.
 
+    InputError with the error's text and file, how many more there are, and the option that goes on.
+
     Parameters
     ----------
     findings : sequence of Finding
@@ -233,11 +232,6 @@ def stop_on_errors(
         Returns how the user accepts codes: `as_options` on a command line, `as_argument` in Python.
     others : str
         Where the other errors stand, as "above" or "`ballbot check`".
-
-    Raises
-    ------
-    InputError
-        With the error's text and file, how many more there are, and the option that goes on.
     """
     errors = [finding for finding in findings if finding.severity == "error" and finding.code not in accept]
     if not errors:

@@ -29,10 +29,7 @@ from ballbot.processes import uninterrupted
 def _locked(folder: Path) -> Iterator[None]:
     """Hold the folder's lock while the block runs; file systems without locks, as some network drives, have none.
 
-    Raises
-    ------
-    InputError
-        If another process holds it.
+    InputError if another process holds it.
     """
     if sys.platform == "win32":  # which opens no folder
         yield
@@ -98,10 +95,7 @@ class ResultFolder:
     def replaced(self) -> Iterator[Path]:
         """Give a folder to write the new result into, which replaces the old one as a whole when the block ends well.
 
-        Raises
-        ------
-        InputError
-            If the new result cannot take the old one's place; the old one is then as it was.
+        InputError if the new result cannot take the old one's place; the old one is then as it was.
         """
         staged = self.path / STAGED
         _delete(staged)
@@ -138,6 +132,9 @@ def result_folder(
 ) -> Iterator[ResultFolder]:
     """Hold a folder for the result of one command while the block runs.
 
+    InputError if another process holds the folder; if it has another command's result or unfinished run, or files by
+    these names that are no result's or were changed since; or if an input would be replaced.
+
     Parameters
     ----------
     out : str or Path
@@ -150,12 +147,6 @@ def result_folder(
         The files that the result is made from.
     keeps_runs : bool
         Whether the command goes on with finished runs in the folder, which a new result deletes.
-
-    Raises
-    ------
-    InputError
-        If another process holds the folder; if it has another command's result or unfinished run, or files by these
-        names that are no result's or were changed since; or if an input would be replaced.
     """
     was_there = os.path.exists(out)
     folder = check_folder(out)

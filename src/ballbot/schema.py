@@ -71,6 +71,8 @@ def validate_table(schema: type[T], tree: object, *, of: str) -> T:
 
     Lists become tuples and whole numbers floats; no text becomes a number, and no true or false.
 
+    InputError with one sentence on the first mistake, a misspelt key before others.
+
     Parameters
     ----------
     schema : type
@@ -79,11 +81,6 @@ def validate_table(schema: type[T], tree: object, *, of: str) -> T:
         What the TOML file holds.
     of : str
         What the file is, as "a controller file".
-
-    Raises
-    ------
-    InputError
-        With one sentence on the first mistake, a misspelt key before others.
     """
     try:
         # strict JSON knows tuples and floats by what they stand for, as strict Python does not

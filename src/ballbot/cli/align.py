@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, input_files, open_result
+from ballbot.cli.context import PAGE, MappingFile, OutFolder, open_result
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
+from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.log.collection import named_files
 from ballbot.report.alignment import (
@@ -22,11 +23,9 @@ from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings
 
-_WRITTEN = (PAGE, "results.json", "aligned.csv")
-
 
 def align(
-    log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None, accept: Accept = None
+    log: Path, mocap: Path, /, *, out: OutFolder, mapping: MappingFile = None, accept: Accept = None
 ) -> None:
     """Compare a log's sensors with motion capture of the same run; clocks and frames may differ.
 
@@ -45,22 +44,17 @@ def align(
     mocap
         The motion-capture file: t, qw qx qy qz of the body, and x y z of the ball's centre or of any point of the
         body.
-    out
-        The folder to write into.
-    mapping
-        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     """
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
-    findings = check_input(None, {log: run}, accept=accept, mappings=[mapping])
-    inputs = input_files(log, mocap, mapping)
+    findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
     (name,) = named_files([log])
-    with open_result(out, command="align", writes=_WRITTEN, inputs=inputs) as result:
-        with result.progress("aligning") as bar:
-            bar.show(0.0, note=name)
-            try:
-                alignment = align_log(run, film)
-            except InputError as error:
-                raise InputError(f"{log} and {mocap}: {error}") from None
+    with open_result(
+        out, command="align", doing="aligning", writes=["aligned.csv"], inputs=[log, mocap, mapping]
+    ) as result:
+        try:
+            alignment = align_log(run, film)
+        except InputError as error:
+            raise InputError(f"{log} and {mocap}: {error}") from None
         page = alignment_report(
             alignment,
             title=f"{name}: sensors against motion capture",
@@ -68,15 +62,9 @@ def align(
             made=result.origin,
             log_findings=findings,
         )
-        with result.replaced() as new:
-            alignment.log.write(new / "aligned.csv")
-            result.write_json(alignment_results(alignment, log_findings=findings), new)
-            result.write_page(page, new)
-    console = result.console
-    console.print(table("Clocks, frames and path", ESTIMATE_HEADINGS, estimate_rows(alignment)))
+        results = alignment_results(alignment, log_findings=findings)
+        result.write(results, page, files={"aligned.csv": alignment.log.write})
+    parts = [table("Clocks, frames and path", ESTIMATE_HEADINGS, estimate_rows(alignment))]
     if alignment.sensors is not None:
-        rows = error_rows(alignment.sensors)
-        console.print(table("On board minus cameras", ERROR_HEADINGS, rows))
-    for finding in alignment_findings(alignment):
-        console.print(finding.text, markup=False, soft_wrap=True)
-    result.show_file(PAGE)
+        parts.append(table("On board minus cameras", ERROR_HEADINGS, error_rows(alignment.sensors)))
+    result.show([*parts, *texts(alignment_findings(alignment))], PAGE)

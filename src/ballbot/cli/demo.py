@@ -61,11 +61,11 @@ def demo(
     shown = ResultState(heading=_HEADING, sentences=("The command was stopped before it was found.",))
     written = -1
     try:
-        with progress_bar(console, "preparing the model") as bar:
+        with progress_bar(console, "preparing the model") as shown_on:
 
             def report(progress: Progress) -> None:
                 nonlocal written
-                bar.show(progress.share, doing=_DOING)
+                shown_on(Progress(stage=_DOING, done=progress.share, total=1.0))
                 if (percent := int(100.0 * progress.share)) > written:
                     written = percent
                     write_text(folder / _RESULT, result_text(_state_before(progress.share, _DOING)))

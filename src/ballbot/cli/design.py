@@ -36,8 +36,7 @@ from ballbot.workflows.controller_design import (
 from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, robust_design
 
-#: of a design with and without a search
-DESIGN_FILES = (PAGE, "controller.toml", "results.json")
+_WRITTEN = ("controller.toml",)
 
 
 @Parameter(name="*")
@@ -127,7 +126,16 @@ def design(
     described = Robot.load(robot)
     findings = check_robot(described, accept=accept)
     if robust:
-        _refuse_with_robust(weights, parts)
+        plain = replace(
+            parts,
+            compensation=DEFAULT_PARTS.compensation,
+            allow_overcompensation=DEFAULT_PARTS.allow_overcompensation,
+        )
+        if replace(weights, sample_time=None) != _WEIGHTS or plain != DEFAULT_PARTS:
+            raise InputError(
+                "--robust searches for the weights of the nominal kind; remove --kind, "
+                "--q, --r, --compensation-gain, --notch and --delay."
+            )
         if weights.sample_time is not None:
             sensors = replace(described.sensors, sample_time=weights.sample_time)
             described = described.replace(sensors=sensors)
@@ -140,17 +148,13 @@ def design(
         torque_weight=weights.r,
         sample_time=weights.sample_time,
     )
-    with (
-        open_result(out, command="design", writes=DESIGN_FILES, inputs=[robot]) as result,
-        result.progress("designing the controller") as bar,
-    ):
+    doing = "designing the controller"
+    with open_result(out, command="design", doing=doing, writes=_WRITTEN, inputs=[robot]) as result:
         found = design_controller(described, gain=gain, parts=parts)
-        bar.begin_writing()
         page = controller_design_report(found, result.origin, findings)
-        result.write(found.results(), page, texts={"controller.toml": controller_text(found.controller)})
-    result.show(page.parts())
+        result.write(found.results(), page, files={"controller.toml": controller_text(found.controller)})
+    result.show(page.parts(), "controller.toml", PAGE)
     warn_of_idle_compensation({"controller.toml": found.controller})
-    result.show_file("controller.toml", PAGE)
 
 
 def _search(
@@ -172,19 +176,17 @@ def _search(
         population=search.population,
         fresh=search.fresh,
     )
-    with (
-        open_result(out, command="design", writes=DESIGN_FILES, inputs=inputs, seed=search.seed) as result,
-        result.progress("robust design") as bar,
-    ):
+    with open_result(
+        out, command="design", doing="robust design", writes=_WRITTEN, inputs=inputs, seed=search.seed
+    ) as result:
         found = robust_design(
             robot,
             compensation=compensation,
             spread=spread,
             scenario=scenario,
             effort=effort,
-            run=Run(seed=search.seed, progress=bar.report),
+            run=Run(seed=search.seed, progress=result.report),
         )
-        bar.begin_writing()
         results = {
             "robot": robot.name,
             "sample_time": found.controller.sample_time,
@@ -197,23 +199,8 @@ def _search(
         }
         page = robust_design_report(found, result.origin, findings)
         text = search_comment(found, result.origin.command) + controller_text(found.controller)
-        result.write(results, page, texts={"controller.toml": text})
-    result.show(page.parts())
-    result.show_file("controller.toml", PAGE)
-
-
-def _refuse_with_robust(weights: WeightOptions, parts: PartOptions) -> None:
-    """Raise InputError if options are given that a search for the weights decides itself."""
-    plain = replace(
-        parts,
-        compensation=DEFAULT_PARTS.compensation,
-        allow_overcompensation=DEFAULT_PARTS.allow_overcompensation,
-    )
-    if replace(weights, sample_time=None) != _WEIGHTS or plain != DEFAULT_PARTS:
-        raise InputError(
-            "--robust searches for the weights of the nominal kind; remove --kind, "
-            "--q, --r, --compensation-gain, --notch and --delay."
-        )
+        result.write(results, page, files={"controller.toml": text})
+    result.show(page.parts(), "controller.toml", PAGE)
 
 
 def _numbers(text: str) -> list[float]:

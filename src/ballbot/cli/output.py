@@ -23,11 +23,13 @@ from rich.text import Text
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
-from ballbot.progress import Progress, fraction, progress_line, stage_words
+from ballbot.progress import Progress, ProgressCallback, fraction, ignore_progress, progress_line, stage_words
 from ballbot.report.blocks import Sheet
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
+#: the last stage of a command, which is no news to who has heard of no other
+WRITING = "writing the report"
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
 
@@ -80,61 +82,47 @@ def print_verdict(verdict: Iterable[tuple[str, str]], console: Console) -> None:
         console.print(Text.assemble((start, "bold"), sentences), soft_wrap=True)
 
 
-class Bar:
-    """Shows how far work has come; made by `progress_bar`. This one, of --quiet, shows nothing."""
+def _drawn(bar: RichProgress, task: TaskID) -> ProgressCallback:
+    """Return what moves a bar on a terminal."""
+    stage = ""
 
-    def show(self, share: float, *, doing: str = "", note: str = "") -> None:
-        """Show that a share of the work, 0 to 1, is done, what is being done now if that is new, and a short note."""
-        self.report(Progress(stage=doing, done=share, total=1.0, note=note))
-
-    def begin_writing(self) -> None:
-        """Show that the work is done and its result is being written."""
-        self.report(Progress(stage="writing the report"))
-
-    def report(self, progress: Progress) -> None:
-        """Show the progress of work, its stage and its note; a `ballbot.progress.ProgressCallback`."""
-
-
-class _DrawnBar(Bar):
-    """A bar that moves, on a terminal."""
-
-    def __init__(self, progress: RichProgress, task: TaskID) -> None:
-        self._progress, self._task, self._stage = progress, task, ""
-
-    def report(self, progress: Progress) -> None:
-        if progress.stage != self._stage:  # another total forgets the pace of the stage before
-            self._stage = progress.stage
-            self._progress.update(self._task, total=None)
-        self._progress.update(
-            self._task,
+    def report(progress: Progress) -> None:
+        nonlocal stage
+        if progress.stage != stage:  # another total forgets the pace of the stage before
+            stage = progress.stage
+            bar.update(task, total=None)
+        bar.update(
+            task,
             completed=progress.share,
             total=1.0 if progress.total else None,
             description=stage_words(progress) or None,
             note=" ".join(filter(None, (fraction(progress), printable_line(progress.note)))),
         )
 
+    return report
 
-class _WrittenLines(Bar):
-    """Lines on standard error, for output that is piped or kept: one a stage, and one now and then in between.
+
+def _written(doing: str) -> ProgressCallback:
+    """Return what writes lines on standard error, for output that is piped or kept: one a stage, and some in between.
 
     Nothing is written in the first seconds, so that input that is refused is answered by one sentence alone.
     """
+    stage, written, due = doing, "", monotonic() + _BEFORE_LINES
 
-    def __init__(self, doing: str) -> None:
-        self._stage, self._written = doing, ""
-        self._next = monotonic() + _BEFORE_LINES
-
-    def report(self, progress: Progress) -> None:
-        self._stage = progress.stage or self._stage
-        if monotonic() < self._next and self._written in ("", self._stage):
+    def report(progress: Progress) -> None:
+        nonlocal stage, written, due
+        stage = progress.stage or stage
+        if (monotonic() < due and written in ("", stage)) or (not written and stage == WRITING):
             return
-        self._written, self._next = self._stage, monotonic() + _BETWEEN_LINES
-        line = progress_line(replace(progress, stage=self._stage), "")
+        written, due = stage, monotonic() + _BETWEEN_LINES
+        line = progress_line(replace(progress, stage=stage), "")
         print(f"ballbot: {printable_line(line)}", file=sys.stderr, flush=True)
+
+    return report
 
 
 @contextmanager
-def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
+def progress_bar(console: Console, doing: str) -> Iterator[ProgressCallback]:
     """Show a bar with the elapsed and the remaining time while the block runs; lines on standard error if piped.
 
     Parameters
@@ -145,10 +133,10 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
         What is being done.
     """
     if OUTPUT.get().quiet:
-        yield Bar()
+        yield ignore_progress
         return
     if not console.is_terminal:
-        yield _WrittenLines(doing)
+        yield _written(doing)
         return
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -157,5 +145,5 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),  # of the stage
     )
-    with RichProgress(*columns, console=console, transient=True) as progress:
-        yield _DrawnBar(progress, progress.add_task(printable_line(doing), total=None, note=""))
+    with RichProgress(*columns, console=console, transient=True) as bar:
+        yield _drawn(bar, bar.add_task(printable_line(doing), total=None, note=""))

@@ -9,10 +9,10 @@ from pathlib import Path
 from cyclopts import Parameter
 from scipy.spatial.transform import Rotation
 
-from ballbot.cli.context import PAGE, input_files, open_result
+from ballbot.cli.context import PAGE, Content, MappingFile, OutFolder, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
-from ballbot.files import write_bytes
+from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.spin import spin_report, spin_results
@@ -29,7 +29,7 @@ from ballbot.vision.spin import (
 )
 from ballbot.vision.video import open_video
 
-_WRITTEN = (PAGE, "spin.csv", "results.json", "overlay.png", "log.csv")
+_WRITTEN = ("spin.csv", "overlay.png", "log.csv")
 
 
 @Parameter(name="*")
@@ -62,11 +62,11 @@ def spin(
     video: Path,
     /,
     *,
-    out: Path,
+    out: OutFolder,
     camera: CameraOptions = _CAMERA,
     log: Path | None = None,
     robot: str | None = None,
-    mapping: Path | None = None,
+    mapping: MappingFile = None,
     accept: Accept = None,
 ) -> None:
     """Measure the ball's angular velocity from a video of its seam, seen from above on the upside-down robot.
@@ -82,14 +82,10 @@ def spin(
     ----------
     video
         Any file that OpenCV reads. The camera stands still and looks down on the ball.
-    out
-        The folder to write into.
     log
         A log of the same run, with the wheels' speeds.
     robot
         A preset's name or a robot file; needed with a log.
-    mapping
-        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     """
     if log is not None and robot is None:
         raise InputError(
@@ -107,10 +103,11 @@ def spin(
     findings = bench_findings(described, {str(log): run}) if described and run else ()
     stop_or_show(findings, accept=accept, others="`ballbot check-log`")
     film = open_video(video, frame_rate=camera.frame_rate)
-    with open_result(out, command="spin", writes=_WRITTEN, inputs=input_files(video, log, mapping)) as result:
-        with result.progress("looking") as bar:
-            found = measure_spin(film, setup, progress=lambda now: bar.report(replace(now, note=video.stem)))
-        comparison = None
+    with open_result(
+        out, command="spin", doing="looking", writes=_WRITTEN, inputs=[video, log, mapping]
+    ) as result:
+        found = measure_spin(film, setup, progress=lambda now: result.report(replace(now, note=video.stem)))
+        comparison, files = None, dict[str, Content]()
         if run is not None and described is not None:
             try:
                 comparison = compare_with_wheels(found, run, described, known=turn)
@@ -118,25 +115,19 @@ def spin(
                 raise InputError(f"{video} and {log}: {error}") from None
             turn = turn or comparison.robot_camera
         found = found.turned(turn) if turn is not None else found
-        with result.replaced() as new:
-            result.write_json(spin_results(found, comparison, log_findings=findings), new)
-            found.log().write(new / "spin.csv")
-            picture = overlay(found)
-            write_bytes(new / "overlay.png", picture)
-            if run is not None and comparison is not None:
-                log_with_spin(run, found, comparison.clock).write(new / "log.csv")
-            page = spin_report(
-                found,
-                comparison,
-                video=video.name,
-                picture=picture,
-                made=result.origin,
-                log_findings=findings,
-            )
-            result.write_page(page, new)
-    for finding in spin_findings(found, comparison):
-        result.console.print(finding.text, markup=False, soft_wrap=True)
-    result.show_file("spin.csv", PAGE)
+        if run is not None and comparison is not None:
+            files["log.csv"] = log_with_spin(run, found, comparison.clock).write
+        files |= {"spin.csv": found.log().write, "overlay.png": (picture := overlay(found))}
+        page = spin_report(
+            found,
+            comparison,
+            video=video.name,
+            picture=picture,
+            made=result.origin,
+            log_findings=findings,
+        )
+        result.write(spin_results(found, comparison, log_findings=findings), page, files=files)
+    result.show(texts(spin_findings(found, comparison)), "spin.csv", PAGE)
 
 
 def _turn(forward: float | None) -> Rotation | None:

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import ROBOT_BESIDE, WholeNumber
+from ballbot.cli.context import ROBOT_BESIDE, MappingFile, WholeNumber
 from ballbot.cli.output import notice_output, progress_bar, show_written, standard_output
 from ballbot.errors import InputError, every, nearest
 from ballbot.files import check_file, write_text
@@ -58,7 +58,7 @@ def view(
     layout: Layout = "side",
     start: float | None = None,
     end: float | None = None,
-    mapping: Path | None = None,
+    mapping: MappingFile = None,
     save: Path | None = None,
     video: Path | None = None,
     live: LiveOptions = _LIVE,
@@ -88,8 +88,6 @@ def view(
         First time of the logs to show [s].
     end
         Time of the logs to stop at [s].
-    mapping
-        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
     save
         The HTML file to write; a robot is at rest in it. If no file is to be written, the browser opens.
     video
@@ -136,8 +134,8 @@ def _write(page: str, save: Path | None, video: Path | None) -> None:
     if video is not None:
         from ballbot.viewer.video import write_video
 
-        with progress_bar(standard_output(), "drawing the video") as bar:
-            write_video(page, video, progress=bar.report)
+        with progress_bar(standard_output(), "drawing the video") as report:
+            write_video(page, video, progress=report)
     if save is None and video is None:
         path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html"
         write_text(path, page)

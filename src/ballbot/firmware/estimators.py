@@ -115,13 +115,7 @@ class KalmanMemory:
 
 
 def onboard_record(robot: Robot, *, sample_time: float) -> OnboardRecord:
-    """Return the numbers of the on-board state for a robot.
-
-    Raises
-    ------
-    InputError
-        If the sample time is not positive.
-    """
+    """Return the numbers of the on-board state for a robot; InputError if the sample time is not positive."""
     if not sample_time > 0:
         raise InputError(f"The sample time of an on-board state must be above 0 s, not {sample_time}.")
     return OnboardRecord(
@@ -132,6 +126,8 @@ def onboard_record(robot: Robot, *, sample_time: float) -> OnboardRecord:
 def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> KalmanRecord:
     """Return the numbers of the Kalman filter for a robot.
 
+    InputError if the sample time is not positive.
+
     Parameters
     ----------
     robot : Robot
@@ -139,11 +135,6 @@ def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None
         [s]
     noise : FilterNoise, optional
         `FilterNoise.of(robot)` by default.
-
-    Raises
-    ------
-    InputError
-        If the sample time is not positive.
     """
     if not sample_time > 0:
         raise InputError(f"The sample time of a Kalman filter must be above 0 s, not {sample_time}.")

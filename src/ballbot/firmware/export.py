@@ -63,18 +63,15 @@ def exported_names() -> list[str]:
 def export_controller(controller: Controller, *, lean: float = 0.35) -> Export:
     """Return a controller and its robot as firmware.
 
+    InputError if the loop with the robot has no stability margin, single precision cannot hold the controller, or the
+    lean is not above zero and at most 1.2 rad.
+
     Parameters
     ----------
     controller : Controller
         With the robot that it was read for.
     lean : float
         Largest |theta| and |phi| [rad]; the safety layer stops beyond it.
-
-    Raises
-    ------
-    InputError
-        If the loop with the robot has no stability margin, single precision cannot hold the controller, or the lean is
-        not above zero and at most 1.2 rad.
     """
     refuse_without_margin(controller)
     shaping = controller.parts.shaping

@@ -111,6 +111,8 @@ def check_clock(clock: float) -> None:
 def measure_load(controller: Controller, exported: Export, *, clock: float = CLOCK) -> ProcessorLoad:
     """Return what an exported controller takes on its processor, measured on the emulator.
 
+    InputError if `ziglang` or `unicorn` is not installed, or the clock is impossible.
+
     Parameters
     ----------
     controller : Controller
@@ -118,11 +120,6 @@ def measure_load(controller: Controller, exported: Export, *, clock: float = CLO
         Of the controller.
     clock : float
         Of the processor [Hz].
-
-    Raises
-    ------
-    InputError
-        If `ziglang` or `unicorn` is not installed, or the clock is impossible.
     """
     check_clock(clock)
     sources = [*source_files(), PROJECT / "robot.c", _NO_HARDWARE]

@@ -181,6 +181,8 @@ def emulated_robot(
 ) -> EmulatedRobot:
     """Return an emulated robot with the nominal controller.
 
+    InputError if there is no compiler, the twin is not installed, or the scenario's IMU has no noise.
+
     Parameters
     ----------
     robot : Robot
@@ -196,11 +198,6 @@ def emulated_robot(
         As for `EmulatedRobot`.
     imu_checked : bool
         Whether the axes of the IMU count as checked.
-
-    Raises
-    ------
-    InputError
-        If there is no compiler, the twin is not installed, or the scenario's IMU has no noise.
     """
     if not (scenario.sensors.gyro_noise or scenario.sensors.attitude_noise):
         raise InputError(

@@ -62,13 +62,7 @@ class LockStep:
         return self.samples * self._sample_time
 
     def step(self) -> Motors:
-        """Let the robot take one sample and return what it commands its motors.
-
-        Raises
-        ------
-        LinkError
-            If it does not answer.
-        """
+        """Let the robot take one sample and return what it commands its motors; LinkError if it does not answer."""
         self.samples += 1
         stamped = replace(self.sensors, time=round(1e6 * self.clock()) % 2**32)
         # whole frames only: a part of one would spoil the sensors' frame after it

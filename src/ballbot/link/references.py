@@ -149,10 +149,7 @@ LiveReference = CourseReference | KeyboardReference
 def live_reference(source: str) -> LiveReference:
     """Return the reference that a text names: a course, a file or the keyboard.
 
-    Raises
-    ------
-    InputError
-        If there is no such course, file or terminal.
+    InputError if there is no such course, file or terminal.
     """
     if source == KEYBOARD:
         return KeyboardReference(sys.stdin.fileno())

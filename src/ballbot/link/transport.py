@@ -39,17 +39,12 @@ class LinkError(InputError):
 def open_transport(address: str) -> Transport:
     """Open the transport of an address.
 
+    InputError if the address is not valid. LinkError if the transport cannot be opened.
+
     Parameters
     ----------
     address : str
         A serial port, with "?baud=N" if it is not 921600.
-
-    Raises
-    ------
-    InputError
-        If the address is not valid.
-    LinkError
-        If the transport cannot be opened.
     """
     path, _, query = address.partition("?")
     baud = parse_qs(query).get("baud", [str(DEFAULT_BAUD)])[0]

@@ -64,6 +64,9 @@ def measure_turns(
 ) -> tuple[Turn, ...]:
     """Let the firmware check the IMU's axes, and return what the sensors measured of each movement.
 
+    InputError if the robot is not moved within a minute, the IMU's axes are wrong or were checked before, the encoders
+    give nothing, or the link is lost.
+
     Parameters
     ----------
     robot : LiveRobot
@@ -71,12 +74,6 @@ def measure_turns(
     operator : Operator
     watch : callable
         Takes every state.
-
-    Raises
-    ------
-    InputError
-        If the robot is not moved within a minute, the IMU's axes are wrong or were checked before, the encoders give
-        nothing, or the link is lost.
     """
     rests: list[State] = []  # the last state in each position that the firmware waited for, in order
 

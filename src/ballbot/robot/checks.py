@@ -41,13 +41,7 @@ _WEAKEST_AXIS = 0.01
 
 
 def check_robot(robot: RobotValues) -> None:
-    """Raise InputError if a robot cannot exist.
-
-    Raises
-    ------
-    InputError
-        If a value is wrong: one sentence about the first one.
-    """
+    """Raise InputError if a robot cannot exist; InputError if a value is wrong: one sentence about the first one."""
     _check_texts(robot)
     for parameter in PARAMETERS:
         for label, value in _numbers(robot, parameter):
@@ -74,11 +68,8 @@ _ROUNDED_CORRELATION = 1e-3
 def check_deviations(robot: RobotValues) -> None:
     """Raise InputError if a standard deviation is invalid.
 
-    Raises
-    ------
-    InputError
-        If a name is no parameter's, the parameter is a whole number, a standard deviation is not a number of zero or
-        more, one for each of the parameter's, or an interval is not one about a number whose deviation is infinite.
+    InputError if a name is no parameter's, the parameter is a whole number, a standard deviation is not a number of
+    zero or more, one for each of the parameter's, or an interval is not one about a number whose deviation is infinite.
     """
     for name, deviation in robot.standard_deviations.items():
         if name not in BY_NAME or BY_NAME[name].shape == "whole number":
@@ -113,11 +104,8 @@ def check_deviations(robot: RobotValues) -> None:
 def check_correlation(robot: RobotValues) -> None:
     """Raise InputError if the correlations are not those of numbers with standard deviations.
 
-    Raises
-    ------
-    InputError
-        If a number has no finite standard deviation or is listed twice, a row has not one number for each column up to
-        its own, the diagonal is not 1, or no errors can have such correlations.
+    InputError if a number has no finite standard deviation or is listed twice, a row has not one number for each column
+    up to its own, the diagonal is not 1, or no errors can have such correlations.
     """
     correlation = robot.correlation
     if not correlation.of and not correlation.lower:

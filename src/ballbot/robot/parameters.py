@@ -271,10 +271,7 @@ UNITS: Mapping[str, Mapping[str, Scale]] = {
 def to_si(value: float, unit: str, si_unit: str) -> float:
     """Return a value given in `unit` as a value in `si_unit`.
 
-    Raises
-    ------
-    InputError
-        If `unit` is not one that `si_unit` can be written in.
+    InputError if `unit` is not one that `si_unit` can be written in.
     """
     scale = _scale(unit, si_unit)
     return _shifted(value, scale.exponent) * scale.factor

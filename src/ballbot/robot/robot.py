@@ -143,7 +143,10 @@ class Robot(RobotValues):
         if source in presets:
             return _preset(str(source))
         if not isinstance(source, str | Path):
-            raise _not_a_robot(source)
+            raise InputError(
+                f"A robot is given as an object of type {type(source).__name__}; give a Robot, a preset's name or the "
+                "path of a robot file."
+            )
         if not Path(source).exists():
             near, file = nearest(str(source), presets), nearest_file(source)
             hint = (
@@ -262,18 +265,7 @@ def as_robot(source: RobotLike) -> Robot:
     InputError
         If it is none of these.
     """
-    if isinstance(source, Robot):
-        return source
-    if isinstance(source, str | Path):
-        return Robot.load(source)
-    raise _not_a_robot(source)
-
-
-def _not_a_robot(source: object) -> InputError:
-    return InputError(
-        f"A robot is given as an object of type {type(source).__name__}; give a Robot, a preset's name or the path "
-        "of a robot file."
-    )
+    return source if isinstance(source, Robot) else Robot.load(source)
 
 
 def is_model_file(path: str | Path) -> bool:

@@ -61,13 +61,7 @@ def correlations(robot: Robot) -> NDArray[np.float64]:
 
 
 def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
-    """Return the robot with these amounts [SI units] added to its numbers.
-
-    Raises
-    ------
-    InputError
-        If that is not a robot.
-    """
+    """Return the robot with these amounts [SI units] added to its numbers; InputError if that is not a robot."""
     changes: dict[str, Value] = {}
     for which, amount in amounts.items():
         value = changes.get(which.name, value_of(robot, BY_NAME[which.name]))
@@ -84,10 +78,7 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     and several such terms would leave hardly any draw. Other draws that describe no robot (a negative mass, an inertia
     that no body has) are drawn again.
 
-    Raises
-    ------
-    InputError
-        If nearly all draws are such.
+    InputError if nearly all draws are such.
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
     mixing = _square_root(correlations(robot)) if robot.correlation.of else None
@@ -163,16 +154,13 @@ class Propagated:
 def propagate(robot: Robot, result_of: Callable[[Robot], NDArray[np.float64]]) -> Propagated:
     """Carry a robot's standard deviations through to a result, linearly.
 
+    InputError if no robot a tenth of a standard deviation away can exist, on either side.
+
     Parameters
     ----------
     robot : Robot
     result_of : callable
         From a robot to an array of always the same shape, smooth in the robot's numbers.
-
-    Raises
-    ------
-    InputError
-        If no robot a tenth of a standard deviation away can exist, on either side.
     """
     value = np.asarray(result_of(robot), dtype=np.float64)
     parts = {}

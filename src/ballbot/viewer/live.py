@@ -113,10 +113,7 @@ class Request:
 def read_request(text: str) -> Request:
     """Return the request in a page's message.
 
-    Raises
-    ------
-    InputError
-        If it is no JSON, or asks for anything else or for a value out of its range.
+    InputError if it is no JSON, or asks for anything else or for a value out of its range.
     """
     try:
         tree = json.loads(text)
@@ -141,10 +138,7 @@ def live_entries(
 ) -> tuple[Entry, ...]:
     """Return an entry for each robot with each controller, named by what differs among them.
 
-    Raises
-    ------
-    InputError
-        If there is no such controller or scenario, or it does not fit its robot.
+    InputError if there is no such controller or scenario, or it does not fit its robot.
     """
     entries = []
     for robot_name, robot in robots.items():

@@ -85,6 +85,8 @@ BODY_NOTE = (
 def motion_of(log: Log, robot: Robot) -> Motion:
     """Return what a log of a balancing robot shows.
 
+    InputError if a column is missing or empty, the log is longer than `LONGEST`, or has another number of wheels.
+
     Parameters
     ----------
     log : Log
@@ -92,11 +94,6 @@ def motion_of(log: Log, robot: Robot) -> Motion:
         of a simulated run come before the measured ones.
     robot : Robot
         Its geometry, and its friction if the log has wheel speeds.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or empty, the log is longer than `LONGEST`, or has another number of wheels.
     """
     _check(log, robot)
     log, notes = _posed(log, robot)

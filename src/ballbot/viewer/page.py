@@ -62,6 +62,9 @@ def replay_part(
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
+    InputError if there is no robot or there are too many logs, or one cannot be shown
+    (`ballbot.viewer.motion.motion_of`).
+
     Parameters
     ----------
     logs : Log or log file, or several in a list or a mapping
@@ -76,11 +79,6 @@ def replay_part(
         Different for each replay of a page.
     colors : sequence of {"blue", "orange", "violet", "teal", "ink"}
         Of the runs, as they are drawn in the figures beside the replay.
-
-    Raises
-    ------
-    InputError
-        If there is no robot or there are too many logs, or one cannot be shown (`ballbot.viewer.motion.motion_of`).
     """
     data = _replay_data(logs, robot, layout=layout, autoplay=autoplay, colors=colors)
     return ReplayPart(
@@ -155,6 +153,8 @@ def live_page(
 ) -> LivePage:
     """Return the page of a live view, which shows the robots at rest until the first frame comes.
 
+    InputError if there is no robot, or there are too many.
+
     Parameters
     ----------
     robots : mapping of str to Robot
@@ -166,11 +166,6 @@ def live_page(
     notes : sequence of str
         What is shown, in sentences.
     title : str
-
-    Raises
-    ------
-    InputError
-        If there is no robot, or there are too many.
     """
     _check_number(len(robots), "robots")
     first = next(iter(robots.values()))

@@ -115,6 +115,8 @@ async def serve_live(
 ) -> None:
     """Simulate a world in real time, and serve its page and its frames.
 
+    InputError if the port cannot be listened on.
+
     Parameters
     ----------
     page : LivePage
@@ -126,11 +128,6 @@ async def serve_live(
         Called with the page's address.
     until : asyncio.Event, optional
         Ends it when it is set.
-
-    Raises
-    ------
-    InputError
-        If the port cannot be listened on.
     """
     pages = _Pages(world)
 

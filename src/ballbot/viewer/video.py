@@ -41,6 +41,8 @@ _SHOW = """(() => {{
 def write_video(page: str, path: Path, *, progress: ProgressCallback = ignore_progress) -> None:
     """Write a replay as a video, from its start to its end in real time.
 
+    InputError if ffmpeg or Chromium is not installed, or ffmpeg cannot write such a file.
+
     Parameters
     ----------
     page : str
@@ -48,11 +50,6 @@ def write_video(page: str, path: Path, *, progress: ProgressCallback = ignore_pr
     path : Path
         The file; its ending chooses the format, such as .mp4, .webm or .gif.
     progress : callable, optional
-
-    Raises
-    ------
-    InputError
-        If ffmpeg or Chromium is not installed, or ffmpeg cannot write such a file.
     """
     program = shutil.which("ffmpeg")
     if program is None:
