@@ -277,9 +277,6 @@ def test_oversized_parquet_is_refused_by_its_header(tmp_path, capsys):
     assert time.process_time() - began < 1.0
 
 
-NUMBERS = st.lists(st.floats(-(2.0**99), 2.0**99, width=32) | st.integers(-100, 100), min_size=1, max_size=12)
-
-
 @pytest.mark.parametrize("address", ["10.0.0.5", "tcp://localhost", "", "foo://x:1", "localhost:99999"])
 def test_cluster_address_without_a_port_is_refused(tmp_path, capsys, address):
     log = tmp_path / "log.csv"

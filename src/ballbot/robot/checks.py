@@ -28,7 +28,7 @@ from ballbot.robot.components import (
     Wheels,
     deviation_labels,
 )
-from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, Value, to_si, value_of
+from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, numbers_of, to_si, value_of
 
 #: fraction by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
@@ -74,8 +74,8 @@ def check_deviations(robot: RobotValues) -> None:
     for name, deviation in robot.standard_deviations.items():
         if name not in BY_NAME or BY_NAME[name].shape == "whole number":
             raise InputError(f"{name} has a standard deviation but is not a parameter that can have one.")
-        value, numbers = value_of(robot, BY_NAME[name]), _each(deviation)
-        count = len(_each(value))
+        value, numbers = value_of(robot, BY_NAME[name]), numbers_of(deviation)
+        count = len(numbers_of(value))
         if isinstance(value, tuple) != isinstance(deviation, tuple) or len(numbers) != count:
             raise InputError(f"{name} has the standard deviation {deviation!r}; it needs {count} of them.")
         for one in numbers:
@@ -84,7 +84,7 @@ def check_deviations(robot: RobotValues) -> None:
                     f"{name} has the standard deviation {one!r}; it must be zero or more, or inf where it is unknown."
                 )
     unknown = {
-        label: _each(value_of(robot, BY_NAME[name]))[place]
+        label: numbers_of(value_of(robot, BY_NAME[name]))[place]
         for label, name, place, size in deviation_labels(robot.standard_deviations)
         if math.isinf(size)
     }
@@ -133,10 +133,6 @@ def check_correlation(robot: RobotValues) -> None:
             "correlation.lower has correlations that no errors can have: the matrix has a negative "
             "eigenvalue. Remove the table [correlation], or identify again."
         )
-
-
-def _each(value: Value) -> tuple[float, ...]:
-    return value if isinstance(value, tuple) else (value,)
 
 
 def _check_texts(robot: RobotValues) -> None:

@@ -37,7 +37,7 @@ from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
-from ballbot.robot.components import BY_NAME, PARAMETERS, InertiaPoint, RobotValues
+from ballbot.robot.components import BY_NAME, PARAMETERS, RobotValues
 from ballbot.robot.parameters import (
     DIMENSIONLESS,
     Parameter,
@@ -45,6 +45,7 @@ from ballbot.robot.parameters import (
     build,
     from_si,
     headings_of,
+    numbers_of,
     to_si,
     value_of,
 )
@@ -245,7 +246,7 @@ def _written(values: Sequence[Value], parameter: Parameter) -> tuple[list[str], 
     """Return values as texts and their unit: the file's unit where all read back exactly, else SI."""
     if parameter.shape == "whole number":
         return [str(value) for value in values], parameter.unit
-    numbers = [[float(one) for one in (value if isinstance(value, tuple) else (value,))] for value in values]
+    numbers = [[float(one) for one in numbers_of(value)] for value in values]
     converted = [[from_si(one, parameter.written_in, parameter.unit) for one in row] for row in numbers]
     exact = all(None not in row for row in converted)
     texts = [[repr(one) for one in row] for row in (converted if exact else numbers)]
@@ -276,8 +277,7 @@ def _nearest(key: str, table: str) -> str:
 
 def _fields(leaves: Mapping[str, object], stated: IdentificationTables) -> dict[str, object]:
     """Return the values of a robot's fields by dotted name, in SI units."""
-    name = _text(leaves, "name")
-    inertia_about = _inertia_point(_text(leaves, "body.inertia.about"))
+    name, about = _text(leaves, "name"), _text(leaves, "body.inertia.about")
     values: dict[str, Value] = {}
     sources: dict[str, str] = {}
     deviations: dict[str, Value] = {}
@@ -297,7 +297,7 @@ def _fields(leaves: Mapping[str, object], stated: IdentificationTables) -> dict[
     return {
         **values,
         "name": name,
-        "body.inertia_about": inertia_about,
+        "body.inertia_about": about,
         "sources": sources,
         "standard_deviations": deviations,
         "correlation.of": tuple(together.of),
@@ -319,11 +319,3 @@ def _text(leaves: Mapping[str, object], name: str) -> str:
 def _place(name: str) -> str:
     table = name.rpartition(".")[0]
     return f"under [{table}]" if table else "at the top of the file"
-
-
-def _inertia_point(about: str) -> InertiaPoint:
-    if about == "ball_center":
-        return "ball_center"
-    if about == "center_of_mass":
-        return "center_of_mass"
-    raise InputError(f'body.inertia.about is {about!r}; write "ball_center" or "center_of_mass".')

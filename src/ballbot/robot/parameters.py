@@ -151,6 +151,11 @@ def value_of(record: object, one: Parameter) -> Value:
     return value if one.place is None else value[one.place]
 
 
+def numbers_of(value: Value) -> tuple[float, ...]:
+    """Return a value's numbers: one, or one for each wheel."""
+    return value if isinstance(value, tuple) else (value,)
+
+
 def build(kind: Callable[..., T], values: Mapping[str, object], *, place: str = "") -> T:
     """Return a dataclass of values by dotted names; a parameter without a value gets the field's default.
 

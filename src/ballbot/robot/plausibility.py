@@ -21,7 +21,7 @@ from ballbot.errors import InputError, every
 from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.robot.components import BY_NAME, PARAMETERS
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
-from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Value, to_si, value_of
+from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Value, numbers_of, to_si, value_of
 from ballbot.robot.robot import Robot, with_values
 
 Range = tuple[float, float]
@@ -449,7 +449,7 @@ def _times(value: Value, scale: float) -> Value:
 
 def _with_unit(name: str, value: Value) -> str:
     """Return a parameter's value with its unit, an angle in degrees as well."""
-    unit, numbers = BY_NAME[name].unit, value if isinstance(value, tuple) else (value,)
+    unit, numbers = BY_NAME[name].unit, numbers_of(value)
 
     def text(factor: float, unit: str) -> str:
         listed = ", ".join(f"{factor * one:.4g}" for one in numbers)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.robot.components import BY_NAME, deviation_labels
-from ballbot.robot.parameters import Value, value_of
+from ballbot.robot.parameters import Value, numbers_of, value_of
 from ballbot.robot.robot import Robot, with_values
 
 #: differences are taken over this fraction of a standard deviation
@@ -65,7 +65,7 @@ def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
     changes: dict[str, Value] = {}
     for which, amount in amounts.items():
         value = changes.get(which.name, value_of(robot, BY_NAME[which.name]))
-        numbers = list(_numbers(value))
+        numbers = list(numbers_of(value))
         numbers[which.place] += amount
         changes[which.name] = tuple(numbers) if isinstance(value, tuple) else numbers[0]
     return with_values(robot, changes)
@@ -113,12 +113,12 @@ def _within(robot: Robot, one: Uncertain, amount: float) -> float:
     """
     parameter = BY_NAME[one.name]
     if one.label in robot.intervals:
-        value = float(_numbers(value_of(robot, parameter))[one.place])
+        value = float(numbers_of(value_of(robot, parameter))[one.place])
         least, most = robot.intervals[one.label]
         return min(max(amount, least - value), most - value)
     if parameter.table != "friction" or parameter.least < 0.0:
         return amount
-    value = float(_numbers(value_of(robot, parameter))[one.place])
+    value = float(numbers_of(value_of(robot, parameter))[one.place])
     least = parameter.least if parameter.least_is_allowed else _LEAST_SHARE * value
     return max(amount, least - value)
 
@@ -189,7 +189,3 @@ def _deviation(
     stacked = np.array(list(parts.values()))
     variance = np.einsum("i...,ij,j...->...", stacked, correlations(robot), stacked)
     return np.sqrt(np.maximum(variance, 0.0))
-
-
-def _numbers(value: Value) -> tuple[float, ...]:
-    return value if isinstance(value, tuple) else (value,)

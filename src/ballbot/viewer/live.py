@@ -110,7 +110,7 @@ class Request:
     reset: bool = False
 
 
-def read_request(text: str) -> Request:
+def read_request(text: str | bytes) -> Request:
     """Return the request in a page's message.
 
     InputError if it is no JSON, or asks for anything else or for a value out of its range.
