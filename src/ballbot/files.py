@@ -177,15 +177,12 @@ _PARTIAL_NAME = 40
 _SEAL_LENGTH = len("\nsha256 ") + 64
 
 
-def check_file(path: str | Path) -> Path:
+def check_file(
+    path: str | Path,  # A link is followed, so that what it names is written and the link stays
+) -> Path:
     """Return where a file is to be written, before work begins that would be lost without it.
 
     InputError if a folder, a device, a pipe or a loop of links is there, or the path cannot be looked up.
-
-    Parameters
-    ----------
-    path : str or Path
-        A link is followed, so that what it names is written and the link stays.
 
     Returns
     -------
@@ -203,33 +200,26 @@ def check_file(path: str | Path) -> Path:
     return target
 
 
-def check_new_file(path: str | Path, *, force: bool) -> None:
+def check_new_file(
+    path: str | Path,  # see `check_file`
+    *,
+    force: bool,  # whether to replace an existing file
+) -> None:
     """Check where a file is to be written that its user then edits; such a file is replaced only if asked for.
 
     InputError if the path cannot be written, or the file exists and `force` is not given.
-
-    Parameters
-    ----------
-    path : str or Path
-        See `check_file`.
-    force : bool
-        Whether to replace an existing file.
     """
     if check_file(path).exists() and not force:
         raise InputError(f"{path} already exists. Choose another name, or replace it with --force.")
 
 
-def write_bytes(path: str | Path, data: bytes) -> None:
+def write_bytes(
+    path: str | Path,  # where to, see `check_file`; missing folders are made
+    data: bytes,  # the whole content
+) -> None:
     """Write a file so that a reader sees the old content or the new, never a part.
 
     InputError if it cannot be written; the old content is then as it was.
-
-    Parameters
-    ----------
-    path : str or Path
-        Where to, see `check_file`; missing folders are made.
-    data : bytes
-        The whole content.
     """
     target = check_file(path)
     try:
@@ -258,16 +248,14 @@ def write_text(path: str | Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
 
 
-def write_sealed(path: str | Path, data: bytes, *, of: str = "") -> None:
-    """Write a file of work that is gone on with, whole or not at all, with a checksum after it; see `read_sealed`.
-
-    Parameters
-    ----------
-    path : str or Path
-    data : bytes
-    of : str
-        What the data belongs to, as a digest of the code that made it; other data is not taken for it.
-    """
+def write_sealed(
+    path: str | Path,
+    data: bytes,
+    *,
+    # what the data belongs to, as a digest of the code that made it; other data is not taken for it
+    of: str = "",
+) -> None:
+    """Write a file of work that is gone on with, whole or not at all, with a checksum after it; see `read_sealed`."""
     write_bytes(path, data + _seal(data, of))
 
 

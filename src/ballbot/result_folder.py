@@ -123,30 +123,19 @@ class ResultFolder:
 
 @contextmanager
 def result_folder(
-    out: str | Path,
+    out: str | Path,  # made if it is not there
     *,
-    command: str,
+    command: str,  # whose result it is to be, as "study"
+    # the files that the command may write there, as "report.html" or "figures/one.svg"
     names: Collection[str],
-    inputs: Sequence[Path] = (),
+    inputs: Sequence[Path] = (),  # the files that the result is made from
+    # whether the command goes on with finished runs in the folder, which a new result deletes
     keeps_runs: bool = False,
 ) -> Iterator[ResultFolder]:
     """Hold a folder for the result of one command while the block runs.
 
     InputError if another process holds the folder; if it has another command's result or unfinished run, or files by
     these names that are no result's or were changed since; or if an input would be replaced.
-
-    Parameters
-    ----------
-    out : str or Path
-        Made if it is not there.
-    command : str
-        Whose result it is to be, as "study".
-    names : collection of str
-        The files that the command may write there, as "report.html" or "figures/one.svg".
-    inputs : sequence of Path
-        The files that the result is made from.
-    keeps_runs : bool
-        Whether the command goes on with finished runs in the folder, which a new result deletes.
     """
     was_there = os.path.exists(out)
     folder = check_folder(out)

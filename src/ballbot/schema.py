@@ -1,6 +1,6 @@
 """Tables of TOML files: validated by pydantic, with its errors as our sentences, and written with comments.
 
-    input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.
+    input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current', 'duty', 'pwm' or 'voltage'.
 
 A sentence names the key, its value, the allowed values, and the nearest name. Mappings, controllers, courses and
 scenarios are validated here.
@@ -66,21 +66,17 @@ class _Mistake:
         return self.error.get("ctx", {})
 
 
-def validate_table(schema: type[T], tree: object, *, of: str) -> T:
+def validate_table(
+    schema: type[T],  # A pydantic model or a dataclass
+    tree: object,  # what the TOML file holds
+    *,
+    of: str,  # what the file is, as "a controller file"
+) -> T:
     """Return a file's tables as a model or a dataclass.
 
     Lists become tuples and whole numbers floats; no text becomes a number, and no true or false.
 
     InputError with one sentence on the first mistake, a misspelt key before others.
-
-    Parameters
-    ----------
-    schema : type
-        A pydantic model or a dataclass.
-    tree : object
-        What the TOML file holds.
-    of : str
-        What the file is, as "a controller file".
     """
     try:
         # strict JSON knows tuples and floats by what they stand for, as strict Python does not

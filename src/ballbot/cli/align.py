@@ -7,21 +7,11 @@ from pathlib import Path
 from ballbot.cli.context import PAGE, MappingFile, OutFolder, open_result
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
-from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.log.collection import named_files
-from ballbot.report.alignment import (
-    ERROR_HEADINGS,
-    ESTIMATE_HEADINGS,
-    alignment_report,
-    alignment_results,
-    error_rows,
-    estimate_rows,
-)
-from ballbot.report.blocks import table
+from ballbot.report.alignment import alignment_report, alignment_results
 from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
-from ballbot.validation.alignment import alignment_findings
 
 
 def align(
@@ -59,12 +49,8 @@ def align(
             alignment,
             title=f"{name}: sensors against motion capture",
             lead=f"{logs_words({name: run})}, beside the motion capture in {mocap.name}.",
-            made=result.origin,
             log_findings=findings,
         )
         results = alignment_results(alignment, log_findings=findings)
         result.write(results, page, files={"aligned.csv": alignment.log.write})
-    parts = [table("Clocks, frames and path", ESTIMATE_HEADINGS, estimate_rows(alignment))]
-    if alignment.sensors is not None:
-        parts.append(table("On board minus cameras", ERROR_HEADINGS, error_rows(alignment.sensors)))
-    result.show([*parts, *texts(alignment_findings(alignment))], PAGE)
+    result.show(page.parts(), PAGE)

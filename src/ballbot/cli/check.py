@@ -105,7 +105,7 @@ def check(
             swing=_swing(hung, swinging, accept),
             following=None if reference is None else follow_reference(hung, reference, controller),
         )
-        report = robot_check_report(checked, result.origin if out else None)
+        report = robot_check_report(checked)
         result.write(checked.results(), report)
     result.console.print(report.title, markup=False)
     print_parts((finding_line(one, accepted=True) for one in checked.findings), result.console)

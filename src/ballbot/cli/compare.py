@@ -21,7 +21,7 @@ from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import PlantName, choose_courses
-from ballbot.workflows.league import kept_runs, league_identity, league_results, run_league, user_files
+from ballbot.workflows.league import kept_runs, league_identity, league_results, run_league
 
 
 def compare(
@@ -74,13 +74,10 @@ def compare(
     candidates, courses = parse_candidates(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in candidates}
-    own = user_files(made.values())
     given = [word.strip() for word in scenarios.split(",") if word.strip().endswith(".toml")]
     references = [one.reference_spec.name for one in courses if is_reference_file(one.reference_spec.name)]
     files = input_files(robot, [one.file for one in candidates if one.file], given, references)
-    files += [path for path in own if path.resolve() not in {one.resolve() for one in files}]
     made_from = league_identity(described, candidates, courses, numbers)
-    made_from |= {str(path): checksum for path, checksum in own.items()}
     warn_of_idle_compensation(made)
     doing = f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}"
     with (
@@ -98,6 +95,6 @@ def compare(
             workers=made_by,
             run=Run(progress=result.report),
         )
-        page = league_report(league, result.origin)
+        page = league_report(league)
         result.write(league_results(league), page)
     result.show(page.parts(), PAGE)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
@@ -160,20 +160,11 @@ class CommandResult:
         results: Mapping[str, object],
         page: Report,
         *,
-        findings: Collection[Finding] | None = None,
+        findings: Collection[Finding] | None = None,  # part of results.json, if they are given
+        # A text, bytes, or what writes the file at a path
         files: Mapping[str, Content] = MappingProxyType({}),
     ) -> None:
-        """Write results.json, report.html and other files by their names; all of them, or none.
-
-        Parameters
-        ----------
-        results : mapping
-        page : Report
-        findings : collection of Finding, optional
-            Part of results.json, if they are given.
-        files : mapping of str to str, bytes or callable
-            A text, bytes, or what writes the file at a path.
-        """
+        """Write results.json, report.html and other files by their names; all of them, or none."""
         whole = dict(results)
         if findings is not None:
             whole["findings"] = finding_results(findings)
@@ -184,7 +175,8 @@ class CommandResult:
         from ballbot.report.page import page_of  # with templates and scripts, which a refusal does without
 
         with self.replaced() as new:
-            for name, content in ({RESULTS: text, PAGE: page_of(page)} | dict(files)).items():
+            own = {RESULTS: text, PAGE: page_of(replace(page, made=self.origin))}
+            for name, content in (own | dict(files)).items():
                 path = new / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 if callable(content):
@@ -204,35 +196,20 @@ class CommandResult:
 
 @contextmanager
 def open_result(
-    out: Path | None,
+    out: Path | None,  # without it, the results are printed only
     *,
-    command: str,
-    doing: str = "",
+    command: str,  # whose result it is, as "study"
+    doing: str = "",  # what is being done; nothing is shown without it
+    # the files that the command may write there besides report.html and results.json
     writes: Collection[str] = (),
+    # the files that the result is made from, as the command line names them: see `input_files`
     inputs: Sequence[str | Path | Sequence[str | Path] | None] = (),
-    seed: int | str = 0,
-    keeps_runs: bool = False,
+    seed: int | str = 0,  # for the provenance
+    keeps_runs: bool = False,  # whether the command goes on with finished runs in the folder
 ) -> Iterator[CommandResult]:
     """Hold a command's folder while the block runs, and show how far the work is.
 
     InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
-
-    Parameters
-    ----------
-    out : Path, optional
-        Without it, the results are printed only.
-    command : str
-        Whose result it is, as "study".
-    doing : str
-        What is being done; nothing is shown without it.
-    writes : collection of str
-        The files that the command may write there besides report.html and results.json.
-    inputs : sequence
-        The files that the result is made from, as the command line names them: see `input_files`.
-    seed : int or str
-        For the provenance.
-    keeps_runs : bool
-        Whether the command goes on with finished runs in the folder.
     """
     files, console = input_files(*inputs), standard_output()
     origin = provenance(command=shell_line(argv()), files=files, seed=seed)

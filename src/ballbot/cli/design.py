@@ -151,7 +151,7 @@ def design(
     doing = "designing the controller"
     with open_result(out, command="design", doing=doing, writes=_WRITTEN, inputs=[robot]) as result:
         found = design_controller(described, gain=gain, parts=parts)
-        page = controller_design_report(found, result.origin, findings)
+        page = controller_design_report(found, findings)
         result.write(found.results(), page, files={"controller.toml": controller_text(found.controller)})
     result.show(page.parts(), "controller.toml", PAGE)
     warn_of_idle_compensation({"controller.toml": found.controller})
@@ -197,7 +197,7 @@ def _search(
             "linearization": linearization_results(frictionless_model(robot)),
             **to_results(found),
         }
-        page = robust_design_report(found, result.origin, findings)
+        page = robust_design_report(found, findings)
         text = search_comment(found, result.origin.command) + controller_text(found.controller)
         result.write(results, page, files={"controller.toml": text})
     result.show(page.parts(), "controller.toml", PAGE)

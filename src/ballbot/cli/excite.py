@@ -127,7 +127,7 @@ def excite(
             options=ExcitationOptions(law=identification.law, bounds=bounds, effort=effort),
             run=Run(seed=search.seed, progress=result.report),
         )
-        page = excitation_report(found, result.origin)
+        page = excitation_report(found)
         files = {
             "reference.csv": partial(write_reference, found.design.times, found.design.poses),
             "controller.toml": controller_text(chosen),

@@ -12,7 +12,7 @@ from ballbot.firmware.export import check_belongs, export_controller, exported_n
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
 from ballbot.firmware.records import FIRMWARE
 from ballbot.progress import Progress
-from ballbot.report.export import export_report, load_section
+from ballbot.report.export import export_report
 from ballbot.robot import Robot
 
 _README = "README.md"
@@ -68,7 +68,6 @@ def export(
         if not to_install:
             result.report(Progress(stage="counting instructions"))
         load = None if to_install else measure_load(read, exported, clock=clock)
-        section = load_section(load, to_install=to_install)
         results = {
             "robot": described.name,
             "estimator": read.estimator,
@@ -79,10 +78,7 @@ def export(
             "state_bytes": exported.state_bytes,
             "processor": None if load is None else load.to_dict(),
         }
-        page = export_report(
-            exported, read, load, to_install=to_install, made=result.origin, findings=findings
-        )
-        files = dict(exported.files) | {_README: f"{exported.files[_README]}\n{section}"}
-        result.write(results, page, files=files)
+        page = export_report(exported, read, load, to_install=to_install, findings=findings)
+        result.write(results, page, files=exported.files)
     warn_of_idle_compensation({controller.name: read})
     result.show(page.parts(), _README, PAGE)

@@ -57,7 +57,7 @@ def check_input(
         Whether to print the findings; if not, the command calls `show_findings` when it has printed its result.
     """
     from ballbot.log.checks import findings_of
-    from ballbot.log.mapping_file import dead_band_findings
+    from ballbot.log.mapping import dead_band_findings
 
     check_codes(accept or ())
     named = {str(path): log for path, log in zip(paths, logs, strict=True)}
@@ -98,15 +98,13 @@ def stop_or_show(
     return findings
 
 
-def show_findings(findings: Collection[Finding], *, accept: Collection[str] | None = None) -> None:
-    """Print errors and warnings, a line each; notes stand in the report.
-
-    Parameters
-    ----------
-    findings : collection of Finding
-    accept : collection of str, optional
-        Codes of errors that the user has accepted; all of them if it is not given.
-    """
+def show_findings(
+    findings: Collection[Finding],
+    *,
+    # codes of errors that the user has accepted; all of them if it is not given
+    accept: Collection[str] | None = None,
+) -> None:
+    """Print errors and warnings, a line each; notes stand in the report."""
     console = notice_output()
     for finding in findings:
         if finding.severity != "note":

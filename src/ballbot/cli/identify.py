@@ -166,7 +166,6 @@ def identify(
             findings=checked.findings,
             selection=selection,
             holdouts=holdouts,
-            made=result.origin,
         )
         files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
         result.write(results, page, files=files)

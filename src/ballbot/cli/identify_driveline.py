@@ -13,7 +13,7 @@ from ballbot.identification.bench_checks import sweep_findings
 from ballbot.identification.driveline import fit_drivelines, robot_of_sweep, sweep_estimate, sweeps_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.log.mapping_file import dead_band_findings
+from ballbot.log.mapping import dead_band_findings
 from ballbot.report.driveline import driveline_parts, driveline_report, driveline_results
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text

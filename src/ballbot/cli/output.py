@@ -122,16 +122,11 @@ def _written(doing: str) -> ProgressCallback:
 
 
 @contextmanager
-def progress_bar(console: Console, doing: str) -> Iterator[ProgressCallback]:
-    """Show a bar with the elapsed and the remaining time while the block runs; lines on standard error if piped.
-
-    Parameters
-    ----------
-    console : Console
-        From `standard_output`.
-    doing : str
-        What is being done.
-    """
+def progress_bar(
+    console: Console,  # from `standard_output`
+    doing: str,  # what is being done
+) -> Iterator[ProgressCallback]:
+    """Show a bar with the elapsed and the remaining time while the block runs; lines on standard error if piped."""
     if OUTPUT.get().quiet:
         yield ignore_progress
         return

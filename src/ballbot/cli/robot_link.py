@@ -134,28 +134,18 @@ class Connection:
 
 @contextmanager
 def connected(
-    port: str | None,
+    port: str | None,  # None for an emulated robot
     link: LinkOptions,
     *,
+    # how an emulated robot is held; in the air and upside down it stays so when it arms
     hold: Hold = "on_ball",
+    # whether an emulated robot runs no faster than a real one, for a person who drives or watches it
     real_time: bool = False,
-    imu_checked: bool = True,
+    imu_checked: bool = True,  # whether the IMU's axes of an emulated robot count as checked
 ) -> Iterator[Connection]:
     """Hold the link to a robot while the block runs.
 
     InputError if there is no such robot, both or neither of port and --emulated are given, or the link fails.
-
-    Parameters
-    ----------
-    port : str or None
-        None for an emulated robot.
-    link : LinkOptions
-    hold : {"on_ball", "in_air", "upside_down"}
-        How an emulated robot is held; in the air and upside down it stays so when it arms.
-    real_time : bool
-        Whether an emulated robot runs no faster than a real one, for a person who drives or watches it.
-    imu_checked : bool
-        Whether the IMU's axes of an emulated robot count as checked.
     """
     if link.emulated == (port is not None):
         raise InputError("Give the robot's port, such as /dev/ttyACM0, or --emulated.")

@@ -178,7 +178,7 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
             robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
     with open_result(out, command="run wiring", inputs=[link.robot, link.scenario]) as result:
-        page = wiring_report(check, about=connection.words, made=result.origin)
+        page = wiring_report(check, about=connection.words)
         result.write(wiring_results(check), page, findings=check.findings)
     if out is not None:
         result.show((), PAGE)
@@ -362,9 +362,7 @@ def compare(
         ]
         verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
         found, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
-        page = alternation_report(
-            found, logs, controllers=compared, about=connection.words, made=result.origin
-        )
+        page = alternation_report(found, logs, controllers=compared, about=connection.words)
         results = alternation_results(found) | {
             "controllers": dict(zip(("before", "after"), compared, strict=True)),
             "provenance": about,
@@ -411,10 +409,9 @@ def _record(
         page = live_run_report(
             log,
             link.described,
-            balancing=not held,
+            held=held,
             ending=made.ending.text,
             about=connection.words,
-            made=result.origin,
         )
         result.write(results, page, files={"log.csv": log.write})
         recording.unlink(missing_ok=True)

@@ -120,7 +120,6 @@ def simulate(
             reference=reference,
             formulation=simulated.formulation,
             scenario=simulated.scenario,
-            made=result.origin,
             findings=findings,
         )
         files: dict[str, Content] = {f"log.{format}": log.write, ROBOT_BESIDE: robot_text(described)}

@@ -123,7 +123,6 @@ def spin(
             comparison,
             video=video.name,
             picture=picture,
-            made=result.origin,
             log_findings=findings,
         )
         result.write(spin_results(found, comparison, log_findings=findings), page, files=files)

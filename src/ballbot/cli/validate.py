@@ -18,7 +18,7 @@ from ballbot.cli.context import (
     read_balancing_logs,
 )
 from ballbot.cli.findings import Accept, check_input, show_findings
-from ballbot.cli.output import print_parts, standard_output
+from ballbot.cli.output import print_parts
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
@@ -29,7 +29,6 @@ from ballbot.report.prediction import (
     next_steps,
     prediction_report,
     prediction_results,
-    verdict_parts,
 )
 from ballbot.report.run import over_time
 from ballbot.report.validation import validation_report, validation_results
@@ -71,18 +70,17 @@ def _validate_prediction(
         raise InputError(f"{log_path}: {error}") from None
     steps = next_steps(verdict, prediction, results=results, robot=Path(source), controller=controller)
     stated = prediction_results(verdict, prediction, steps)
-    print_parts(verdict_parts(verdict, steps), standard_output())
-    show_findings(found)
+    page = prediction_report(
+        verdict,
+        prediction,
+        title=f"{log_path}: the controller against its prediction",
+        steps=steps,
+        series=over_time(log, robot),
+        findings=found,
+    )
     with open_result(out, command="validate", inputs=[results, log_path, controller, mapping]) as result:
-        page = prediction_report(
-            verdict,
-            prediction,
-            title=f"{log_path}: the controller against its prediction",
-            steps=steps,
-            series=over_time(log, robot),
-            findings=found,
-            made=result.origin,
-        )
+        print_parts(page.parts(), result.console)
+        show_findings(found)
         result.write({"prediction": stated}, page, findings=found)
     result.show((), PAGE)
 
@@ -195,7 +193,6 @@ def validate(
             validation,
             title=title,
             lead=f"Validated on {logs_words(named)}.",
-            made=result.origin,
         )
         result.write({"validation": results}, page, findings=found)
     result.show(page.parts(), PAGE)

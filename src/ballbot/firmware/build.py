@@ -111,26 +111,15 @@ def source_files(folder: Path = SOURCES) -> list[Path]:
 
 
 def compile_sources(
-    target: Path,
-    sources: Sequence[Path],
+    target: Path,  # the file to write
+    sources: Sequence[Path],  # files; they find the library's headers
     *,
-    flags: Sequence[str] = _SHARED,
-    compiler: str | None = None,
+    flags: Sequence[str] = _SHARED,  # more options of the compiler; by default those of a shared library
+    compiler: str | None = None,  # one of `compilers`; the first of them by default
 ) -> None:
     """Compile C sources for this computer without a warning.
 
     InputError if there is no such compiler, or it refuses the sources.
-
-    Parameters
-    ----------
-    target : Path
-        The file to write.
-    sources : sequence of Path
-        Files; they find the library's headers.
-    flags : sequence of str
-        More options of the compiler; by default those of a shared library.
-    compiler : str, optional
-        One of `compilers`; the first of them by default.
     """
     name, command = _compiler(compiler)
     run_tool(*command, *NUMERICS, *WARNINGS, *flags, f"-I{SOURCES}", *sources, "-o", target, name=name)
@@ -141,20 +130,16 @@ def _compiler(name: str | None = None) -> tuple[str, tuple[str, ...]]:
 
 
 def compile_objects(
-    folder: Path, sources: Sequence[Path], *, command: Sequence[str | Path], own: Sequence[str]
+    folder: Path,
+    sources: Sequence[Path],
+    *,
+    command: Sequence[str | Path],  # start of the compiler's command line
+    # more options for all sources but `RUNTIME`, in whose functions the compiler must recognise none
+    own: Sequence[str],
 ) -> list[Path]:
     """Compile each source into an object of a folder, all at once, and return the objects.
 
     InputError if the compiler refuses a source.
-
-    Parameters
-    ----------
-    folder : Path
-    sources : sequence of Path
-    command : sequence
-        Start of the compiler's command line.
-    own : sequence of str
-        More options for all sources but `RUNTIME`, in whose functions the compiler must recognise none.
     """
 
     def compiled(number: int, source: Path) -> Path:
@@ -167,18 +152,15 @@ def compile_objects(
         return list(pool.map(compiled, itertools.count(), sources))
 
 
-def shared_library(name: str, sources: Sequence[Path], *, include: Sequence[Path] = ()) -> ctypes.CDLL:
+def shared_library(
+    name: str,  # of the file, before its digest
+    sources: Sequence[Path],
+    *,
+    include: Sequence[Path] = (),  # folders of headers besides the library's own
+) -> ctypes.CDLL:
     """Return C sources as a loaded library, compiled by the first of `compilers` unless that is kept.
 
     InputError if there is no compiler, or it refuses the sources.
-
-    Parameters
-    ----------
-    name : str
-        Of the file, before its digest.
-    sources : sequence of Path
-    include : sequence of Path
-        Folders of headers besides the library's own.
     """
     compiler, command = _compiler()
     headers = [path for folder in (SOURCES, *include) for path in sorted(folder.rglob("*.h"))]
@@ -200,18 +182,12 @@ def tool_identity(name: str, command: Sequence[str]) -> str:
     return f"{name} {compiler} {sys.platform} {platform.machine()}"
 
 
-def kept_build(name: str, parts: Iterable[str | bytes], build: Callable[[Path], None]) -> Path:
-    """Return a built file, from the user's cache folder if it was built before.
-
-    Parameters
-    ----------
-    name : str
-        Of the file; the digest is put before its ending.
-    parts : iterable of str or bytes
-        All that the file follows from.
-    build : callable
-        Writes the file.
-    """
+def kept_build(
+    name: str,  # of the file; the digest is put before its ending
+    parts: Iterable[str | bytes],  # all that the file follows from
+    build: Callable[[Path], None],  # writes the file
+) -> Path:
+    """Return a built file, from the user's cache folder if it was built before."""
     digest = sha256()
     for part in parts:
         content = part.encode() if isinstance(part, str) else part

@@ -125,20 +125,14 @@ class Image:
 
 
 def compile_image(
-    sources: Sequence[Path], *, include: Sequence[Path] = (SOURCES,), flags: Sequence[str] = ()
+    sources: Sequence[Path],  # C sources; together they call nothing that they lack
+    *,
+    include: Sequence[Path] = (SOURCES,),  # folders of headers
+    flags: Sequence[str] = (),  # more options of the compiler
 ) -> Image:
     """Compile and link sources for a Cortex-M4F.
 
     InputError if `ziglang` is not installed, or the compiler refuses the sources.
-
-    Parameters
-    ----------
-    sources : sequence of Path
-        C sources; together they call nothing that they lack.
-    include : sequence of Path
-        Folders of headers.
-    flags : sequence of str
-        More options of the compiler.
     """
     if not has_zig():
         raise InputError("Compiling for the emulated processor needs ziglang; `pip install ziglang`.")

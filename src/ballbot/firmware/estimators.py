@@ -120,17 +120,13 @@ def onboard_record(robot: Robot, *, sample_time: float) -> OnboardRecord:
     )
 
 
-def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> KalmanRecord:
-    """Return the numbers of the Kalman filter for a robot.
-
-    Parameters
-    ----------
-    robot : Robot
-    sample_time : float
-        [s]
-    noise : FilterNoise, optional
-        `FilterNoise.of(robot)` by default.
-    """
+def kalman_record(
+    robot: Robot,
+    *,
+    sample_time: float,  # [s]
+    noise: FilterNoise | None = None,  # `FilterNoise.of(robot)` by default
+) -> KalmanRecord:
+    """Return the numbers of the Kalman filter for a robot."""
     noise = noise if noise is not None else FilterNoise.of(robot)
     model = filter_model(robot, sample_time=sample_time, noise=noise)
     T = firmware_states()

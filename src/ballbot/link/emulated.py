@@ -170,34 +170,18 @@ class EmulatedRobot:
 
 
 def emulated_robot(
-    robot: Robot,
-    scenario: Scenario,
+    robot: Robot,  # as its firmware knows it
+    scenario: Scenario,  # true friction, sensors and play
     *,
-    plant: PlantName = "model",
-    hold: Hold = "on_ball",
+    plant: PlantName = "model",  # its body: the equations of motion, or the physics engine
+    hold: Hold = "on_ball",  # how it is held; in the air and upside down it stays so when it arms
     seed: int = 0,
-    real_time: bool = False,
-    imu_checked: bool = True,
+    real_time: bool = False,  # as for `EmulatedRobot`
+    imu_checked: bool = True,  # whether the axes of the IMU count as checked
 ) -> EmulatedRobot:
     """Return an emulated robot with the nominal controller.
 
     InputError if there is no compiler, the twin is not installed, or the scenario's IMU has no noise.
-
-    Parameters
-    ----------
-    robot : Robot
-        As its firmware knows it.
-    scenario : Scenario
-        True friction, sensors and play.
-    plant : {"model", "twin"}
-        Its body: the equations of motion, or the physics engine.
-    hold : {"on_ball", "in_air", "upside_down"}
-        How it is held; in the air and upside down it stays so when it arms.
-    seed : int
-    real_time : bool
-        As for `EmulatedRobot`.
-    imu_checked : bool
-        Whether the axes of the IMU count as checked.
     """
     if not (scenario.sensors.gyro_noise or scenario.sensors.attitude_noise):
         raise InputError(

@@ -137,11 +137,6 @@ class Commander(Protocol):
     def command(self, session: Session, sample: Sample) -> NDArray[np.float64] | None:
         """Send what the robot is to have at its next sample.
 
-        Parameters
-        ----------
-        session : Session
-        sample : Sample
-
         Returns
         -------
         ndarray (10,) or None
@@ -402,19 +397,16 @@ class LiveRobot:
             text = f"the safety layer stopped it: {STOPS[stop]}"
         raise InputError(f"The self-test failed: {text}.")
 
-    def arm(self, confirm: Callable[[], bool], *, controller: ControllerPlace, ramp: float = 0.0) -> None:
+    def arm(
+        self,
+        confirm: Callable[[], bool],  # asks a person here
+        *,
+        controller: ControllerPlace,  # whose torques the robot obeys
+        ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
+    ) -> None:
         """Arm, after a confirmation here.
 
         InputError if it is not confirmed, the robot refuses, or the link is lost.
-
-        Parameters
-        ----------
-        confirm : callable
-            Asks a person here.
-        controller : ControllerPlace
-            Whose torques the robot obeys.
-        ramp : float
-            Time over which the torque limit rises from zero [s].
         """
         result = self.session.arm(confirm, controller=controller, ramp=ramp)
         if result == Result.CONFIRM:
@@ -431,22 +423,11 @@ class LiveRobot:
         self,
         commander: Commander,
         *,
-        duration: float,
-        record: Callable[[Sequence[float]], None],
-        watch: Callable[[Sample], None],
+        duration: float,  # from arming on [s]
+        record: Callable[[Sequence[float]], None],  # takes each sample's row
+        watch: Callable[[Sample], None],  # takes each sample, for a monitor
     ) -> Ending:
-        """Let an armed robot do what a commander says, until the time is over or something ends it.
-
-        Parameters
-        ----------
-        commander : Commander
-        duration : float
-            From arming on [s].
-        record : callable
-            Takes each sample's row.
-        watch : callable
-            Takes each sample, for a monitor.
-        """
+        """Let an armed robot do what a commander says, until the time is over or something ends it."""
         samples: Samples | None = None
         t, began = 0.0, self._clock()
         try:
@@ -508,14 +489,14 @@ class LiveRun:
 
 
 def recorded_run(
-    robot: LiveRobot,
+    robot: LiveRobot,  # disarmed
     commander: Commander,
     *,
-    operator: Operator,
-    duration: float,
-    ramp: float = 0.0,
-    watch: Callable[[Sample], None],
-    recording: Path | None = None,
+    operator: Operator,  # moves the robot for its self-test, and confirms that it may arm
+    duration: float,  # [s]
+    ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
+    watch: Callable[[Sample], None],  # takes each sample
+    recording: Path | None = None,  # where rows are kept while the robot runs; nowhere if it is not given
 ) -> LiveRun:
     """Test and arm a robot, let it do what a commander says, disarm it, and return the log.
 
@@ -523,22 +504,6 @@ def recorded_run(
     the command and not the robot. Whatever ends the run, the robot is disarmed and the recording closed.
 
     InputError if the recording cannot be written, the self-test fails, arming is not confirmed, or the robot refuses.
-
-    Parameters
-    ----------
-    robot : LiveRobot
-        Disarmed.
-    commander : Commander
-    operator : Operator
-        Moves the robot for its self-test, and confirms that it may arm.
-    duration : float
-        [s]
-    ramp : float
-        Time over which the torque limit rises from zero [s].
-    watch : callable
-        Takes each sample.
-    recording : Path, optional
-        Where rows are kept while the robot runs; nowhere if it is not given.
     """
     columns = log_columns(robot.wheel_count)
     rows: list[Sequence[float]] = []

@@ -151,16 +151,11 @@ def live_reference(source: str) -> LiveReference:
     return CourseReference(as_reference(source))
 
 
-def in_robot_frame(reference: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a reference (10,), given in the frame of the start, in the frame in which the robot estimates its state.
-
-    Parameters
-    ----------
-    reference : ndarray (10,)
-        Other than zero in x, y and psi only.
-    start : ndarray (3,)
-        x, y [m] and psi [rad] of the robot at the start.
-    """
+def in_robot_frame(
+    reference: NDArray[np.float64],  # (10,) Other than zero in x, y and psi only
+    start: NDArray[np.float64],  # (3,) x, y [m] and psi [rad] of the robot at the start
+) -> NDArray[np.float64]:
+    """Return a reference (10,) in the frame of the start, in the frame in which the robot estimates its state."""
     turned = reference.copy()
     turned[:2] = _turned(reference[:2], start[2])
     turned[[0, 1, 4]] += start

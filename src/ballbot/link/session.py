@@ -115,17 +115,16 @@ class Session:
         self._queued: list[Message] = []
         self._heard = self._sent = clock()
 
-    def connect(self, *, timeout: float = 2.0, state_every: int = 1) -> Welcome:
+    def connect(
+        self,
+        *,
+        timeout: float = 2.0,  # [s]
+        # samples from one `State` to the next; the robot sends one at least every 20 ms
+        state_every: int = 1,
+    ) -> Welcome:
         """Open a session and return the robot's answer.
 
         LinkError if nothing answers, or the robot has firmware of another version.
-
-        Parameters
-        ----------
-        timeout : float
-            [s]
-        state_every : int
-            Samples from one `State` to the next; the robot sends one at least every 20 ms.
         """
         hello = Hello(firmware=firmware_words(), messages=message_words(), state_every=state_every)
         self.welcome, self.state, self._last = None, None, None
@@ -280,27 +279,17 @@ class Session:
     def self_test(
         self,
         *,
-        timeout: float = 3.0,
+        timeout: float = 3.0,  # for motors and encoders, by the robot's clock [s]
+        # asks a person for the position that the robot waits for; without it that is the result
         move: Callable[[SelfTestOutcome], None] | None = None,
-        motors: bool = True,
-        watch: Callable[[State], None] = lambda _: None,
+        motors: bool = True,  # whether the motors' test follows that of the IMU's axes
+        watch: Callable[[State], None] = lambda _: None,  # takes every state meanwhile
     ) -> SelfTestOutcome:
         """Run the self-test and return its result. States that come meanwhile wait for the next `poll`.
 
         The first test since the robot was switched on checks the IMU's axes, for which a person moves the robot.
 
         LinkError if the robot is armed, does not answer, or does not end the test in time.
-
-        Parameters
-        ----------
-        timeout : float
-            For motors and encoders, by the robot's clock [s].
-        move : callable, optional
-            Asks a person for the position that the robot waits for; without it that is the result.
-        motors : bool
-            Whether the motors' test follows that of the IMU's axes.
-        watch : callable
-            Takes every state meanwhile.
         """
         self.start_self_test()
         seen, passed, waited_for = self.state, 0.0, None
@@ -332,23 +321,15 @@ class Session:
 
     def arm(
         self,
+        # asks a person at this computer, and returns the answer. The robot's number is good for 10 s.
         confirm: Callable[[], bool],
         *,
-        controller: ControllerPlace = ControllerPlace.ROBOT,
-        ramp: float = 0.0,
+        controller: ControllerPlace = ControllerPlace.ROBOT,  # whose torques the robot obeys
+        ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
     ) -> Result:
         """Arm in two steps: ask the robot, let a person here confirm, return the robot's number.
 
         InputError if the ramp is negative or longer than a minute. LinkError if the robot does not answer.
-
-        Parameters
-        ----------
-        confirm : callable
-            Asks a person at this computer, and returns the answer. The robot's number is good for 10 s.
-        controller : ControllerPlace
-            Whose torques the robot obeys.
-        ramp : float
-            Time over which the torque limit rises from zero [s].
 
         Returns
         -------

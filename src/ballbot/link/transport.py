@@ -36,15 +36,12 @@ class LinkError(InputError):
     """The link to a robot failed; the text is one sentence."""
 
 
-def open_transport(address: str) -> Transport:
+def open_transport(
+    address: str,  # A serial port, with "?baud=N" if it is not 921600
+) -> Transport:
     """Open the transport of an address.
 
     InputError if the address is not valid. LinkError if the transport cannot be opened.
-
-    Parameters
-    ----------
-    address : str
-        A serial port, with "?baud=N" if it is not 921600.
     """
     path, _, query = address.partition("?")
     baud = parse_qs(query).get("baud", [str(DEFAULT_BAUD)])[0]

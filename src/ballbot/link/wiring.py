@@ -60,20 +60,15 @@ class WiringCheck:
 
 
 def measure_turns(
-    robot: LiveRobot, operator: Operator, *, watch: Callable[[State], None]
+    robot: LiveRobot,  # disarmed, and not checked since it was switched on
+    operator: Operator,
+    *,
+    watch: Callable[[State], None],  # takes every state
 ) -> tuple[Turn, ...]:
     """Let the firmware check the IMU's axes, and return what the sensors measured of each movement.
 
     InputError if the robot is not moved within a minute, the IMU's axes are wrong or were checked before, the encoders
     give nothing, or the link is lost.
-
-    Parameters
-    ----------
-    robot : LiveRobot
-        Disarmed, and not checked since it was switched on.
-    operator : Operator
-    watch : callable
-        Takes every state.
     """
     rests: list[State] = []  # the last state in each position that the firmware waited for, in order
 
@@ -125,16 +120,11 @@ def _words_of(turn: NDArray[np.float64]) -> str:
     return f"{ways[axis][0 if turn[axis] > 0 else 1]} about {'xyz'[axis]}"
 
 
-def check_turns(turns: Sequence[Turn], ball_from_wheels: NDArray[np.float64]) -> WiringCheck:
-    """Compare the encoders with the attitude of each movement.
-
-    Parameters
-    ----------
-    turns : sequence of Turn
-        One about each axis.
-    ball_from_wheels : ndarray (3, n)
-        T_obw of the robot.
-    """
+def check_turns(
+    turns: Sequence[Turn],  # one about each axis
+    ball_from_wheels: NDArray[np.float64],  # (3, n) T_obw of the robot
+) -> WiringCheck:
+    """Compare the encoders with the attitude of each movement."""
     wheels_from_ball = np.asarray(np.linalg.pinv(ball_from_wheels), dtype=np.float64)
     # a row for each movement, by radian, so that a large turn counts no more than a small one
     turned = np.array([turn.attitude / np.linalg.norm(turn.attitude) for turn in turns])

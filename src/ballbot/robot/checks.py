@@ -172,16 +172,12 @@ def _numbers(robot: RobotValues, parameter: Parameter) -> Iterator[tuple[str, ob
     yield from ((f"{parameter.name}[{index}]", number) for index, number in enumerate(value))
 
 
-def check_number(parameter: Parameter, label: str, value: object) -> None:
-    """Raise InputError if a value is not a finite number, has the wrong sign or is larger than that of any robot.
-
-    Parameters
-    ----------
-    parameter : Parameter
-    label : str
-        Its name, with the place of the value in a list.
-    value : object
-    """
+def check_number(
+    parameter: Parameter,
+    label: str,  # its name, with the place of the value in a list
+    value: object,
+) -> None:
+    """Raise InputError if a value is not a finite number, has the wrong sign or is larger than that of any robot."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise InputError(f"{label} is {value!r}; it must be a number.")
     if parameter.shape == "whole number" and not isinstance(value, Integral):

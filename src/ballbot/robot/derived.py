@@ -14,19 +14,15 @@ from ballbot.errors import InputError
 from ballbot.robot.robot import Robot
 
 
-def shell_wall(*, mass: float, radius: float, density: float) -> float:
+def shell_wall(
+    *,
+    mass: float,  # of the shell [kg]
+    radius: float,  # outer radius [m]
+    density: float,  # of the wall's material [kg/m^3]
+) -> float:
     """Return the wall thickness [m] of a hollow sphere (Appendix I).
 
     InputError if even a solid sphere of that radius and density would be lighter.
-
-    Parameters
-    ----------
-    mass : float
-        Of the shell [kg].
-    radius : float
-        Outer radius [m].
-    density : float
-        Of the wall's material [kg/m^3].
     """
     cavity = radius**3 - 3.0 * mass / (4.0 * math.pi * density)
     if cavity < 0.0:
@@ -48,19 +44,15 @@ def solid_sphere_inertia(*, mass: float, radius: float) -> float:
     return 0.4 * mass * radius**2
 
 
-def thick_shell_inertia(*, mass: float, radius: float, wall: float) -> float:
+def thick_shell_inertia(
+    *,
+    mass: float,  # of the shell [kg]
+    radius: float,  # outer radius R [m]
+    wall: float,  # thickness R - r [m], above zero and at most the radius
+) -> float:
     """Return the inertia [kg m^2] of a spherical shell about its centre, 2/5 m (R^5 - r^5) / (R^3 - r^3).
 
     InputError if the wall is not between zero and the radius.
-
-    Parameters
-    ----------
-    mass : float
-        Of the shell [kg].
-    radius : float
-        Outer radius R [m].
-    wall : float
-        Thickness R - r [m], above zero and at most the radius.
     """
     if not 0.0 < wall <= radius:
         raise InputError(f"A wall of {wall:g} m does not fit in a sphere of radius {radius:g} m.")
@@ -71,39 +63,33 @@ def thick_shell_inertia(*, mass: float, radius: float, wall: float) -> float:
     return 0.4 * mass * radius**2 * fifth / third
 
 
-def inertia_from_swing(*, mass: float, gravity: float, distance: float, angular_frequency: float) -> float:
-    """Return a hanging body's inertia [kg m^2] about its pivot, m g r / omega_n^2 (Appendix III).
-
-    Parameters
-    ----------
-    mass : float
-        Of the body [kg].
-    gravity : float
-        g [m/s^2].
-    distance : float
-        From pivot to centre of mass [m].
-    angular_frequency : float
-        Of small free swings [rad/s].
-    """
+def inertia_from_swing(
+    *,
+    mass: float,  # of the body [kg]
+    gravity: float,  # g [m/s^2]
+    distance: float,  # from pivot to centre of mass [m]
+    angular_frequency: float,  # of small free swings [rad/s]
+) -> float:
+    """Return a hanging body's inertia [kg m^2] about its pivot, m g r / omega_n^2 (Appendix III)."""
     return mass * gravity * distance / angular_frequency**2
 
 
-def wheel_speed_limit(*, supply_voltage: float, speed_constant: float, gear_ratio: float) -> float:
-    """Return the wheel's speed [rad/s] without load at full supply (Appendix I).
-
-    Parameters
-    ----------
-    supply_voltage : float
-        [V].
-    speed_constant : float
-        Of the motor [rad/s/V].
-    gear_ratio : float
-        Motor turns a wheel turn [-].
-    """
+def wheel_speed_limit(
+    *,
+    supply_voltage: float,  # [V]
+    speed_constant: float,  # of the motor [rad/s/V]
+    gear_ratio: float,  # motor turns a wheel turn [-]
+) -> float:
+    """Return the wheel's speed [rad/s] without load at full supply (Appendix I)."""
     return supply_voltage * speed_constant / gear_ratio
 
 
-def reflected_rotor_inertia(*, gear_ratio: float, motor_inertia: float, gear_inertia: float) -> float:
+def reflected_rotor_inertia(
+    *,
+    gear_ratio: float,
+    motor_inertia: float,
+    gear_inertia: float,
+) -> float:
     """Return the inertia [kg m^2] of rotor and gearbox as felt at the wheel, n^2 (j_m + j_g).
 
     Parameters

@@ -70,37 +70,20 @@ class Parameter:
 
 
 def parameter(
-    meaning: str,
+    meaning: str,  # symbol and meaning, as a robot file and the documentation show them
     *,
-    unit: str = DIMENSIONLESS,
-    written_in: str | None = None,
+    unit: str = DIMENSIONLESS,  # SI unit that the field holds; one of `UNITS`
+    written_in: str | None = None,  # unit that files are written in; the SI unit if not given
+    # smallest allowed value; -inf if it may be negative. If not given, the value must be above zero.
     least: float | None = None,
-    most: float = math.inf,
+    most: float = math.inf,  # largest magnitude of any ball-balancing robot [SI units]
+    # least and greatest value of robots of 5 to 50 kg [SI units]: the bounds of an estimate
     usual: tuple[float, float] = (-math.inf, math.inf),
-    source: str = "assumed",
+    source: str = "assumed",  # source of a value that states none
+    # whether files are written without a value that is the field's default and has no source of its own
     written: Literal["always", "if changed"] = "always",
 ) -> Mapping[str, object]:
-    """Return the metadata of a field that is a robot parameter.
-
-    Parameters
-    ----------
-    meaning : str
-        Symbol and meaning, as a robot file and the documentation show them.
-    unit : str
-        SI unit that the field holds; one of `UNITS`.
-    written_in : str, optional
-        Unit that files are written in; the SI unit if not given.
-    least : float, optional
-        Smallest allowed value; -inf if it may be negative. If not given, the value must be above zero.
-    most : float
-        Largest magnitude of any ball-balancing robot [SI units].
-    usual : (float, float), optional
-        Least and greatest value of robots of 5 to 50 kg [SI units]: the bounds of an estimate.
-    source : str
-        Source of a value that states none.
-    written : {"always", "if changed"}
-        Whether files are written without a value that is the field's default and has no source of its own.
-    """
+    """Return the metadata of a field that is a robot parameter."""
     stated = Parameter(
         meaning=meaning,
         unit=unit,
@@ -120,15 +103,12 @@ def components(heading: str, parts: Mapping[str, Mapping[str, object]]) -> Mappi
     return {"heading": heading, "components": parts}
 
 
-def table(heading: str, *, example: object = None) -> Mapping[str, object]:
-    """Return the metadata of a field that is a table of a file; the heading stands above it as a comment.
-
-    Parameters
-    ----------
-    heading : str
-    example : dataclass, optional
-        What a file shows commented out if the table is off.
-    """
+def table(
+    heading: str,
+    *,
+    example: object = None,  # what a file shows commented out if the table is off
+) -> Mapping[str, object]:
+    """Return the metadata of a field that is a table of a file; the heading stands above it as a comment."""
     return {"heading": heading, "example": example}
 
 
@@ -156,18 +136,13 @@ def numbers_of(value: Value) -> tuple[float, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def build(kind: Callable[..., T], values: Mapping[str, object], *, place: str = "") -> T:
-    """Return a dataclass of values by dotted names; a parameter without a value gets the field's default.
-
-    Parameters
-    ----------
-    kind : type
-        The dataclass.
-    values : mapping of str to object
-        Of parameters by their names; of other fields by their dotted field names.
-    place : str
-        What stands before the names of this dataclass's fields, such as "ball.".
-    """
+def build(
+    kind: Callable[..., T],  # the dataclass
+    values: Mapping[str, object],  # of parameters by their names; of other fields by their dotted field names
+    *,
+    place: str = "",  # what stands before the names of this dataclass's fields, such as "ball."
+) -> T:
+    """Return a dataclass of values by dotted names; a parameter without a value gets the field's default."""
     assert isinstance(kind, type)
     hints, arguments = _hints(kind), dict[str, object]()
     for one in _fields(kind):

@@ -151,16 +151,14 @@ class Propagated:
         return sorted(fractions.items(), key=lambda one: -one[1])[:count]
 
 
-def propagate(robot: Robot, result_of: Callable[[Robot], NDArray[np.float64]]) -> Propagated:
+def propagate(
+    robot: Robot,
+    # from a robot to an array of always the same shape, smooth in the robot's numbers
+    result_of: Callable[[Robot], NDArray[np.float64]],
+) -> Propagated:
     """Carry a robot's standard deviations through to a result, linearly.
 
     InputError if no robot a tenth of a standard deviation away can exist, on either side.
-
-    Parameters
-    ----------
-    robot : Robot
-    result_of : callable
-        From a robot to an array of always the same shape, smooth in the robot's numbers.
     """
     value = np.asarray(result_of(robot), dtype=np.float64)
     parts = {}

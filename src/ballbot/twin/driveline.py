@@ -7,8 +7,8 @@ Each wheel's friction acts on the motor's speed w relative to the body, the spee
 
 The viscous part is the joint's damping. The dry part is the joint's friction loss, which MuJoCo solves as a constraint
 that sticks exactly at rest; its size depends on the speed and is set before each step. It may differ forward and
-backward, and depend on the force between wheel and ball. The force of LuGre's and Dahl's bristles, of Armstrong's
-spring at rest and of the smoothed law follows from their state and the speed; `Bristles` applies it to the engine.
+backward, and depend on the force between wheel and ball. The force of LuGre's and Dahl's bristles follows from their
+state and the speed; `Bristles` applies it to the engine.
 
 Shafts give the angles that encoders see. Wheels with rollers simply turn. A wheel that touches the ball in a single
 point has one roller, which must stay under the ball: before each step such a wheel is turned back until its roller
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ballbot.mechanics.engine.compiled import compiled_alone
 from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
-from ballbot.mechanics.friction_laws import BristleLaw, advance, friction_at
+from ballbot.mechanics.friction_laws import BristleLaw
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
 from ballbot.twin.engine import Engine
@@ -53,14 +53,14 @@ class Bristles:
 
     def reset(self) -> None:
         """Set every law to its state after a long rest."""
-        self._states = [law.initial_state(self._step) for law in self._laws]
+        self._states = [0.0] * len(self._laws)
 
     def prepare_step(self) -> None:
         """Set the friction of the next physics step, and update the laws' states with the speed."""
         forces = np.empty(len(self._laws))
         for i, (law, speed) in enumerate(zip(self._laws, self._speeds.tolist(), strict=True)):
-            self._states[i] = advance(law, self._states[i], speed=speed, step=self._step)
-            forces[i] = -friction_at(law, speed, state=self._states[i])
+            self._states[i] = law.advanced(self._states[i], speed=speed, step=self._step)
+            forces[i] = -law.friction(self._states[i], speed)
         self._forces[:] = forces
 
 

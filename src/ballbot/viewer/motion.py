@@ -79,18 +79,15 @@ BODY_NOTE = (
 )
 
 
-def motion_of(log: Log, robot: Robot) -> Motion:
+def motion_of(
+    # with theta, phi and psi, and with x and y or what gives them (`ballbot.log.pose.with_position`). True states of a
+    # simulated run come before the measured ones.
+    log: Log,
+    robot: Robot,  # its geometry, and its friction if the log has wheel speeds
+) -> Motion:
     """Return what a log of a balancing robot shows.
 
     InputError if a column is missing or empty, the log is longer than `LONGEST`, or has another number of wheels.
-
-    Parameters
-    ----------
-    log : Log
-        With theta, phi and psi, and with x and y or what gives them (`ballbot.log.pose.with_position`). True states
-        of a simulated run come before the measured ones.
-    robot : Robot
-        Its geometry, and its friction if the log has wheel speeds.
     """
     _check(log, robot)
     log, notes = _posed(log, robot)
@@ -230,16 +227,12 @@ def quaternion_product(second: Quaternion, first: Quaternion) -> Quaternion:
 
 
 def integrated_rotation(
-    turns: NDArray[np.float64], *, first: Sequence[float] | NDArray[np.float64] = (1.0, 0.0, 0.0, 0.0)
+    turns: NDArray[np.float64],  # (n, 3) Rotation vectors [rad] in the world frame
+    *,
+    # (4,) Orientation before them, without rotation by default
+    first: Sequence[float] | NDArray[np.float64] = (1.0, 0.0, 0.0, 0.0),
 ) -> NDArray[np.float64]:
     """Return the orientations after small turns, one after the other.
-
-    Parameters
-    ----------
-    turns : ndarray (n, 3)
-        Rotation vectors [rad] in the world frame.
-    first : array_like (4,)
-        Orientation before them, without rotation by default.
 
     Returns
     -------

@@ -52,33 +52,20 @@ class ReplayPart:
 
 
 def replay_part(
+    # at most `MOST_RUNS`; time counts from each log's start. With an empty mapping the robots stand at rest.
     logs: LogsLike,
-    robot: RobotLike | Mapping[str, RobotLike],
+    robot: RobotLike | Mapping[str, RobotLike],  # of all logs, or of each by the log's name
     *,
-    layout: Layout = "side",
-    autoplay: bool = False,
-    name: str = "replay",
+    layout: Layout = "side",  # how several logs are shown at first; the page can change it
+    autoplay: bool = False,  # whether it plays at once
+    name: str = "replay",  # different for each replay of a page
+    # of the runs, as they are drawn in the figures beside the replay
     colors: Sequence[RunColor] = RUN_COLORS,
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
     InputError if there is no robot or there are too many logs, or one cannot be shown
     (`ballbot.viewer.motion.motion_of`).
-
-    Parameters
-    ----------
-    logs : Log or log file, or several in a list or a mapping
-        At most `MOST_RUNS`; time counts from each log's start. With an empty mapping the robots stand at rest.
-    robot : Robot, preset or robot file, or mapping of str to them
-        Of all logs, or of each by the log's name.
-    layout : {"side", "ghosts"}
-        How several logs are shown at first; the page can change it.
-    autoplay : bool
-        Whether it plays at once.
-    name : str
-        Different for each replay of a page.
-    colors : sequence of {"blue", "orange", "violet", "teal", "ink"}
-        Of the runs, as they are drawn in the figures beside the replay.
     """
     data = _replay_data(logs, robot, layout=layout, autoplay=autoplay, colors=colors)
     return ReplayPart(

@@ -109,25 +109,13 @@ async def serve_live(
     world: World,
     *,
     access: Access,
-    port: int = 0,
-    ready: Callable[[str], None],
-    until: asyncio.Event | None = None,
+    port: int = 0,  # to listen on; a free one by default
+    ready: Callable[[str], None],  # called with the page's address
+    until: asyncio.Event | None = None,  # ends it when it is set
 ) -> None:
     """Simulate a world in real time, and serve its page and its frames.
 
     InputError if the port cannot be listened on.
-
-    Parameters
-    ----------
-    page : LivePage
-    world : World
-    access : Access
-    port : int
-        To listen on; a free one by default.
-    ready : callable
-        Called with the page's address.
-    until : asyncio.Event, optional
-        Ends it when it is set.
     """
     pages = _Pages(world)
 
