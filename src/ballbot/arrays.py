@@ -32,21 +32,18 @@ _REAL_KINDS = "iuf"
 Shape = tuple[int | str, ...]
 
 
-def real_array(value: ArrayLike, shape: Shape, what: str, *, finite: bool = True) -> NDArray[np.float64]:
+def real_array(
+    # A list, or an array of integers or floats in any order; neither text nor complex numbers nor booleans
+    value: ArrayLike,
+    # length of each dimension; a name stands for any length above zero, "..." in front for any dimensions
+    shape: Shape,
+    what: str,  # what it is, as the message of an error begins
+    *,
+    finite: bool = True,  # whether every number must be finite
+) -> NDArray[np.float64]:
     """Return an array as compiled code takes it.
 
     InputError if the array has another shape, is not of real numbers, or holds a value that is not finite.
-
-    Parameters
-    ----------
-    value : array_like
-        A list, or an array of integers or floats in any order; neither text nor complex numbers nor booleans.
-    shape : tuple of int and str
-        Length of each dimension; a name stands for any length above zero, "..." in front for any dimensions.
-    what : str
-        What it is, as the message of an error begins.
-    finite : bool
-        Whether every number must be finite.
 
     Returns
     -------
@@ -225,17 +222,16 @@ _LENGTHS = (
 )
 
 
-def check_table(rows: float, columns: int, *, source: str) -> None:
+def check_table(
+    # rows and columns: of the table that is to be made
+    rows: float,
+    columns: int,
+    *,
+    source: str,  # the subject of the refusal: a file's name, or "The run"
+) -> None:
     """Do nothing if a table of that size fits.
 
     InputError if it does not.
-
-    Parameters
-    ----------
-    rows, columns : float, int
-        Of the table that is to be made.
-    source : str
-        The subject of the refusal: a file's name, or "The run".
     """
     if columns > MOST_COLUMNS:
         raise InputError(f"{source} has {columns:,} columns; at most {MOST_COLUMNS:,} are read.")
@@ -247,19 +243,17 @@ def check_table(rows: float, columns: int, *, source: str) -> None:
         )
 
 
-def rows_between(span: float, interval: float, *, columns: int = 1, source: str) -> int:
+def rows_between(
+    # span and interval: [s]; the interval above zero
+    span: float,
+    interval: float,
+    *,
+    columns: int = 1,  # of the table that will have so many rows
+    source: str,  # the subject of the refusal, as for `check_table`
+) -> int:
     """Return how many whole intervals a span of time has.
 
     InputError if a table of so many rows does not fit.
-
-    Parameters
-    ----------
-    span, interval : float
-        [s]; the interval above zero.
-    columns : int
-        Of the table that will have so many rows.
-    source : str
-        The subject of the refusal, as for `check_table`.
     """
     rows = span / interval if interval > 0.0 else math.inf
     most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))

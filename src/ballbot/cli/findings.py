@@ -31,30 +31,19 @@ Accept = Annotated[
 
 
 def check_input(
-    robot: Robot | None,
+    robot: Robot | None,  # whose logs they are
+    # paths and logs: the files, and the log in each
     paths: Iterable[Path],
     logs: Iterable[Log],
     *,
-    accept: Sequence[str] | None,
-    mappings: Collection[Path | None] = (),
+    accept: Sequence[str] | None,  # what `--accept` gave
+    mappings: Collection[Path | None] = (),  # the mapping files of the logs
+    # whether to print the findings; if not, the command calls `show_findings` when it has printed its result
     show: bool = True,
 ) -> tuple[Finding, ...]:
     """Check the logs of a command, print accepted errors and warnings, and return all findings.
 
     InputError if a log has an error whose code is not accepted, or a code is unknown.
-
-    Parameters
-    ----------
-    robot : Robot, optional
-        Whose logs they are.
-    paths, logs : iterable
-        The files, and the log in each.
-    accept : sequence of str, optional
-        What `--accept` gave.
-    mappings : collection of Path or None, optional
-        The mapping files of the logs.
-    show : bool
-        Whether to print the findings; if not, the command calls `show_findings` when it has printed its result.
     """
     from ballbot.log.checks import findings_of
     from ballbot.log.mapping import dead_band_findings

@@ -211,12 +211,7 @@ class TerminalOperator:
 
 
 class Monitor:
-    """Shows a robot while it runs: a line that changes on a terminal, or a line every five seconds elsewhere.
-
-    Parameters
-    ----------
-    console : PlainConsole
-    """
+    """Shows a robot while it runs: a line that changes on a terminal, or a line every five seconds elsewhere."""
 
     def __init__(self, console: PlainConsole) -> None:
         self._live: Live | None = None

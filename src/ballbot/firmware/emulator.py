@@ -243,14 +243,7 @@ def branch_target(code: bytes, address: int) -> int | None:
 class Board:
     """A Cortex-M4F with an image in its flash, and RAM.
 
-    Parameters
-    ----------
-    image : Image
-
-    Raises
-    ------
-    InputError
-        If `unicorn` is not installed.
+    InputError if `unicorn` is not installed.
     """
 
     def __init__(self, image: Image) -> None:

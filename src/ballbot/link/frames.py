@@ -104,17 +104,13 @@ def decode(
 
 
 class FrameReader:
-    """Bytes in, frames out; keeps the beginning of a frame until its zero comes.
+    """Bytes in, frames out; keeps the beginning of a frame until its zero comes."""
 
-    Parameters
-    ----------
-    kinds : mapping
-        The types that this side takes.
-    counts : LayerCounts, optional
-        In which refused frames are counted.
-    """
-
-    def __init__(self, kinds: Mapping[int, object], counts: LayerCounts | None = None) -> None:
+    def __init__(
+        self,
+        kinds: Mapping[int, object],  # the types that this side takes
+        counts: LayerCounts | None = None,  # in which refused frames are counted
+    ) -> None:
         self.kinds = kinds
         self.counts = counts or LayerCounts()
         self._kept = bytearray()

@@ -177,18 +177,16 @@ class FollowReference:
 
 
 class ControlFromHost:
-    """Runs a controller on this computer, whose torques pass the robot's safety layer.
-
-    Parameters
-    ----------
-    controller : Feedback
-        It is called once before the run, because the first call loads compiled code for longer than the robot waits.
-    reference : LiveReference
-    """
+    """Runs a controller on this computer, whose torques pass the robot's safety layer."""
 
     place: ClassVar = ControllerPlace.HOST
 
-    def __init__(self, controller: Feedback, reference: LiveReference) -> None:
+    def __init__(
+        self,
+        # it is called once before the run, because the first call loads compiled code for longer than the robot waits
+        controller: Feedback,
+        reference: LiveReference,
+    ) -> None:
         self._controller, self._source = controller, reference
         controller.update(0.0, np.zeros(10), np.zeros(10))
         controller.reset()
@@ -268,17 +266,14 @@ class Samples:
 
 
 class LiveRobot:
-    """A robot at the other end of a session.
+    """A robot at the other end of a session."""
 
-    Parameters
-    ----------
-    session : Session
-        Connected.
-    clock : callable
-        The session's [s].
-    """
-
-    def __init__(self, session: Session, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        session: Session,  # connected
+        *,
+        clock: Callable[[], float] = time.monotonic,  # the session's [s]
+    ) -> None:
         assert session.welcome is not None
         self.session, self.welcome, self._clock = session, session.welcome, clock
         self.parameters = session.read_parameters()  #: (1,), those on the robot
@@ -361,21 +356,15 @@ class LiveRobot:
 
     def test(
         self,
-        operator: Operator | None = None,
+        operator: Operator | None = None,  # moves the robot if the axes of its IMU are still to be checked
         *,
+        # motors and watch: as for `Session.self_test`
         motors: bool = True,
         watch: Callable[[State], None] = lambda _: None,
     ) -> SelfTestOutcome:
         """Run the self-test and return its result: PASSED, or IMU_PASSED before the motors' test.
 
         InputError if it fails, in one sentence; or the link is lost.
-
-        Parameters
-        ----------
-        operator : Operator, optional
-            Moves the robot if the axes of its IMU are still to be checked.
-        motors, watch
-            As for `Session.self_test`.
         """
 
         def move(position: SelfTestOutcome) -> None:

@@ -29,13 +29,6 @@ class LockStep:
 
     `read` takes samples while nothing comes: a host that waits lets the robot's time go on.
 
-    Parameters
-    ----------
-    line : Transport
-        Of the emulated robot.
-    sample_time : float
-        Of the robot [s].
-
     Attributes
     ----------
     line : Transport
@@ -47,7 +40,12 @@ class LockStep:
         How many there were.
     """
 
-    def __init__(self, line: Transport, *, sample_time: float) -> None:
+    def __init__(
+        self,
+        line: Transport,  # of the emulated robot
+        *,
+        sample_time: float,  # of the robot [s]
+    ) -> None:
         self.sensors = no_sensors()
         self.motors: Motors | None = None
         self.samples = 0

@@ -63,18 +63,13 @@ _END_KEY = b"e"
 class KeyboardReference:
     """The arrow keys of a terminal, which gives each key at once and shows none from the first update on.
 
-    Parameters
-    ----------
-    descriptor : int
-        Of the terminal's input.
-
-    Raises
-    ------
-    InputError
-        If it is not a terminal, or the system has none of this kind.
+    InputError if it is not a terminal, or the system has none of this kind.
     """
 
-    def __init__(self, descriptor: int) -> None:
+    def __init__(
+        self,
+        descriptor: int,  # of the terminal's input
+    ) -> None:
         self.ended = False  #: whether e was pressed
         self._gone = False  # the terminal; the reference then stays where it is
         self._pose = np.zeros(10)

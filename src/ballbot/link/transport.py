@@ -53,20 +53,15 @@ def open_transport(
 class SerialTransport:
     """A serial port.
 
-    Parameters
-    ----------
-    port : str
-        "/dev/ttyACM0", "COM3", or a URL of pyserial.
-    baud : int
-        Bits a second.
-
-    Raises
-    ------
-    LinkError
-        If the port cannot be opened.
+    LinkError if the port cannot be opened.
     """
 
-    def __init__(self, port: str, *, baud: int = DEFAULT_BAUD) -> None:
+    def __init__(
+        self,
+        port: str,  # "/dev/ttyACM0", "COM3", or a URL of pyserial
+        *,
+        baud: int = DEFAULT_BAUD,  # bits a second
+    ) -> None:
         try:
             self._port = serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=0.1)
         except (serial.SerialException, ValueError) as problem:

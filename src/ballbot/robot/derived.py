@@ -86,19 +86,12 @@ def wheel_speed_limit(
 
 def reflected_rotor_inertia(
     *,
-    gear_ratio: float,
+    gear_ratio: float,  # n, motor turns a wheel turn [-]
+    # motor_inertia and gear_inertia: j_m and j_g on the motor's side [kg m^2]
     motor_inertia: float,
     gear_inertia: float,
 ) -> float:
-    """Return the inertia [kg m^2] of rotor and gearbox as felt at the wheel, n^2 (j_m + j_g).
-
-    Parameters
-    ----------
-    gear_ratio : float
-        n, motor turns a wheel turn [-].
-    motor_inertia, gear_inertia : float
-        j_m and j_g on the motor's side [kg m^2].
-    """
+    """Return the inertia [kg m^2] of rotor and gearbox as felt at the wheel, n^2 (j_m + j_g)."""
     return gear_ratio**2 * (motor_inertia + gear_inertia)
 
 

@@ -52,20 +52,35 @@ class ReplayPart:
 
 
 def replay_part(
-    # at most `MOST_RUNS`; time counts from each log's start. With an empty mapping the robots stand at rest.
     logs: LogsLike,
-    robot: RobotLike | Mapping[str, RobotLike],  # of all logs, or of each by the log's name
+    robot: RobotLike | Mapping[str, RobotLike],
     *,
-    layout: Layout = "side",  # how several logs are shown at first; the page can change it
-    autoplay: bool = False,  # whether it plays at once
-    name: str = "replay",  # different for each replay of a page
-    # of the runs, as they are drawn in the figures beside the replay
+    layout: Layout = "side",
+    autoplay: bool = False,
+    name: str = "replay",
     colors: Sequence[RunColor] = RUN_COLORS,
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
-    InputError if there is no robot or there are too many logs, or one cannot be shown
-    (`ballbot.viewer.motion.motion_of`).
+    Parameters
+    ----------
+    logs : Log or log file, or several in a list or a mapping
+        At most `MOST_RUNS`; time counts from each log's start. With an empty mapping the robots stand at rest.
+    robot : Robot, preset or robot file, or mapping of str to them
+        Of all logs, or of each by the log's name.
+    layout : {"side", "ghosts"}
+        How several logs are shown at first; the page can change it.
+    autoplay : bool
+        Whether it plays at once.
+    name : str
+        Different for each replay of a page.
+    colors : sequence of {"blue", "orange", "violet", "teal", "ink"}
+        Of the runs, as they are drawn in the figures beside the replay.
+
+    Raises
+    ------
+    InputError
+        If there is no robot or there are too many logs, or one cannot be shown (`ballbot.viewer.motion.motion_of`).
     """
     data = _replay_data(logs, robot, layout=layout, autoplay=autoplay, colors=colors)
     return ReplayPart(
@@ -130,29 +145,18 @@ class LivePage:
 
 
 def live_page(
-    robots: Mapping[str, Robot],
+    robots: Mapping[str, Robot],  # by name, at most `MOST_RUNS`
     *,
-    world: Sequence[str],
+    world: Sequence[str],  # names of a frame's first values
+    # names and homes: the names of each robot's values in a frame, and where it starts [m]
     names: Sequence[Sequence[str]],
     homes: Sequence[tuple[float, float]],
-    notes: Sequence[str],
+    notes: Sequence[str],  # what is shown, in sentences
     title: str,
 ) -> LivePage:
     """Return the page of a live view, which shows the robots at rest until the first frame comes.
 
     InputError if there is no robot, or there are too many.
-
-    Parameters
-    ----------
-    robots : mapping of str to Robot
-        By name, at most `MOST_RUNS`.
-    world : sequence of str
-        Names of a frame's first values.
-    names, homes : sequence
-        The names of each robot's values in a frame, and where it starts [m].
-    notes : sequence of str
-        What is shown, in sentences.
-    title : str
     """
     _check_number(len(robots), "robots")
     first = next(iter(robots.values()))
