@@ -12,8 +12,7 @@ from ballbot.report.blocks import table
 def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> None:
     """Reproduce the figures and tables of the thesis from the twin and the models, and show its mistakes.
 
-    Writes report.html, results.json and reproduce.md, and keeps its recordings in runs/: the same command goes on
-    after it was stopped. The same seed gives the same result.
+    Writes report.html and results.json.
 
     Example: ballbot reproduce --out thesis
 
@@ -34,8 +33,7 @@ def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> Non
     with open_result(
         out, command="reproduce", doing="reproducing the thesis", writes=REPRODUCTION_FILES, seed=seed
     ) as result:
-        assert result.folder is not None
-        found = remake(result.folder.path / "runs", seed=seed, only=only, progress=result.report)
+        found = remake(seed=seed, only=only, progress=result.report)
         with result.replaced() as new:
             write_reproduction(found, new, provenance=result.origin)
     rows = [[item.name, item.title, item.verdict] for item in found.items]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.findings import Finding, finding_results
+from ballbot.identification.turning import ANGLE_NAMES
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
@@ -16,7 +17,6 @@ from ballbot.report.words import signed_with_error, state_mark, with_error, with
 from ballbot.rounding import digits
 from ballbot.validation.alignment import Alignment, SensorErrors, alignment_findings
 from ballbot.validation.alignment.align import POSITIONS, PREFIX
-from ballbot.validation.alignment.turning import ANGLE_NAMES
 
 
 def alignment_report(
