@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import sys
+import webbrowser
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -67,6 +68,12 @@ def suggest_page() -> None:
     """Print on standard error, unless --json or --quiet is given, that a command without --out could write a page."""
     if not _is_silent():
         PlainConsole(file=sys.stderr).print("--out FOLDER also writes report.html.", soft_wrap=True)
+
+
+def open_page(address: str) -> None:
+    """Open a page in the browser."""
+    if not webbrowser.open(address):
+        notice_output().print("No browser could be opened; open the page in one.")
 
 
 def print_parts(parts: Iterable[RenderableType], console: Console) -> None:

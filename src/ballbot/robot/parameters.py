@@ -19,7 +19,7 @@ from functools import cache
 from operator import attrgetter
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, either
 
 T = TypeVar("T")
 
@@ -116,13 +116,13 @@ def table(
 def parameters_of(kind: type) -> tuple[Parameter, ...]:
     """Return the parameters of a dataclass and of the dataclasses in it, in the order of a file."""
     # TOML wants what stands in no table at the top
-    return tuple(sorted(_parameters(kind, ""), key=lambda one: bool(one.table)))
+    return tuple(sorted(_parameters(kind), key=lambda one: bool(one.table)))
 
 
 @cache
 def headings_of(kind: type) -> dict[str, str]:
     """Return the heading of each table of a dataclass, by its dotted name and in the order of a robot file."""
-    return dict(_headings(kind, ""))
+    return {name: one.metadata["heading"] for name, one, _ in _walk(kind) if "heading" in one.metadata}
 
 
 def value_of(record: object, one: Parameter) -> Value:
@@ -166,10 +166,17 @@ def _hints(kind: type) -> dict[str, Any]:
     return get_type_hints(kind)
 
 
-def _parameters(kind: type, place: str) -> Iterator[Parameter]:
-    hints = _hints(kind)
+def _walk(kind: type, place: str = "") -> Iterator[tuple[str, Field[object], Any]]:
+    """Yield dotted name, field and type of each field of a dataclass and of the dataclasses in it."""
     for one in _fields(kind):
-        name, hint = f"{place}{one.name}", hints[one.name]
+        name, hint = f"{place}{one.name}", _hints(kind)[one.name]
+        yield name, one, hint
+        if below := _table_of(hint):
+            yield from _walk(below, f"{name}.")
+
+
+def _parameters(kind: type) -> Iterator[Parameter]:
+    for name, one, hint in _walk(kind):
         if "components" in one.metadata:
             for index, (key, metadata) in enumerate(one.metadata["components"].items()):
                 yield replace(metadata["parameter"], name=f"{name}.{key}", field=name, place=index)
@@ -177,8 +184,6 @@ def _parameters(kind: type, place: str) -> Iterator[Parameter]:
             default = None if one.default is MISSING else one.default
             stated = one.metadata["parameter"]
             yield replace(stated, name=name, field=name, shape=_shape(hint), default=default)
-        elif below := _table_of(hint):
-            yield from _parameters(below, f"{name}.")
 
 
 def _shape(hint: object) -> Shape:
@@ -195,16 +200,6 @@ def _table_of(hint: object) -> type | None:
         return hint
     found = [one for one in map(_table_of, get_args(hint)) if one]
     return found[0] if len(found) == 1 else None
-
-
-def _headings(kind: type, place: str) -> Iterator[tuple[str, str]]:
-    hints = get_type_hints(kind)
-    for one in _fields(kind):
-        hint = hints[one.name]
-        if "heading" in one.metadata:
-            yield f"{place}{one.name}", one.metadata["heading"]
-        if below := _table_of(hint):
-            yield from _headings(below, f"{place}{one.name}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,10 +275,6 @@ def _scale(unit: str, si_unit: str) -> Scale:
     known = UNITS[si_unit]
     spelled = unit.replace("²", "^2").replace("·", " ").replace("°", "deg").strip()
     if spelled not in known:
-        raise InputError(f"the unit {unit!r} is not known here; write {_either(list(known))}")
+        quoted = either(f'"{one}"' for one in known)
+        raise InputError(f"the unit {unit!r} is not known here; write {quoted}")
     return known[spelled]
-
-
-def _either(names: list[str]) -> str:
-    quoted = [f'"{name}"' for name in names]
-    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} or {quoted[-1]}"
