@@ -116,9 +116,8 @@ def measure_load(
 ) -> ProcessorLoad:
     """Return what an exported controller takes on its processor, measured on the emulator.
 
-    InputError if `ziglang` or `unicorn` is not installed, or the clock is impossible.
+    InputError if `ziglang` or `unicorn` is not installed.
     """
-    check_clock(clock)
     sources = [*source_files(), PROJECT / "robot.c", _NO_HARDWARE]
     image = compile_image(sources, include=(SOURCES, PROJECT))
     plain, fixed = [], []
