@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ballbot.arguments import numbers_listed
 from ballbot.cli.context import PAGE, OutFolder, Seed, WholeNumber, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
@@ -142,9 +143,12 @@ def design(
         compensation = parts.compensation or "none"
         _search(described, compensation, search=search, inputs=[robot], findings=findings, out=out)
         return
+    state_weights = None
+    if weights.q is not None:
+        state_weights = numbers_listed(weights.q, "--q", count=10, wanted="ten numbers with commas between")
     gain = GainOptions(
         kind=weights.kind,
-        state_weights=None if weights.q is None else _numbers(weights.q),
+        state_weights=state_weights,
         torque_weight=weights.r,
         sample_time=weights.sample_time,
     )
@@ -201,10 +205,3 @@ def _search(
         text = search_comment(found, result.origin.command) + controller_text(found.controller)
         result.write(results, page, files={"controller.toml": text})
     result.show(page.parts(), "controller.toml", PAGE)
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(weight) for weight in text.split(",")]
-    except ValueError:
-        raise InputError(f"--q is {text!r}; it must be ten numbers separated by commas.") from None

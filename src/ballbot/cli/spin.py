@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cyclopts import Parameter
-from scipy.spatial.transform import Rotation
 
+from ballbot.arguments import numbers_listed
 from ballbot.cli.context import PAGE, Content, MappingFile, OutFolder, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
@@ -92,12 +92,18 @@ def spin(
             "--log needs --robot, because the ball's velocity is "
             "computed from the wheel speeds with the robot's geometry."
         )
-    turn = _turn(camera.forward)
-    setup = Setup(
-        seam=seam_named(camera.seam),
-        colour=_colour(camera.colour) if camera.colour is not None else None,
-        circle=_circle(camera.circle) if camera.circle is not None else None,
-    )
+    turn = None
+    if camera.forward is not None:
+        if not math.isfinite(camera.forward):
+            raise InputError(f"--forward is {camera.forward:g}; it must be an angle in degrees.")
+        turn = facing(math.radians(camera.forward))
+    colour = None if camera.colour is None else _colour(camera.colour)
+    circle = None
+    if camera.circle is not None:
+        place = "x,y,radius in pixels, such as 320,240,150"
+        x, y, radius = numbers_listed(camera.circle, "--circle", count=3, wanted=place)
+        circle = (x, y, radius)
+    setup = Setup(seam=seam_named(camera.seam), colour=colour, circle=circle)
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
     findings = bench_findings(described, {str(log): run}) if described and run else ()
@@ -129,32 +135,9 @@ def spin(
     result.show(texts(spin_findings(found, comparison)), "spin.csv", PAGE)
 
 
-def _turn(forward: float | None) -> Rotation | None:
-    if forward is None:
-        return None
-    if not math.isfinite(forward):
-        raise InputError(f"--forward is {forward:g}; it must be an angle in degrees.")
-    return facing(math.radians(forward))
-
-
-def _circle(text: str) -> tuple[float, float, float]:
-    values = _numbers(text)
-    if len(values) != 3:
-        raise InputError(f"--circle is {text!r}; it must be x,y,radius in pixels, such as 320,240,150.")
-    return values[0], values[1], values[2]
-
-
 def _colour(text: str) -> tuple[int, int, int]:
-    values = _numbers(text)
-    if len(values) != 3 or not all(0.0 <= value <= 255.0 for value in values):
-        raise InputError(
-            f"--colour is {text!r}; it must be red,green,blue from 0 to 255, such as 225,190,40."
-        )
-    return round(values[0]), round(values[1]), round(values[2])
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        return []
+    wanted = "red,green,blue from 0 to 255, such as 225,190,40"
+    red, green, blue = map(round, numbers_listed(text, "--colour", count=3, wanted=wanted))
+    if not all(0 <= value <= 255 for value in (red, green, blue)):
+        raise InputError(f"--colour is {text!r}; it must be {wanted}.")
+    return red, green, blue

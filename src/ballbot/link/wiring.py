@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity
+from ballbot.findings import Finding, by_severity, error
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import LiveRobot
 from ballbot.link.messages import State
@@ -83,11 +83,11 @@ def measure_turns(
 
     try:
         outcome = robot.test(operator, motors=False, watch=take)
-    except InputError as error:
+    except InputError as refusal:
         state = robot.session.state
         if state is None or state.self_test != SelfTestOutcome.IMU_AXES or len(rests) < 2:
             raise
-        raise InputError(f"{error} It turned {_words_of(_turned(*rests[-2:]))}.") from None
+        raise InputError(f"{refusal} It turned {_words_of(_turned(*rests[-2:]))}.") from None
     if outcome is not SelfTestOutcome.IMU_PASSED or len(rests) != 2 * len(MOVEMENTS):
         raise InputError(
             "The IMU's axes were checked before; switch the robot off and on to check the wiring again."
@@ -151,29 +151,31 @@ def _encoder_finding(
     name = f"Encoder {encoder + 1}"
     place = int(np.argmax(np.abs(correlations)))
     if float(np.abs(turned).max()) < _LEAST_WHEEL_TURN:
-        return _error(f"{name} did not count when the robot was turned; check its cable and supply.")
+        return error(
+            "encoders", f"{name} did not count when the robot was turned; check its cable and supply."
+        )
     if abs(correlations[place]) < math.sqrt(_EXPLAINED):
-        return _error(
+        return error(
+            "encoders",
             f"{name} did not turn as any wheel must: the ball rolled, or the wheel slipped. Hold the ball with a "
             "foot and repeat the check.",
         )
     if place != encoder:
-        return _error(
+        return error(
+            "encoders",
             f"{name} turned as wheel {place + 1} must: exchange the cables, of motor and encoder alike, or correct "
             "the azimuths in the robot file.",
         )
     if correlations[place] < 0.0:
-        return _error(
+        return error(
+            "encoders",
             f"{name} counts backward: reverse it in ballbot_read_encoders. If the self-test then fails, reverse the "
             "motor as well.",
         )
     if not _SCALE[0] < products[place] < _SCALE[1]:
-        return _error(
+        return error(
+            "encoders",
             f"{name} turned {products[place]:.2g} times as far as wheel {place + 1} must: correct encoder_counts or "
             "gear_ratio in the robot file, or count all four edges.",
         )
     return None
-
-
-def _error(text: str) -> Finding:
-    return Finding(code="encoders", severity="error", text=text)
