@@ -66,7 +66,7 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
     "centre of mass in the ball": (
         {"body__center_of_mass": 0.1},
         "robot-body",
-        "is 0.909 ball radii above the ball's centre",
+        "0.909 ball radii above its centre",
     ),
     "inertia ten times": (
         {"body__inertia": (43.7, 43.7, 1.93, 0, 0, 0)},
@@ -90,7 +90,7 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         "cut into each other",
     ),
     "wheel diameter in cm": ({"wheels__radius": 0.63}, "robot-wheels", "Did you mean wheels.radius 0.063 m?"),
-    "slow": ({"sensors__sample_time": 0.5}, "robot-balance", "no controller that slow balances it"),
+    "slow": ({"sensors__sample_time": 0.5}, "robot-balance", "of the time in which the body falls e-fold"),
     "sample time in us": (
         {"sensors__sample_time": 1.2e-5},
         "robot-sensors",
@@ -141,7 +141,7 @@ def test_wrong_robots_get_an_error_that_names_the_cause(
 
 UNUSUAL: dict[str, tuple[dict[str, object], str]] = {
     "noise in degrees": ({"sensors__gyro_noise": 0.11}, "was it meant in deg/s?"),
-    "torque limit": ({"drive__torque_limit": 0.6}, "is held up to a lean of 1.12 deg"),
+    "torque limit": ({"drive__torque_limit": 0.6}, "holds a lean of 1.12 deg"),
     "axes in another order": (
         {"body__inertia": (0.193, 4.37, 4.37, 0, 0, 0), "body__inertia_about": "center_of_mass"},
         "check that xx, yy and zz are in their order",

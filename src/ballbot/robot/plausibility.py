@@ -44,22 +44,14 @@ _CHECKS = {
     "gravity": _Check("gravity", "gravity", (9.7, 9.9), (1.5, 26.0)),
     # a basketball has 84 kg/m^3, a bowling ball 1300; an inflated film and solid steel are possible
     "density": _Check(
-        "ball",
-        "ball.radius ball.mass",
-        (30.0, 2500.0),
-        (5.0, 9000.0),
-        "the ball has a mean density of {} kg/m^3",
+        "ball", "ball.radius ball.mass", (30.0, 2500.0), (5.0, 9000.0), "a mean density of {} kg/m^3"
     ),
     "ball.radius": _Check("ball", "ball.radius", (0.03, 0.5), (0.01, 1.0)),
     "body_over_ball": _Check(
         "ball", "ball.mass body.mass", (0.7, 100.0), (0.1, 1000.0), "the body weighs {} times the ball"
     ),
     "height": _Check(
-        "body",
-        "body.center_of_mass ball.radius",
-        (1.2, 10.0),
-        (1.0, 25.0),
-        "the body's centre of mass is {} ball radii above the ball's centre",
+        "body", "body.center_of_mass ball.radius", (1.2, 10.0), (1.0, 25.0), "{} ball radii above its centre"
     ),
     # a body of rods and plates rocks about its centre of mass like a mass at this fraction of l from it
     **{
@@ -102,11 +94,7 @@ _CHECKS = {
     ),
     "tilt": _Check("wheels", "wheels.tilt", (25.0, 65.0), (10.0, 80.0), "{} deg from the ball's zenith"),
     "gap": _Check(
-        "wheels",
-        "wheels.azimuths",
-        (0.6, 1.01),
-        (0.25, 1.01),
-        "two wheels are {} times as far apart as wheels that are placed evenly",
+        "wheels", "wheels.azimuths", (0.6, 1.01), (0.25, 1.01), "two wheels are {} of an even spacing apart"
     ),
     "crowding": _Check(
         "wheels",
@@ -116,18 +104,14 @@ _CHECKS = {
         "neighbouring wheels cut into each other, with {} times the radius at which they touch",
     ),
     "roller": _Check(
-        "wheels",
-        "wheels.rollers.radius wheels.radius",
-        (0.0, 0.35),
-        (0.0, 0.525),
-        "a roller has {} times the wheel's radius",
+        "wheels", "wheels.rollers.radius wheels.radius", (0.0, 0.35), (0.0, 0.525), "{} of the wheel's radius"
     ),
     "spacing": _Check(
         "wheels",
         "wheels.rollers.row_spacing wheels.radius",
         (0.0, 1.0),
         (0.0, 1.5),
-        "the rings are {} times the wheel's radius apart",
+        "{} of the wheel's radius",
     ),
     "wheels.rollers.per_row": _Check("wheels", "wheels.rollers.per_row", (4.0, 60.0), (3.0, 1000.0)),
     "rims": _Check(
@@ -159,7 +143,7 @@ _CHECKS = {
         "drive.torque_limit drive.torque_constant drive.gear_ratio",
         (0.2, 120.0),
         (0.02, 600.0),
-        "the largest torque takes {} A",
+        "takes {} A",
     ),
     "drive.supply_voltage": _Check("drive", "drive.supply_voltage", (3.0, 120.0), (0.5, 800.0)),
     "play": _Check("drive", "drive.backlash", (0.0, 5.0), _ANY, "{} deg at the wheel"),
@@ -168,14 +152,14 @@ _CHECKS = {
         "drive.torque_limit body.mass body.center_of_mass",
         (2.0, 90.0),
         (0.5, 90.0),
-        "with all motors at their limit the body is held up to a lean of {} deg",
+        "holds a lean of {} deg",
     ),
     "fall": _Check(
         "balance",
         "sensors.sample_time",
         (0.0, 0.15),
         (0.0, 0.5),
-        "it is {} of the time in which the body falls e-fold; no controller that slow balances it",
+        "{} of the time in which the body falls e-fold",
     ),
     "sensors.sample_time": _Check("sensors", "sensors.sample_time", (2e-4, 1.0), (2e-5, 1.0)),
     "encoder_step": _Check(
@@ -183,7 +167,7 @@ _CHECKS = {
         "sensors.encoder_counts drive.gear_ratio",
         (1e-7, 0.05),
         (1e-12, 1.0),
-        "a count of a motor turn's encoder_counts is {} rad of the wheel",
+        "{} rad of the wheel a count",
     ),
     # of poor sensors; more was meant in degrees
     "sensors.gyro_noise": _Check("sensors", "sensors.gyro_noise", (0.0, 0.1), _ANY, "was it meant in deg/s?"),
