@@ -88,15 +88,6 @@ class Image:
 
         return deepest(name, ())
 
-    def reachable(self, name: str) -> set[str]:
-        """Return the names of a function and of all that it calls, directly or through others."""
-        found, left = {name}, [name]
-        while left:
-            new = self.calls(left.pop()) - found
-            found |= new
-            left += new
-        return found
-
     def calls(self, name: str) -> set[str]:
         """Return the names of the functions that a function calls."""
         names = {addresses.start: one for one, addresses in self.functions.items()}
