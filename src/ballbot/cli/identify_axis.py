@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, OutFolder, WholeNumber, open_result
+from ballbot.cli.context import PAGE, OutFolder, open_result
 from ballbot.cli.findings import Accept, in_file, stop_or_show
 from ballbot.findings import check_codes
 from ballbot.fitting.run import Run
@@ -30,12 +30,8 @@ class MethodOptions:
     bandwidth: float | None = None
     """Bandwidth of the motion, in hertz, which sets the filters."""
 
-    harmonics: Annotated[tuple[WholeNumber, ...] | None, Parameter(negative="--no-harmonics")] = None
-    """Harmonics of a force that depends on the angle: 1 is gravity, higher ones are cogging. If not given, gravity is
-    tried; --no-harmonics tries none."""
-
-    spring: bool | None = None
-    """Whether a force is proportional to position, as of a spring or a cable."""
+    gravity: bool | None = None
+    """Whether gravity acts on an axis that turns: S sin q + C cos q."""
 
     load_friction: bool | None = None
     """Whether dry friction grows with the load that the gears transmit, |F + G| / 2."""

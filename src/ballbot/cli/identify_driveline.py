@@ -10,7 +10,7 @@ from ballbot.findings import by_severity
 from ballbot.fitting.run import Run
 from ballbot.identification.agreement import file_findings
 from ballbot.identification.bench_checks import sweep_findings
-from ballbot.identification.driveline import fit_drivelines, robot_of_sweep, sweep_estimate, sweeps_of
+from ballbot.identification.driveline import fit_drivelines, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping import dead_band_findings
@@ -59,8 +59,10 @@ def identify_driveline(
         out, command="identify-driveline", doing="sweep", writes=["robot.toml"], inputs=[robot, log, mapping]
     ) as result:
         fits = fit_drivelines(sweeps, run=Run(progress=result.report))
-        findings = by_severity([*findings, *file_findings(described, sweep_estimate(fits))])
-        identified = robot_of_sweep(described, fits, log=log.name)
+        estimate = sweep_estimate(fits)
+        findings = by_severity([*findings, *file_findings(described, estimate)])
+        source = f"identified: sweep of the free wheels, {log.name}"
+        identified = robot_with_friction(described, estimate, source=source)
         page = driveline_report(described.name, sweeps, fits, result.origin, findings)
         results = driveline_results(fits, result.origin, findings)
         result.write(results, page, files={"robot.toml": robot_text(identified)})
