@@ -39,12 +39,12 @@ def test_the_command_leaves_a_report_and_results_or_nothing(tmp_path, mat_file, 
     out = tmp_path / "found"
     command = ["identify-axis", str(mat_file), str(other), "--out", str(out), "--force-scale", "gain"]
 
-    def interrupt(_bar: object, progress: Progress) -> None:
+    def interrupt(progress: Progress) -> None:
         if progress.stage == "law stribeck":
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("ballbot.cli.output._WrittenLines.report", interrupt)
+        patch.setattr("ballbot.cli.output._written", lambda _: interrupt)
         assert main(command) == 130
     assert "interrupted" in capsys.readouterr().err
     assert not out.exists()
