@@ -120,8 +120,9 @@ def driveline_report(
     )
     rows = [
         # the interval in a second line, so that four wheels fit on a page
-        (name, unit, *(Cell(text=text, below=below) for text, _, below in map(_parted, cells)))
+        (name, unit, *(Cell(text=text, below=below) for text, _, below in parted))
         for name, unit, *cells in parameter_rows(fits)
+        for parted in [[cell.removesuffix(")").partition(" (") for cell in cells]]
     ]
     return Report(
         title=f"{robot}: friction of the drivelines",
@@ -181,11 +182,6 @@ _ERROR_HEADINGS = ("", "RMS [rad/s]", "without friction")
 
 def _headings(fits: Sequence[DrivelineFit]) -> tuple[str, ...]:
     return ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
-
-
-def _parted(text: str) -> tuple[str, str, str]:
-    """Return a number and its interval, apart."""
-    return text.removesuffix(")").partition(" (")
 
 
 def _sentence(fit: DrivelineFit) -> str:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ballbot.fitting.parameter import Parameter, RelativeSpace, Scale
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.friction import NO_TERMS
+from ballbot.mechanics.friction import NO_TERMS, stribeck_curve
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumbers, Inertia, move
 
 Values = Mapping[str, float]
@@ -222,8 +222,15 @@ class Axis:
     def friction(self, speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the friction without load [N] at speeds (N,)."""
         law = self._law
-        dry = law.c + law.s * np.exp(-np.abs(speed) * law.inv_vs)
-        return law.b * speed + self._value("asymmetry") * np.abs(speed) + dry * np.sign(speed)
+        curve = stribeck_curve(
+            speed,
+            viscous=law.b,
+            coulomb=law.c,
+            stribeck=law.s,
+            stribeck_speed=1.0 / law.inv_vs,
+            stribeck_exponent=law.delta,
+        )
+        return curve + self._value("asymmetry") * np.abs(speed)
 
     def other_forces(
         self,
