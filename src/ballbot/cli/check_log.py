@@ -17,13 +17,12 @@ from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.proposal import contradictions, propose
-from ballbot.log.mapping_search.text import Evaluation, Proposal, evaluate, surest
+from ballbot.log.mapping_search.text import Evaluation, Proposal, answer_lines, evaluate, surest
 from ballbot.printable import shell_line
 from ballbot.report.log_check import (
     CheckedLog,
     checked_log_parts,
     log_check_report,
-    proposal_parts,
     proposal_report,
     proposal_results,
 )
@@ -163,16 +162,17 @@ def _show(
         evaluated = [evaluate(one.proposal, robot, common=found.proposal) for one in evaluated]
         found = surest(evaluated)
     for one in evaluated:
-        print_parts(proposal_parts(one), console)
+        print_parts(map(Text, answer_lines(one)), console)
+    results: dict[str, object] = {"files": [proposal_results(one) for one in evaluated]}
     if result is None:
         console.print(Text("\n" + found.text), soft_wrap=True)
-        emit(proposal_results(evaluated) | {"mapping_file": found.text})
+        emit(results | {"mapping_file": found.text})
     else:
         with result.replaced() as new:
             write_text(new / "mapping.toml", found.text)
             if found.log is not None:
                 found.log.write(new / "log.csv")
-            result.write_json(proposal_results(evaluated), new)
+            result.write_json(results, new)
             result.write_page(proposal_report(found, robot, result.origin), new)
         result.show_file(PAGE, *("mapping.toml", "log.csv")[: 1 if found.log is None else 2])
     for other, words in contradictions([one.proposal for one in evaluated], found.proposal):

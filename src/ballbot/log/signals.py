@@ -405,11 +405,6 @@ SHORTEST_SPAN = 2.0
 SHORTEST_GAP = 0.2
 
 
-def fallen_rows(lean: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the even rows (N,) at which a lean (N, 2) [rad] is that of a fallen robot."""
-    return np.abs(lean).max(axis=1) > FALLEN
-
-
 def balancing_rows(
     lean: NDArray[np.float64] | None,
     speeds: NDArray[np.float64],
@@ -427,7 +422,7 @@ def balancing_rows(
     """
     usable = _near(np.sqrt((speeds**2).sum(axis=1)) > MOVING_SPEED, AT_REST)
     if lean is not None:
-        usable &= ~_near(fallen_rows(lean), AROUND_A_FALL)
+        usable &= ~_near(np.abs(lean).max(axis=1) > FALLEN, AROUND_A_FALL)
     if commands is not None:
         usable &= _near(np.any(commands != 0.0, axis=1), OFF)
     return usable

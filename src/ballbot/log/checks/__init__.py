@@ -4,10 +4,9 @@ values           what columns show by themselves: gaps, spikes, jumps, limits, d
 rates            positions, angles and gyro against rates: units, signs, swapped columns, the unit of time
 stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
-torques          torques that are late
 lean             lean axes against the ball's acceleration
 torque_balance   torques against those that the motion needs: how large each is, and whether that changes within a log
-physics          the last three in their order with order and sign of the torques, several logs against each other
+physics          the last two in their order, with delay, order and sign of the torques; several logs against each other
 
 `check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` the input of
 an analysis: logs whose checks ran once, before any computation, and whose errors, if any, the user accepted. Findings
