@@ -85,15 +85,7 @@ def _causes(findings: Sequence[Finding], examined: PhysicsOfLog | None) -> list[
 
 
 def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
-    """Return the findings of all checks of a log, errors first.
-
-    Parameters
-    ----------
-    log : Log
-        The log.
-    robot : Robot, optional
-        With it, the wheels' columns are compared with the robot's kinematics and the torques with its limit.
-    """
+    """Return the findings of all checks of a log, errors first; see `check_logs`."""
     return check_logs({"": log}, robot=robot)
 
 
@@ -247,14 +239,7 @@ def checked_logs(
 
 
 def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
-    """Return the findings of a robot and of its logs on a bench, on which it does not balance.
-
-    Parameters
-    ----------
-    robot : Robot
-    logs : mapping of str to Log
-        By the names that messages use.
-    """
+    """Return the findings of a robot and of its logs, by their names, on a bench, on which it does not balance."""
     of_logs = (one for one in check_logs(logs, robot=None) if one.code not in _OF_BALANCING)
     return by_severity([*named_robot_findings(robot), *of_logs])
 

@@ -56,13 +56,7 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
 
     Order, sign and scale of the torques are checked only against a motion that the lean confirms: not if the lean
     contradicts the ball's acceleration or is not conclusive. A change within the log shows without it.
-
-    Parameters
-    ----------
-    log : Log
-        Checks whose columns it lacks are skipped.
-    robot : Robot
-        Gives the rigid body and the geometry; its friction is not used.
+    Checks whose columns the log lacks are skipped. The robot's friction is not used.
     """
     names = torque_names(robot.wheel_count)
     found = PhysicsOfLog(findings=tuple(delay_findings(log, robot)))
@@ -262,13 +256,7 @@ _CAUSES = {
 
 
 def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
-    """Return an error for each scale in which logs differ more than logs of one robot can.
-
-    Parameters
-    ----------
-    examined : mapping of str to PhysicsOfLog
-        Results of each log by itself, by the names that messages use.
-    """
+    """Return an error for each scale in which logs, by their names, differ more than logs of one robot can."""
     scales = {name: _scales(one) for name, one in examined.items()}
     return [
         finding

@@ -245,16 +245,9 @@ def _filled(cells: list[str]) -> list[str]:
 
 
 def _names_of(line: list[str], width: int, *, quoted: bool) -> tuple[list[str], list[str]]:
-    """Return a name for each column, and notes, from the header's cells.
+    """Return a name for each of `width` columns, and notes, from the header's cells, if there is a header.
 
-    Parameters
-    ----------
-    line : list of str
-        Empty if there is no header.
-    width : int
-        Cells of most rows.
-    quoted : bool
-        Whether the first row begins with a quoted cell: R writes the rows' names so, and no name for their column.
+    If the first row begins with a quoted cell, that is a row's name, as R writes them without a name for their column.
     """
     if not line:
         note = f"The file has no header; its columns are called column_1 to column_{width}."
