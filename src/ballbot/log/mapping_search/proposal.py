@@ -249,7 +249,8 @@ def _on_a_stand(base: Columned, motion: SensedMotion) -> bool:
 
 def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
-    for place, (key, name) in enumerate((("[attitude] unit", "lean"), ("[wheels] angle", "wheels"))):
+    own = "[wheels] speed" if proposal.roles.of_speeds else "[wheels] angle"
+    for place, (key, name) in enumerate((("[attitude] unit", "lean"), (own, "wheels"))):
         shares = Counter[str]()
         for units, share in motion.likely.items():
             shares[units[place].name] += share
@@ -492,7 +493,7 @@ def mapping_text(proposal: Proposal, robot: Robot) -> str:
     if proposal.questions:
         reason = "answer the lines with cannot determine, then remove this line"
         lines.append(toml_line("complete", False, reason))
-    asked = {" ".join(one.key.split()[:2]): one.text for one in proposal.questions}
+    asked = {one.key: one.text for one in proposal.questions}
     tables = {
         "[file]": _file_entries(proposal.base),
         "[time]": _time_entries(proposal),
@@ -600,13 +601,10 @@ def _wheel_entries(proposal: Proposal) -> list[_Entry]:
         table["wrap"] = motion.wrap
     if motion.largest_speed is not None:
         table["largest_speed"] = float(f"{motion.largest_speed:.4g}")
-    measured, derived = ("speed", "angle") if roles.of_speeds else ("angle", "speed")
-    made = {"integral_of" if roles.of_speeds else "derivative_of": measured}
     return [
         ("order", frame.order, tested.evidence if tested else "as in the file: nothing tests it"),
         ("sign", frame.signs, shown if tested else "as in the file"),
-        (measured, table, wheel.reason),
-        (derived, made, ""),
+        ("speed" if roles.of_speeds else "angle", table, wheel.reason),
     ]
 
 
