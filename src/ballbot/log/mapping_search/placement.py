@@ -65,9 +65,9 @@ from ballbot.log.mapping_search.evidence import (
     TINY,
     advantage_confidence,
     behind,
+    correlations,
     jackknife_error,
     probabilities,
-    solved,
     vertex_with_error,
 )
 from ballbot.log.signals import INTERVAL, Smooth
@@ -251,7 +251,7 @@ def lean_test(
     law = replace(law, way=_way(robot, best), heading=heading or _heading_of(robot, wheels, best))
     turning, driven = law.columns, law.driven
     sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
-    gains = [solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
+    gains = [_solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
     rest = driven - turning @ _solve(turning, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase)))
@@ -357,7 +357,14 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
 def _solve(X: Complex, y: Complex, weights: Floats) -> Complex:
     # by the normal equations: as there are few columns and many rows, much faster than by an SVD
     weighted = X * weights[:, None]
-    return solved(weighted.conj().T @ np.column_stack([weighted, y * weights]))
+    return _solved(weighted.conj().T @ np.column_stack([weighted, y * weights]))
+
+
+def _solved(sums: Complex) -> Complex:
+    """Return the coefficients (k,) of normal equations [A b] (k, k + 1), each column scaled to its size."""
+    size = np.sqrt(np.abs(np.diag(sums))) + 1e-12
+    scaled = sums[:, :-1] / np.outer(size, size)
+    return (np.linalg.lstsq(scaled, sums[:, -1] / size, rcond=1e-9)[0] / size).astype(np.complex128)
 
 
 def _slow(values: Complex) -> Complex:
@@ -546,20 +553,17 @@ class HeadingTest:
 
 def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest) -> HeadingTest:
     """Compare the sum of the wheels' speeds (N, n) with the heading's rate (N, 1), in the rows of balancing."""
-    rows = tested.balancing
-    total = (wheels.rate @ np.asarray(tested.placements[0].signs, dtype=np.float64))[rows]
-    rate = heading.rate[rows, 0]
-    total, rate = total - total.mean(), rate - rate.mean()
-    size = float(np.sqrt((total @ total) * (rate @ rate)))
-    correlation = float(total @ rate) / size if size > 0.0 else 0.0
-    wheel = robot.wheels
+    rows, wheel = tested.balancing, robot.wheels
+    total = (wheels.rate @ np.asarray(tested.placements[0].signs, dtype=np.float64))[rows, None]
+    rate = heading.rate[rows]
+    correlation = float(correlations(total, rate)[0, 0])
     without_pivoting = robot.wheel_count * robot.ball.radius / wheel.radius * np.sin(wheel.tilt)
     seconds = max(float(rows.sum()) * INTERVAL, 1.0)
     # over the standard error sqrt((1 - r^2) / n) of a correlation r of n independent seconds
     z = abs(correlation) * math.sqrt(seconds) / math.sqrt(max(1.0 - correlation**2, 0.01))
     return HeadingTest(
         correlation=correlation,
-        gain=abs(float(total @ rate)) / max(float(rate @ rate), TINY) / without_pivoting,
+        gain=abs(correlation) * float(np.std(total)) / max(float(np.std(rate)), TINY) / without_pivoting,
         confidence=advantage_confidence(z),
     )
 

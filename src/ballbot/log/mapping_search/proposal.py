@@ -8,7 +8,6 @@ file, whose comments are the evidence.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -249,14 +248,13 @@ def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
     own = "[wheels] speed" if proposal.roles.of_speeds else "[wheels] angle"
     for place, (key, name) in enumerate((("[attitude] unit", "lean"), (own, "wheels"))):
-        shares = Counter[str]()
+        shares: dict[str, float] = {}
         for units, share in motion.likely.items():
-            shares[units[place].name] += share
-        ranked = shares.most_common(3)
-        if ranked[0][1] < CONFIDENT:
-            shown = ", ".join(f"{100.0 * share:.0f} %" for _, share in ranked)
-            names = tuple(one for one, _ in ranked)
-            yield Question(key, f"unit of the {name}", names, f"probabilities {shown}")
+            shares[units[place].name] = shares.get(units[place].name, 0.0) + share
+        ranked = tuple(sorted(shares, key=lambda one: -shares[one])[:3])
+        if shares[ranked[0]] < CONFIDENT:
+            shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
+            yield Question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
     yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
     if proposal.drive is not None:
         yield from _scale_questions(proposal.drive)
