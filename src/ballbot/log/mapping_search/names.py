@@ -110,9 +110,7 @@ class NameReading:
     kind: Kind
     axis: str | None = None  #: x, y or z; roll, pitch and yaw are x, y and z
     index: int | None = None  #: number of a wheel or motor, as the file counts
-    unit: str | None = (
-        None  #: one of `ballbot.log.columns.UNITS`; None if the name has none that fits the kind
-    )
+    unit: str | None = None  #: one of `columns.UNITS`; None if the name has none that fits the kind
     stem: str = ""  #: the words without number, axis and unit: columns of one group have one stem
     weight: float = 0.0  #: how plainly the name says it, from 0 to 1
 
