@@ -61,9 +61,9 @@ RIDGE = 1e-3
 LEAST_ACCELERATION, LEAST_DELAY_TIME = 0.4, 3.0
 #: full scales of a duty in use; 1000 and 1023 differ by 2 %, and the largest command separates them
 FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
-#: a scale is taken by the motion if it is this much [log], and this many standard errors, which contain what friction's
-#: terms miss, nearer than the next one
-CLEARLY_NEARER, NEARER_ERRORS = 0.5, 2.0
+#: a scale is taken by the motion if it is this much [log] nearer than the next one, and that is off by so many standard
+#: errors
+CLEARLY_NEARER, EXCLUDED_ERRORS = 0.5, 3.0
 #: a full scale that nobody states must fit the motion this well [log]: others, 400 or 500, are in use, too
 FULL_SCALE_FITS = 0.35
 #: what turns a number in a unit into N m, A or V
@@ -334,9 +334,9 @@ def _scale_of(
         ratios[one] = scale, size * scale
         if one == kind:
             others = [name for name in ranked[1:] if abs(math.log(scales[name] / scale)) > math.log(1.2)]
-            nearer = off[others[0]] - off[ranked[0]] if others else math.inf
-            fits = one != "duty" or off[ranked[0]] < FULL_SCALE_FITS
-            if others and not (nearer > CLEARLY_NEARER + NEARER_ERRORS * error and fits):
+            least, fits = off[ranked[0]], one != "duty" or off[ranked[0]] < FULL_SCALE_FITS
+            excluded = max(least + CLEARLY_NEARER, EXCLUDED_ERRORS * error)
+            if others and not (off[others[0]] > excluded and fits):
                 alike = (ranked[0], *others[:3])
     return kind, ratios, alike
 
