@@ -146,11 +146,6 @@ class Placement:
         return count > 2 and self.positions == (1, *range(count, 1, -1))
 
     @property
-    def reversed_wheels(self) -> tuple[int, ...]:
-        """The file's wheels (from 1) that count against the others."""
-        return tuple(i for i, sign in enumerate(self.signs, start=1) if sign < 0)
-
-    @property
     def description(self) -> str:
         return f"places {list(self.positions)}, signs {list(self.signs)}"
 
@@ -199,13 +194,13 @@ class LeanTest:
 
         The wheels' motion by itself may decide if the lean does not.
         """
-        count = len(self.placements[0].positions)
+        found, count = self.placements[0], len(self.placements[0].positions)
         own = [one for one in self.placements if one.positions == tuple(range(1, count + 1))]
-        if self.placements[0] is own[0] and self.confidence >= CONFIDENT:
-            return own[0].reversed_wheels
-        best, second = sorted(own, key=lambda one: one.together)[:2]
-        clear = best.together < RIGHT_TOGETHER and second.together > WRONG_TOGETHER * best.together
-        return best.reversed_wheels if clear else ()
+        if found is not own[0] or self.confidence < CONFIDENT:
+            found, second = sorted(own, key=lambda one: one.together)[:2]
+            if found.together > min(RIGHT_TOGETHER, second.together / WRONG_TOGETHER):
+                return ()
+        return tuple(i for i, sign in enumerate(found.signs, start=1) if sign < 0)
 
 
 def torque_free_gains(robot: Robot) -> tuple[float, float]:
