@@ -140,12 +140,6 @@ class Placement:
     misfit: float  #: unexplained, times the root of together
 
     @property
-    def mirrored(self) -> bool:
-        """Whether the wheels are numbered in the direction opposite to the robot's."""
-        count = len(self.positions)
-        return count > 2 and self.positions == (1, *range(count, 1, -1))
-
-    @property
     def description(self) -> str:
         return f"places {list(self.positions)}, signs {list(self.signs)}"
 
@@ -584,7 +578,9 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
         return SensorFrame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
     best, beta = tested.placements[0], robot.wheels.azimuths
     same = 0.0 if heading is None else tested.handedness
-    prior = SAME_IF_MIRRORED if best.mirrored else SAME_HANDEDNESS
+    # numbered in the direction opposite to the robot's
+    mirrored = count > 2 and best.positions == (1, *range(count, 1, -1))
+    prior = SAME_IF_MIRRORED if mirrored else SAME_HANDEDNESS
     weight = STILL_WEIGHT if tested.headings < STILL_HEADING else HANDEDNESS_WEIGHT
     shown = max(advantage_confidence(same, weight=weight), 1.0 - MOST)
     odds = prior / (1.0 - prior) * shown / (1.0 - shown)
@@ -603,7 +599,7 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
     else:  # without a heading, the smaller turn is the likelier
         backwards = tested.handedness < 0.0 if seen >= CONFIDENT else np.cos(phase) < 0.0
     signs = np.asarray(best.signs) * (-1 if backwards else 1)
-    turn = -_within_half_a_turn(phase + (np.pi if backwards else 0.0))
+    turn = -float(np.angle((-1.0 if backwards else 1.0) * np.exp(1j * phase)))
     near = GRID * round(turn / GRID)
     error = tested.phase_error if tested.phase_error is not None else ROUNDED
     rounded = abs(turn - near) <= min(ROUNDED, ROUNDED_ERRORS * error + np.deg2rad(1.0))
@@ -612,13 +608,9 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
         order=tuple(positions.index(place) + 1 for place in own),
         signs=tuple(int(sign) for sign in signs),
         turn=float(near if rounded else turn),
-        measured_turn=float(turn),
+        measured_turn=turn,
         axis_signs=axes,
         direction=by_wheels if heading is None else heading.confidence,
         # without a heading that turns, the other handedness gives the same log
         handedness=max(same, 1.0 - same) if known else 0.97,
     )
-
-
-def _within_half_a_turn(angle: float) -> float:
-    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
