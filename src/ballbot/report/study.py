@@ -187,11 +187,6 @@ def interval_words(estimate: MedianEstimate) -> str:
 def study_report(study: Study) -> Report:
     """Return the page of a study."""
     undecided = texts(study.found.findings) or [doubts_sentence(study)]
-    if study.confirmation and np.isnan(study.confirmation.rolling.added):
-        undecided.append(
-            "What the rollers of the twin add to its rolling friction: its log does not show it, so that its errors "
-            "may be too large."
-        )
     found = [with_symbols(text) for text in texts(model_findings(study.validation))]
     return Report(
         title=f"{study.robot.name}: friction, model and controller",
