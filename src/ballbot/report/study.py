@@ -70,10 +70,10 @@ def model_sentence(study: Study) -> str:
     if validation.no_evidence is not None:
         return validation.no_evidence
     horizon = validation.horizon.errors
+    ratio = digits(float(np.median(horizon.ratio[-1])), 2)
     sentence = (
         f"On {validation.duration:.0f} s of held-out logs, predicted {horizon.horizons[-1]:.2g} s ahead, the error of "
-        f"the model without friction is {np.median(horizon.ratio[-1]):.2g} times that of the one with it (median of "
-        "the states)"
+        f"the model without friction is {ratio} times that of the one with it (median of the states)"
     )
     if validation.open_loop is None:
         return f"{sentence}. No open-loop verdict: {validation.no_open_loop}"
