@@ -86,12 +86,8 @@ def _validate_prediction(
     if out is None:
         return
     used = [results, *input_files([log_path], controller, mapping)]
-    with (
-        open_result(out, command="validate", writes=_WRITTEN, inputs=used) as result,
-        result.replaced() as new,
-    ):
-        result.write_json({"prediction": stated}, new, findings=found)
-        result.write_page(replace(page), new)
+    with open_result(out, command="validate", writes=_WRITTEN, inputs=used) as result:
+        result.write({"prediction": stated}, page, findings=found)
     result.show_file(PAGE)
 
 
