@@ -27,13 +27,7 @@ from ballbot.workflows.comparison import MedianEstimate
 from ballbot.workflows.controller_choice import ControllerChoice, Step, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
-from ballbot.workflows.stiffness import (
-    LARGEST_SENSITIVITY,
-    VARIANTS,
-    FrictionByStiffness,
-    Stiffness,
-    Variant,
-)
+from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
 from ballbot.workflows.twin_confirmation import Confirmation
 
@@ -362,27 +356,17 @@ def stiffness_sentences(found: FrictionByStiffness) -> str:
 
 
 def _stiffest_sentence(found: FrictionByStiffness) -> str:
-    one, softest, last = found.stiffest(_PLAIN), found.gains[0], found.gains[-1]
+    one, softest = found.stiffest(_PLAIN), found.gains[0]
     if one is None:
         return f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
-    words = (
+    beyond = "beyond, a run falls, the margins end or the error grows again"
+    if one is found.gains[-1]:
+        beyond = "beyond, the margins end" if found.margins_end else "stiffer gains were not tried"
+    return (
         f"This robot may be as stiff as {_gain(one)}, {digits(one.position_gain / softest.position_gain, 2)} times the "
         "soft gain: without compensation and observer the peak error is "
-        f"{millimetres(one.trials[_PLAIN].peak.median)} mm there"
+        f"{millimetres(one.trials[_PLAIN].peak.median)} mm there; {beyond}."
     )
-    if one is last:
-        return (
-            f"{words}; {'beyond, the margins end' if found.margins_end else 'stiffer gains were not tried'}."
-        )
-    beyond = found.gains[found.gains.index(one) + 1]
-    trial = beyond.trials[_PLAIN]
-    if trial.falls:
-        failure = f"it falls in {trial.falls} of {len(trial.scores)} runs"
-    elif beyond.sensitivities[_PLAIN.observer] > LARGEST_SENSITIVITY:
-        failure = "the margins have ended"
-    else:
-        failure = f"the error grows again, to {millimetres(trial.peak.median)} mm"
-    return f"{words}; at {_gain(beyond)} {failure}."
 
 
 def _paying(found: FrictionByStiffness, observer: bool) -> str:
