@@ -312,7 +312,7 @@ def _sentence(found: Overall, first: str) -> str:
     if not found.ratios:
         return f"The reference for the others. {falls}"
     words = ", ".join(
-        f"{METRIC_BY_KEY[key].words} {_estimate(found.ratios[key])} times that of {first}"
+        f"{METRIC_BY_KEY[key].words} {digits(found.ratios[key].mean)} times that of {first}"
         for key in _SHOWN_METRICS
         if not math.isnan(found.ratios[key].mean)
     )
