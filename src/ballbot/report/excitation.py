@@ -20,10 +20,6 @@ from ballbot.rounding import digits, unit_heading
 from ballbot.workflows.excite import Excitation
 from ballbot.workflows.metrics import leans
 
-#: a square's bars and the design's
-_COLORS = (ORANGE, BLUE)
-_MARKS = ("o", "s")
-
 
 def path_figure(result: Excitation) -> Figure:
     """Draw the path over the floor on the loop, with its limit."""
@@ -46,11 +42,10 @@ def path_figure(result: Excitation) -> Figure:
 
 def errors_figure(result: Excitation) -> Figure:
     """Draw the standard errors of each parameter expected of a square and of the design."""
-    labels = result.task.question.labels
+    labels = result.task.labels
     figure = Figure(figsize=(7.4, 2.9), layout="constrained")
     axes = figure.subplots()
-    runs = {"square": result.square.errors, "designed": result.design.errors}
-    for (name, errors), color, mark in zip(runs.items(), _COLORS, _MARKS, strict=True):
+    for (name, errors), color, mark in zip(result.errors.items(), (ORANGE, BLUE), "os", strict=True):
         shown = np.where(np.isfinite(errors), 100.0 * errors, np.nan)
         axes.plot(shown, linestyle="none", marker=mark, color=color, markersize=5, label=name)
     axes.set_yscale("log")
@@ -69,50 +64,42 @@ _SHOWN = {"lean": ("deg", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m",
 
 def _limits_table(result: Excitation) -> Sheet:
     """Return each limit with the peaks of the square and of the design, on the model and on the loop."""
-    runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
-    runs |= {f"{name}, loop": one.peaks for name, one in result.on_loop.items()}
+    runs = {**result.peaks, **{f"{name}, loop": one.peaks for name, one in result.on_loop.items()}}
     rows = [
         (
             unit_heading(name, unit),
-            *(_shown(name, getattr(one, name)) for one in (result.task.limits, *runs.values())),
+            *(digits(getattr(one, name) * scale) for one in (result.task.limits, *runs.values())),
         )
-        for name, (unit, _) in _SHOWN.items()
+        for name, (unit, scale) in _SHOWN.items()
     ]
     return table("Limits, and the largest values of each run", ("quantity", "limit", *runs), rows)
 
 
 def _errors_table(result: Excitation) -> Sheet:
     """Return the standard errors expected, the worst of each run last."""
-    question, wheels = result.task.question, result.task.robot.wheel_count
+    task = result.task
     units = {
         label: "" if one.unit == DIMENSIONLESS else one.unit
         for one in BY_NAME.values()
-        for label in one.labels(wheels)
+        for label in one.labels(task.robot.wheel_count)
     }
-    believed = question.coordinates.physical(question.point)[question.coordinates.free]
-    scaled = {"square": result.square.errors, "designed": result.design.errors}
-    columns = {name: question.in_units(errors) for name, errors in scaled.items()}
+    columns = [task.in_units(errors).tolist() for errors in result.errors.values()]
     rows = [
-        (
-            label,
-            units[label],
-            digits(float(believed[i])),
-            *(digits(float(one[i]), 2) for one in columns.values()),
-        )
-        for i, label in enumerate(question.labels)
+        (label, units[label], digits(believed), *(digits(one, 2) for one in errors))
+        for label, believed, *errors in zip(task.labels, task.believed.tolist(), *columns, strict=True)
     ]
-    rows.append(("worst, % of bounds", "", "", *(_worst(errors) for errors in scaled.values())))
-    headings = ("parameter", "unit", "assumed", *columns)
+    rows.append(("worst, % of bounds", "", "", *map(_worst, result.errors.values())))
+    headings = ("parameter", "unit", "assumed", *result.errors)
     return table("Standard errors expected", headings, rows)
 
 
 def _verdict(result: Excitation) -> list[str]:
     """Return what to know of the design, in sentences."""
-    sentences = [gain_sentence(float(result.square.errors.max() / result.design.errors.max()))]
+    sentences = [gain_sentence(float(result.errors["square"].max() / result.errors["designed"].max()))]
     trial = result.on_loop["designed"]
     if trial.ended:
         return [*sentences, f"On the loop with sensors a run ended early: {trial.ended}. Lower the limits."]
-    exceeded = result.task.limits.exceeded(trial.peaks)
+    exceeded = trial.peaks.exceeding(result.task.limits)
     kept = (
         f"The loop with sensors exceeded the limit on {' and '.join(exceeded)}; lower that limit"
         if exceeded
@@ -130,13 +117,9 @@ def gain_sentence(gain: float) -> str:
     if gain < 1.0:
         return (
             f"The worst expected standard error is {1.0 / gain:.1f} times a square's, so the "
-            "square is more informative. Search for longer (--generations, --population)."
+            "square is more informative. Drive that."
         )
     return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
-
-
-def _shown(name: str, value: float) -> str:
-    return digits(value * _SHOWN[name][1])
 
 
 def _worst(errors: NDArray[np.float64]) -> str:
@@ -156,7 +139,7 @@ def excitation_report(result: Excitation, made: Provenance) -> Report:
         "that are possible with the noise assumed: they compare runs."
     )
     undecided = [
-        "How much the real robot's friction differs from the assumed one: the design is best for the friction of "
+        "How much the real robot's friction differs from the assumed one: the errors are those with the friction of "
         "the file.",
         "Whether the real robot stays within the limits: the simulation is not the robot. Have a hand near "
         "it.",
@@ -164,8 +147,8 @@ def excitation_report(result: Excitation, made: Provenance) -> Report:
     return Report(
         title=f"{result.task.robot.name}: an informative excitation",
         lead=(
-            f"{result.design.times[-1]:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of "
-            f"floor and {limits.torque:.3g} N m of torque."
+            f"{result.task.duration:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of floor "
+            f"and {limits.torque:.3g} N m of torque."
         ),
         verdict=[("", " ".join(_verdict(result)))],
         sections=[
@@ -206,7 +189,7 @@ def _followed_series(result: Excitation) -> TimeSeries:
     asked = [
         Line(name=name, values=values, look=look)
         for name, values, look in zip(
-            ("x [m]", "y [m]", "ψ [rad]"), result.design.poses[: len(log)].T, _POSE_LOOKS, strict=True
+            ("x [m]", "y [m]", "ψ [rad]"), result.design.sines.poses()[: len(log)].T, _POSE_LOOKS, strict=True
         )
     ]
     lean = Line(name="lean", values=np.degrees(leans(log)), look="measured")

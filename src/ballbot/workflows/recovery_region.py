@@ -140,6 +140,8 @@ class Loop:
 
 #: from starts (runs, 10) to whether the robot recovers (runs,)
 Recovers = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+#: from sizes (k, *shape) along each of some rays to starts (k, *shape, 10)
+StartOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 def top_speed(robot: Robot) -> float:
@@ -191,7 +193,7 @@ POINTS = 81
 
 def reach(
     recovers: Recovers,
-    start_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    start_of: StartOf,
     *,
     shape: tuple[int, ...],
     end: float,
