@@ -376,24 +376,18 @@ def folder(tmp_path: Path, prediction: Prediction, log: Log, controller: Control
     return found
 
 
-def test_command_prints_the_verdict_first(folder: Path, capsys):
-    results, new = str(folder / "results.json"), str(folder.parent / "new.csv")
+def test_command_prints_the_verdict_first_and_writes_results_and_a_page(folder: Path, capsys):
+    results, new, out = (str(folder.parent / name) for name in ("found/results.json", "new.csv", "checked"))
     assert main(["validate", "--prediction", results, new]) == 0
     said = capsys.readouterr().out
     assert said.startswith("Confirmed: ")
-    assert "Keep this controller." in said
     assert "peak error [mm]" in said
-
-
-def test_command_writes_results_and_a_page(folder: Path, capsys):
-    results, new, out = (str(folder.parent / name) for name in ("found/results.json", "new.csv", "checked"))
     assert main(["validate", "--prediction", results, new, "--out", out]) == 0
     capsys.readouterr()
     written = json.loads(Path(out, "results.json").read_text(encoding="utf-8"))
     assert written["prediction"]["recommendation"] == "keep"
     assert set(written["prediction"]["quantities"]) == set(DISCREPANCY["none"])
-    page = Path(out, "report.html").read_text(encoding="utf-8")
-    assert "Keep this controller." in page
+    assert "Keep this controller." in Path(out, "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

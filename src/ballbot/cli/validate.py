@@ -6,6 +6,7 @@ With `--prediction`, a log made with a study's controller is compared with what 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +30,6 @@ from ballbot.report.prediction import (
     next_steps,
     prediction_report,
     prediction_results,
-    verdict_parts,
 )
 from ballbot.report.run import over_time
 from ballbot.report.validation import validation_report, validation_results
@@ -73,13 +73,9 @@ def _validate_prediction(
         raise InputError(f"{log_path}: {error}") from None
     steps = next_steps(verdict, prediction, results=results, robot=Path(source), controller=controller)
     stated = prediction_results(verdict, prediction, steps)
-    print_parts(verdict_parts(verdict, steps), standard_output())
-    show_findings(found)
-    emit({"prediction": stated, "findings": finding_results(found)})
-    if out is None:
-        return
     used = [results, *input_files([log_path], controller, mapping)]
-    with open_result(out, command="validate", writes=_WRITTEN, inputs=used) as result:
+    writing = open_result(out, command="validate", writes=_WRITTEN, inputs=used) if out else nullcontext()
+    with writing as result:
         page = prediction_report(
             verdict,
             prediction,
@@ -87,12 +83,16 @@ def _validate_prediction(
             steps=steps,
             series=over_time(log, robot),
             findings=found,
-            made=result.origin,
+            made=None if result is None else result.origin,
         )
-        with result.replaced() as new:
-            result.write_json({"prediction": stated}, new, findings=found)
-            result.write_page(page, new)
-    result.show_file(PAGE)
+        print_parts(page.parts(), standard_output())
+        show_findings(found)
+        emit({"prediction": stated, "findings": finding_results(found)})
+        if result is not None:
+            with result.replaced() as new:
+                result.write_json({"prediction": stated}, new, findings=found)
+                result.write_page(page, new)
+            result.show_file(PAGE)
 
 
 def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:

@@ -31,13 +31,12 @@ from ballbot.workflows.league import (
     METRICS,
     RATIOS,
     League,
-    Metric,
     Overall,
     Standing,
     overall,
     standing,
 )
-from ballbot.workflows.metrics import BAND, SETTLE, position_error, settled, true_place
+from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
 
 RUN_LINES: Mapping[str, LineStyle] = {
     "none": {"color": ORANGE, "linestyle": "--", "linewidth": 1.2},

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.findings import Finding
 from ballbot.printable import shell_line
@@ -45,7 +43,7 @@ def prediction_report(
     steps: Sequence[str],
     series: Sequence[Block],
     findings: Sequence[Finding],
-    made: Provenance,
+    made: Provenance | None,
 ) -> Report:
     """Return the page of a verdict; `series` shows the run over time."""
     course, differences = prediction.course, verdict.differences
@@ -59,10 +57,8 @@ def prediction_report(
         verdict=[("", headline(verdict))],
         sections=[
             section("Predicted and measured", _quantities(verdict)),
-            *(
-                [section("What differs from the study's logs", Bullets(items=differences))]
-                if differences
-                else []
+            section(
+                "What differs from the study's logs", Bullets(items=differences) if differences else None
             ),
             section("What to do next", Bullets(items=steps)),
             section("The run", *series),
@@ -74,16 +70,6 @@ def prediction_report(
         made=made,
         findings=findings,
     )
-
-
-def verdict_parts(verdict: ControllerVerdict, steps: Sequence[str]) -> Iterator[RenderableType]:
-    """Yield the verdict, the predicted and measured quantities, what differs, and the next steps."""
-    yield Text(headline(verdict), style="bold")
-    yield _quantities(verdict)
-    for one in verdict.differences:
-        yield Text(f"Not so in the study's logs: {one}")
-    for line in steps:
-        yield Text(line)
 
 
 def headline(verdict: ControllerVerdict) -> str:

@@ -42,7 +42,7 @@ from ballbot.schema import validate_table
 from ballbot.validation.closed_loop import delay_of
 from ballbot.workflows.comparison import CONFIDENCE, student_quantile
 from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, NamedCourse
-from ballbot.workflows.metrics import QUANTITIES, Performance
+from ballbot.workflows.metrics import QUANTITIES, Metric, Performance
 
 #: fewest performances that an interval can be made of
 MIN_RUNS = 6
@@ -70,28 +70,17 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
 }
 
 
-@dataclass(frozen=True)
-class ShownQuantity:
-    """A number of `Performance` as sentences and tables show it."""
-
-    words: str
-    scale: float  #: from SI to the unit
-    unit: str
-    decimals: int
-    better: Literal["below", "above"] = "below"
-
-    def shown(self, value: float) -> str:
-        """Return a value in the unit, without it."""
-        return f"{self.scale * value:.{self.decimals}f}" if np.isfinite(value) else "–"
-
-
-SHOWN: Mapping[str, ShownQuantity] = MappingProxyType(
+#: the quantities of a `Performance`
+SHOWN: Mapping[str, Metric] = MappingProxyType(
     {
-        "peak_error": ShownQuantity("peak error", 1e3, "mm", 1),
-        "rms_error": ShownQuantity("RMS error", 1e3, "mm", 1),
-        "roughness": ShownQuantity("torque roughness", 1.0, "N m", 3),
-        "lean": ShownQuantity("lean", 1.0, "rad", 3),
-        "torque_margin": ShownQuantity("torque margin", 1e2, "%", 0, better="above"),
+        one.key: one
+        for one in (
+            Metric("peak_error", "peak error", "mm", 1e3, 1),
+            Metric("rms_error", "RMS error", "mm", 1e3, 1),
+            Metric("roughness", "torque roughness", "N m", 1.0, 3),
+            Metric("lean", "lean", "rad", 1.0, 3),
+            Metric("torque_margin", "torque margin", "%", 1e2, 0, better="above"),
+        )
     }
 )
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from functools import cache
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -331,3 +332,20 @@ QUANTITIES = tuple(field.name for field in fields(Performance))
 def performance_of(log: Log, controller: Controller) -> Performance:
     """Return the numbers of a run with that controller."""
     return Performance.of(log, torque_limit=controller.torque_limit)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number of a run, as tables, figures and sentences show it."""
+
+    key: str  #: of `Score` or `Performance`
+    words: str  #: that name it in a sentence
+    unit: str  #: that it is shown in
+    scale: float  #: from SI to that unit
+    decimals: int
+    heading: str = ""  #: of a table's column
+    better: Literal["below", "above"] = "below"
+
+    def shown(self, value: float) -> str:
+        """Return a value in the unit, without it."""
+        return f"{self.scale * value:.{self.decimals}f}" if np.isfinite(value) else "–"
