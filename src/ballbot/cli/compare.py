@@ -99,7 +99,7 @@ def compare(
             run=Run(progress=bar.report),
         )
         bar.begin_writing()
-        page = league_report(league, result.origin)
+        page = league_report(league)
         result.write(league_results(league), page)
     result.show(page.parts())
     result.show_file(PAGE)

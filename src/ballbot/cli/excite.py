@@ -107,7 +107,7 @@ def excite(
                 bounds=bounds,
                 run=Run(progress=bar.report),
             )
-        page = excitation_report(found, result.origin)
+        page = excitation_report(found)
         with result.replaced() as new:
             write_reference(found.design.sines.times, found.design.sines.poses(), new / "reference.csv")
             write_controller(chosen, new / "controller.toml")

@@ -6,7 +6,6 @@ With `--prediction`, a log made with a study's controller is compared with what 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,26 +72,27 @@ def _validate_prediction(
         raise InputError(f"{log_path}: {error}") from None
     steps = next_steps(verdict, prediction, results=results, robot=Path(source), controller=controller)
     stated = prediction_results(verdict, prediction, steps)
+    page = prediction_report(
+        verdict,
+        prediction,
+        title=f"{log_path}: the controller against its prediction",
+        steps=steps,
+        series=over_time(log, robot),
+        findings=found,
+    )
+    print_parts(page.parts(), standard_output())
+    show_findings(found)
+    emit({"prediction": stated, "findings": finding_results(found)})
+    if out is None:
+        return
     used = [results, *input_files([log_path], controller, mapping)]
-    writing = open_result(out, command="validate", writes=_WRITTEN, inputs=used) if out else nullcontext()
-    with writing as result:
-        page = prediction_report(
-            verdict,
-            prediction,
-            title=f"{log_path}: the controller against its prediction",
-            steps=steps,
-            series=over_time(log, robot),
-            findings=found,
-            made=None if result is None else result.origin,
-        )
-        print_parts(page.parts(), standard_output())
-        show_findings(found)
-        emit({"prediction": stated, "findings": finding_results(found)})
-        if result is not None:
-            with result.replaced() as new:
-                result.write_json({"prediction": stated}, new, findings=found)
-                result.write_page(page, new)
-            result.show_file(PAGE)
+    with (
+        open_result(out, command="validate", writes=_WRITTEN, inputs=used) as result,
+        result.replaced() as new,
+    ):
+        result.write_json({"prediction": stated}, new, findings=found)
+        result.write_page(replace(page), new)
+    result.show_file(PAGE)
 
 
 def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
@@ -208,7 +208,6 @@ def validate(
             validation,
             title=title,
             lead=f"Validated on {logs_words(named)}.",
-            made=result.origin,
         )
         with result.replaced() as new:
             result.write_json({"validation": results}, new, findings=found)

@@ -244,8 +244,8 @@ Recommendation = Literal["keep", "weaken", "revert"]
 EXPLAINED_CODES = frozenset(
     {
         *("ball-axes", "degrees", "heading-sign", "lean-axes", "lean-scale", "scale", "sign", "swapped"),
-        *("torque-order", "torque-scale", "torque-sign", "torque-unrelated", "torque-clipped", "dead-motor"),
-        *("constant", "held", "lean-offset", "reset", "spike", "stuck", "torque-delay", "wheels"),
+        *("torque-order", "torque-scale", "torque-sign", "torque-unrelated", "dead-motor", "wheels"),
+        *("constant", "held", "lean-offset", "reset", "spike", "stuck", "torque-delay"),
         *("fall", "hands", "saturation", "disturbance"),
     }
 )

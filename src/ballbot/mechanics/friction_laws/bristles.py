@@ -1,4 +1,6 @@
-"""The LuGre law: bristles that bend before they slide.
+"""LuGre's and Dahl's laws: bristles that bend before they slide, for the twin's drivelines.
+
+LuGre:
 
     z_dot = w - sigma_0 |w| z / g(w)              g(w) = c + s exp(-|w/v_s|^delta)
     tau = sigma_0 z + sigma_1(w) z_dot + b w      sigma_1(w) = sigma_1 exp(-(w/v_d)^2)
@@ -11,46 +13,34 @@ sigma_1 is constant (v_d infinite). v_d is Olsson's remedy (Control systems with
 speed meet a high one, unless sigma_1 s/c <= b (N. Barabanov and R. Ortega, Necessary and sufficient conditions for
 passivity of the LuGre friction model, same journal 45, 2000). The paper's own parameters do that. So such values are
 refused unless asked for.
+
+Dahl: friction is a function of travel, with hysteresis and without rate.
+
+    dF/dx = sigma (1 - (F/c) sgn(w))^i            tau = F + b w,    z = F / sigma
+
+P. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, 1968. Between two reversals the travel gives
+the force in closed form: with y = 1 - (F/c) sgn(w), y = y_0 e^(-kappa) for i = 1 and otherwise
+y^(1-i) = y_0^(1-i) + (i - 1) kappa, with kappa = sigma |x| / c. Dahl has no b; it is there because a driveline has.
+There is no static friction above c, so nothing sticks and slips.
+
+A law's state is its deflection z [rad], zero after a long rest without load.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import inlined
-from ballbot.mechanics.engine.elementary import exponential
-from ballbot.mechanics.friction import dry_friction, stribeck_curve
-from ballbot.mechanics.friction_laws.interface import (
-    Bristles,
-    available,
-    check_values,
-    linear_motion,
-    register,
-)
-
-
-class LuGreNumbers(NamedTuple):
-    """The LuGre law in compiled code."""
-
-    b: float
-    c: float
-    s: float
-    inv_vs: float
-    delta: float
-    sigma_0: float
-    sigma_1: float
-    inv_vd: float
+from ballbot.mechanics.friction import stribeck_decay
+from ballbot.mechanics.friction_laws.classical import check_values
 
 
 @dataclass(frozen=True, kw_only=True)
 class LuGre:
-    """Bristles with a Stribeck curve. Its state is their deflection z [rad].
+    """Bristles with a Stribeck curve.
 
     Raises
     ------
@@ -106,88 +96,65 @@ class LuGre:
             return 2.0 * max(falling, 5.0 * self.stribeck_speed)
         w = np.geomspace(1e-6, 30.0, 4000) * self.damping_speed
         sigma_1 = self.micro_damping * np.exp(-((w / self.damping_speed) ** 2))
-        g = self.steady_friction(w) - self.viscous * w
+        g = self.coulomb + self.stribeck * stribeck_decay(w / self.stribeck_speed, self.stribeck_exponent)
         x = np.minimum(0.5 * sigma_1 * w, largest)
         power = x * x / g + (sigma_1 + self.viscous) * w - sigma_1 * w * x / g
         worst = int(np.argmin(power / w))
         return float(w[worst]) if power[worst] < 0.0 else None
 
-    def numbers(self) -> LuGreNumbers:
-        """Return the law's numbers for compiled code."""
-        return LuGreNumbers(
-            b=self.viscous,
-            c=self.coulomb,
-            s=self.stribeck,
-            inv_vs=1.0 / self.stribeck_speed,
-            delta=self.stribeck_exponent,
-            sigma_0=self.stiffness,
-            sigma_1=self.micro_damping,
-            inv_vd=1.0 / self.damping_speed,
-        )
+    def advanced(self, z: float, *, speed: float, step: float) -> float:
+        """Return the deflection [rad] after `step` [s] at constant speed [rad/s], exactly."""
+        r = self._relaxing(speed)
+        if r * step > 1e-9:
+            return speed / r + (z - speed / r) * math.exp(-r * step)
+        return z + step * (speed - r * z)
 
-    def initial_state(self, step: float) -> NDArray[np.float64]:  # noqa: ARG002 (the interface's)
-        """Return straight bristles, (1,)."""
-        return np.zeros(1)
+    def friction(self, z: float, speed: float) -> float:
+        """Return the friction [N m] at a deflection and a speed; it acts against positive speeds if positive."""
+        bending = speed - self._relaxing(speed) * z
+        sigma_1 = self.micro_damping * math.exp(-((speed / self.damping_speed) ** 2))
+        return self.stiffness * z + sigma_1 * bending + self.viscous * speed
 
-    def steady_friction(self, speed: ArrayLike) -> NDArray[np.float64]:
-        """Return g(w) sgn(w) + b w [N m] at speeds (...), 0 at rest."""
-        return stribeck_curve(
-            speed,
-            viscous=self.viscous,
-            coulomb=self.coulomb,
-            stribeck=self.stribeck,
-            stribeck_speed=self.stribeck_speed,
-            stribeck_exponent=self.stribeck_exponent,
-        )
-
-    def explicit_slope(self) -> float:
-        """Return 0: the step is exponential."""
-        return 0.0
+    def _relaxing(self, speed: float) -> float:
+        """Return r = sigma_0 |w| / g(w) [1/s]."""
+        decay = stribeck_decay(np.float64(speed / self.stribeck_speed), self.stribeck_exponent)
+        return float(self.stiffness * abs(speed) / (self.coulomb + self.stribeck * decay))
 
 
-@inlined
-def _rate(law, speed):
-    """Return r = sigma_0 |w| / g(w) [1/s]."""
-    return law.sigma_0 * abs(speed) / dry_friction(law, speed)
+@dataclass(frozen=True, kw_only=True)
+class Dahl:
+    """Friction that grows with travel towards Coulomb's.
 
+    Raises
+    ------
+    InputError
+        If a value is negative or not finite, or Coulomb friction, stiffness or shape is zero.
+    """
 
-@inlined
-def _micro_damping(law, speed):
-    ratio = speed * law.inv_vd
-    return law.sigma_1 * exponential(-ratio * ratio)
+    coulomb: float  #: c [N m]
+    stiffness: float  #: sigma [N m/rad], dF/dx at F = 0
+    shape: float = 1.0  #: i [-]: below 1 for brittle materials, 1 or more for ductile ones
+    viscous: float = 0.0  #: b [N m s/rad]
 
+    def __post_init__(self) -> None:
+        check_values(self, positive=("coulomb", "stiffness", "shape"), not_negative=("viscous",))
 
-@inlined
-def _friction(law, state, speed, applied):
-    bending = speed - _rate(law, speed) * state[0]
-    return law.sigma_0 * state[0] + _micro_damping(law, speed) * bending + law.b * speed
+    def advanced(self, z: float, *, speed: float, step: float) -> float:
+        """Return the deflection [rad] after `step` [s] at constant speed [rad/s], exactly."""
+        direction = float(np.sign(speed))
+        if direction == 0.0:
+            return z
+        y = max(1.0 - direction * self.stiffness * z / self.coulomb, 0.0)  # kept from rounding below zero
+        kappa = self.stiffness * abs(speed) * step / self.coulomb
+        more = self.shape - 1.0
+        if abs(more) < 1e-12:
+            y *= math.exp(-kappa)
+        elif y > 0.0:
+            # y (1 + (i - 1) kappa y^(i-1))^(-1/(i-1)); below i = 1 the force arrives at c after a finite travel
+            growth = 1.0 + more * kappa * y**more
+            y = y * growth ** (-1.0 / more) if growth > 0.0 else 0.0
+        return direction * self.coulomb / self.stiffness * (1.0 - y)
 
-
-@inlined
-def _settle(law, state, before, after, h):
-    speed = 0.5 * (before + after)
-    r = _rate(law, speed)
-    if r * h > 1e-9:
-        steady = speed / r
-        state[0] = steady + (state[0] - steady) * exponential(-r * h)
-    else:
-        state[0] += h * (speed - r * state[0])
-
-
-@inlined
-def _motion(law, inertia, torque, z, w, at_w, h) -> tuple[float, float, float]:
-    """Move from (z, w) with everything frozen at the speed `at_w`."""
-    T = available(inertia, torque, at_w)
-    r, sigma_1 = _rate(law, at_w), _micro_damping(law, at_w)
-    return linear_motion(Bristles(law.sigma_0, sigma_1, law.b, r, 1.0), T, inertia.inv_J, z, w, h)
-
-
-@inlined
-def _move(law, inertia, torque, state, speed, h):
-    z = state[0]
-    _, middle, _ = _motion(law, inertia, torque, z, speed, speed, 0.5 * h)
-    state[0], end, travel = _motion(law, inertia, torque, z, speed, middle, h)
-    return end, travel
-
-
-register(LuGreNumbers, friction=_friction, settling=_settle, moving=_move)
+    def friction(self, z: float, speed: float) -> float:
+        """Return the friction [N m] at a deflection and a speed; it acts against positive speeds if positive."""
+        return self.stiffness * z + self.viscous * speed
