@@ -103,7 +103,8 @@ class Extent:
         return [name for name, share in self.used_of(limits).items() if share > 1.0]
 
 
-def _check_limits(limits: Extent) -> None:
+def check_limits(limits: Extent) -> None:
+    """Raise InputError unless every limit is positive, and the lean below a quarter of a turn."""
     for one in fields(limits):
         value = getattr(limits, one.name)
         if not (math.isfinite(value) and value > 0.0):
@@ -173,7 +174,7 @@ def task(
     InputError
         If a limit or a deviation is not positive.
     """
-    _check_limits(limits)
+    check_limits(limits)
     if deviations.shape != (10,) or not np.all(np.isfinite(deviations) & (deviations > 0.0)):
         raise InputError("The states' deviations must be ten positive numbers, one for each state.")
     coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=bounds or Bounds())
@@ -588,7 +589,7 @@ def excite(
         run cannot be made.
     """
     robot = as_robot(robot)
-    _check_limits(limits)
+    check_limits(limits)
     plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
     along_square = _on_loop(robot, scenario, controller, plain, duration, run)
     true = robot.replace(friction=scenario.friction)
