@@ -32,8 +32,6 @@ from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import from_array
 from ballbot.mechanics.friction import (
-    FrictionTerms,
-    WheelTerms,
     directed_friction,
     dry_friction,
     friction_terms,
@@ -59,7 +57,7 @@ class BallNumbers(NamedTuple):
     push: NDArray[np.float64]  #: M^-1 A^T (3, n)
     friction: NDArray[np.float64]  #: b, c, s of each wheel, v_s and delta (3 n + 2,)
     wheels: tuple[int, ...]  #: as many as there are wheels
-    terms: NDArray[np.float64]  #: `FrictionTerms.columns` (n, k)
+    terms: NDArray[np.float64]  #: (n, 3), of `friction_terms`
 
 
 @inlined
@@ -118,18 +116,17 @@ def _convex(ball, u, omega, h, end):
         limits[i] = dry_friction(wheel, speed) if speed != 0.0 else wheel.c + wheel.s
         for axis in range(3):
             end[axis] += h * ball.push[axis, i] * free_torque(wheel, u[i], speed)
-    M, free, C, most, start = _problem(ball.wheels, ball.M, end, ball.A, limits, omega)
-    fill(end, minimiser(M, free, C, most, 0.0, h, start)[2:])
+    M, free, C, most = _problem(ball.wheels, ball.M, end, ball.A, limits)
+    fill(end, minimiser(M, free, C, most, 0.0, h)[2:])
 
 
 @traced
-def _problem(wheels, M, free, A, limits, omega):
+def _problem(wheels, M, free, A, limits):
     """Return the numbers of `minimiser`'s arrays, as tuples."""
     mass = [(1.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0, 0.0)]
     mass += [(0.0, 0.0, M[3 * i], M[3 * i + 1], M[3 * i + 2]) for i in range(3)]
     rows = tuple((0.0, 0.0, A[3 * i], A[3 * i + 1], A[3 * i + 2]) for i in range(len(wheels)))
-    ends = [(0.0, 0.0, one[0], one[1], one[2]) for one in (free, omega)]
-    return tuple(mass), ends[0], rows, from_array(wheels, limits), ends[1]
+    return tuple(mass), (0.0, 0.0, free[0], free[1], free[2]), rows, from_array(wheels, limits)
 
 
 @called
@@ -227,7 +224,7 @@ def simulate_balls(
     ball: ClampedBall,
     *,
     friction: ArrayLike,
-    terms: FrictionTerms | None = None,
+    terms: NDArray[np.float64] | None = None,
     initial: ArrayLike,
     torques: ArrayLike,
     sample_time: float,
@@ -242,7 +239,7 @@ def simulate_balls(
     ball : ClampedBall
     friction : array_like (sets, 3 n + 2)
         As `friction_row` gives them.
-    terms : FrictionTerms, optional
+    terms : ndarray (n, 3), optional
         By direction and load, of every set; none by default.
     initial : array_like (windows, 3)
         Omega at the start of each window [rad/s], in the robot's frame.
@@ -281,7 +278,7 @@ def simulate_balls(
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))
     out = np.empty((len(sets), len(starts), inputs.shape[1] // every, 3))
     push, count = ball.push(), len(starts)
-    columns = np.zeros((len(ball.A), len(WheelTerms._fields))) if terms is None else terms.columns()
+    columns = np.zeros((n, 3)) if terms is None else real_array(terms, (n, 3), "The array of terms")
 
     def run(first: int) -> None:
         for lane in range(first, min(first + LANES, len(sets) * count)):
