@@ -25,7 +25,6 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
 from ballbot.thesis.lagrangian import equations
-from ballbot.thesis.reproduce.page import markdown_table
 from ballbot.thesis.symbols import Corrections
 from ballbot.twin.scenario import Scenario
 from campaigns.published.printed import (
@@ -37,6 +36,7 @@ from campaigns.published.printed import (
     track,
     unstable_poles,
 )
+from campaigns.reproduce import markdown_table
 
 #: each correction, by its name in `Corrections`, as the page calls what it mends
 APPROXIMATIONS: Mapping[str, str] = {

@@ -17,8 +17,8 @@ from ballbot.control.references import square
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
-from ballbot.thesis.reproduce.page import markdown_table
 from ballbot.thesis.symbols import Corrections
+from campaigns.reproduce import markdown_table
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,8 +12,7 @@ from ballbot.report.blocks import table
 def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> None:
     """Reproduce the figures and tables of the thesis from the twin and the models, and show its mistakes.
 
-    Writes report.html, results.json and reproduce.md, and keeps its recordings in runs/: the same command goes on
-    after it was stopped. The same seed gives the same result.
+    Writes report.html and results.json.
 
     Example: ballbot reproduce --out thesis
 
@@ -39,12 +38,7 @@ def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> N
         open_result(out, command="reproduce", writes=REPRODUCTION_FILES, seed=seed) as result,
         result.progress("reproducing the thesis") as bar,
     ):
-        found = remake(
-            result.folder.path / "runs",
-            seed=seed,
-            only=only,
-            progress=bar.report,
-        )
+        found = remake(seed=seed, only=only, progress=bar.report)
         with result.replaced() as new:
             write_reproduction(found, new, provenance=result.origin)
     console = result.console

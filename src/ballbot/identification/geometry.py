@@ -25,14 +25,12 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.fitting.least_squares import ClusteredFit
 from ballbot.identification.geometry_fits import (
-    MocapRun,
-    Mounting,
     UpsideDownGeometry,
-    imu_mounting,
-    read_mocap,
+    mocap_run,
     rolling_geometry,
     upside_down_geometry,
 )
+from ballbot.identification.turning import MotionFit
 from ballbot.log import Log
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Robot
@@ -146,7 +144,7 @@ def survey_geometry(
     for log, film in balancing:
         done = total - len(balancing) - 1 + len(runs)
         progress(Progress(stage="aligning the motion capture", done=done, total=total))
-        runs.append(_run(log, film))
+        runs.append(mocap_run(log, film))
     if runs:
         progress(Progress(stage="fitting the balancing logs", done=total - 1, total=total))
     rolling = rolling_geometry(robot, runs, leaning=_leaning(robot, on_wheels)) if runs else None
@@ -154,7 +152,7 @@ def survey_geometry(
         *(_of_upside_down(robot, on_wheels) if on_wheels else ()),
         *(_of_rolling(robot, rolling) if rolling else ()),
         *(_of_both(robot, on_wheels.fit, rolling) if on_wheels and rolling else ()),
-        *(_of_mountings([run.mounting for run in runs]) if runs else ()),
+        *(_of_mountings([run.motion for run in runs]) if runs else ()),
     ]
     n = robot.wheel_count
     return Geometry(
@@ -165,11 +163,6 @@ def survey_geometry(
         else None,
         leaning_seen=_one("leaning seen", rolling, n + 1, 1.0, "1", "balancing") if rolling else None,
     )
-
-
-def _run(log: Log, film: Log) -> MocapRun:
-    seen = read_mocap(film)
-    return MocapRun(log=log, film=seen, mounting=imu_mounting(log, seen))
 
 
 def _leaning(robot: Robot, on_wheels: UpsideDownGeometry | None) -> float:
@@ -242,10 +235,10 @@ def _of_both(robot: Robot, on_wheels: ClusteredFit, rolling: ClusteredFit) -> li
     return found
 
 
-def _of_mountings(mountings: Sequence[Mounting]) -> list[Measured]:
+def _of_mountings(motions: Sequence[MotionFit]) -> list[Measured]:
     """Return the IMU's rotation against the body as the cameras have it, a mean weighted by the runs' variances."""
-    values = np.array([one.fit.values[:3] for one in mountings])
-    weights = 1.0 / np.array([one.fit.errors[:3] for one in mountings]) ** 2
+    values = np.array([one.body_marker.as_rotvec() for one in motions])
+    weights = 1.0 / np.array([one.rotation_errors for one in motions]) ** 2
     mean, errors = (weights * values).sum(axis=0) / weights.sum(axis=0), 1.0 / np.sqrt(weights.sum(axis=0))
     return [
         Measured(

@@ -303,17 +303,19 @@ def _loops(
     if not borne:
         return _perfect(sample_time), np.empty((0, 0))
     many = max(len(borne), len(robots), len(controllers))
-    loops, filters, made = [], [], {}
+    loops, filters, made, known = [], [], {}, {}
     for k in range(many):
         one, robot = borne[k % len(borne)], robots[k % len(robots)]
         estimator = controllers[k % len(controllers)].estimator
         # a record does not depend on the seed, by which alone the lanes of a comparison differ
         key = (*(id(value) for name, value in vars(one).items() if name != "seed"), id(robot), estimator)
         if key not in made:
-            row = loop_record(one, robot, estimator=estimator, sample_time=sample_time)
-            made[key] = row, filter_row(one.known or robot, sample_time=sample_time)
-        loops.append(made[key][0])
-        filters.append(made[key][1])
+            made[key] = loop_record(one, robot, estimator=estimator, sample_time=sample_time)
+        knows = one.known or robot
+        if id(knows) not in known:
+            known[id(knows)] = filter_row(knows, sample_time=sample_time)
+        loops.append(made[key])
+        filters.append(known[id(knows)])
     needed = any(one.sensors is not None for one in borne) and any(
         c.estimator == "kalman" for c in controllers
     )

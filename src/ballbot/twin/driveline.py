@@ -7,8 +7,7 @@ Each wheel's friction acts on the motor's speed w relative to the body, the spee
 
 The viscous part is the joint's damping. The dry part is the joint's friction loss, which MuJoCo solves as a constraint
 that sticks exactly at rest; its size depends on the speed and is set before each step. It may differ forward and
-backward, and depend on the force between wheel and ball. The force of LuGre's and Dahl's bristles follows from their
-state and the speed; `Bristles` applies it to the engine.
+backward, and depend on the force between wheel and ball.
 
 Shafts give the angles that encoders see. Wheels with rollers simply turn. A wheel that touches the ball in a single
 point has one roller, which must stay under the ball: before each step such a wheel is turned back until its roller
@@ -26,42 +25,10 @@ from numpy.typing import NDArray
 
 from ballbot.mechanics.engine.compiled import compiled_alone
 from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
-from ballbot.mechanics.friction_laws import BristleLaw
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
 from ballbot.twin.engine import Engine
 from ballbot.twin.scenario import Scenario
-
-
-class Bristles:
-    """The drivelines' friction of one twin, by a law for each wheel.
-
-    Parameters
-    ----------
-    laws : tuple of law, (n,)
-    engine : Engine
-        Has a hinge "wheel 1" to "wheel n".
-    """
-
-    def __init__(self, laws: tuple[BristleLaw, ...], engine: Engine) -> None:
-        wheels = engine.velocities("wheel", len(laws))
-        self._laws = laws
-        self._step = engine.timestep
-        self._speeds = engine.qvel[wheels]
-        self._forces = engine.applied[wheels]
-        self.reset()
-
-    def reset(self) -> None:
-        """Set every law to its state after a long rest."""
-        self._states = [0.0] * len(self._laws)
-
-    def prepare_step(self) -> None:
-        """Set the friction of the next physics step, and update the laws' states with the speed."""
-        forces = np.empty(len(self._laws))
-        for i, (law, speed) in enumerate(zip(self._laws, self._speeds.tolist(), strict=True)):
-            self._states[i] = law.advanced(self._states[i], speed=speed, step=self._step)
-            forces[i] = -law.friction(self._states[i], speed)
-        self._forces[:] = forces
 
 
 class Motors:
@@ -214,20 +181,15 @@ class Driveline:
             1.0 / friction.stribeck_speed,
             friction.stribeck_exponent,
         )
-        self._bristles = Bristles(scenario.driveline_laws, engine) if scenario.driveline_laws else None
         self._scalings: list[Callable[[NDArray[np.float64]], None]] = []
         if not friction.is_plain:
             self._scalings.append(DirectedTerms(friction, self.speeds, engine.torques))
-        if scenario.asymmetry:
-            self._scalings.append(Asymmetry(scenario.asymmetry, self.speeds, engine.torques))
         if scenario.load_dependence:
             self._scalings.append(Load(robot, scenario.load_dependence.fraction, engine))
 
     def reset(self) -> None:
-        """Set all torques to zero, and friction to its value after a long rest."""
+        """Set all torques to zero."""
         self._motors.reset()
-        if self._bristles:
-            self._bristles.reset()
 
     def command(self, torques: NDArray[np.float64]) -> None:
         """Set the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
@@ -239,9 +201,6 @@ class Driveline:
         self._motors.prepare_step(self.speeds, fast=fastest > self._motors.knee)
         for scaling in self._scalings:
             scaling(self._dry_friction)
-        if self._bristles:
-            self._dry_friction[:] = 0.0
-            self._bristles.prepare_step()
 
 
 class DirectedTerms:
@@ -257,20 +216,6 @@ class DirectedTerms:
         moves = np.abs(self._speeds) > _AT_REST
         towards = np.where(moves, self._speeds, np.copysign(_AT_REST, self._torques))
         sizes[:] = dry_friction_size(towards, self._friction, torque=self._torques)
-
-
-class Asymmetry:
-    """Dry friction that differs between forward and backward."""
-
-    def __init__(self, asymmetry: float, speeds: NDArray[np.float64], torques: NDArray[np.float64]) -> None:
-        self._asymmetry = asymmetry
-        self._speeds = speeds
-        self._torques = torques
-
-    def __call__(self, sizes: NDArray[np.float64]) -> None:
-        """Scale the sizes (n,) by the direction in which each wheel turns, or is about to."""
-        direction = np.where(np.abs(self._speeds) > _AT_REST, self._speeds, self._torques)
-        sizes *= 1.0 + self._asymmetry * np.sign(direction)
 
 
 class Load:

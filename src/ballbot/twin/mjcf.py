@@ -189,10 +189,9 @@ def add_wheel(
         body, "body", name=name, pos=-parts.center_distance * frame[:, 0], xyaxes=(*frame[:, 0], *frame[:, 1])
     )
     joint = add(element, "joint", name=name, axis="0 0 1", armature=rotor_inertia(robot))
-    if not scenario.driveline_laws:
-        friction = scenario.friction
-        joint.set("damping", number_text(friction.viscous[index]))
-        joint.set("frictionloss", number_text(friction.coulomb[index] + friction.stribeck[index]))
+    friction = scenario.friction
+    joint.set("damping", number_text(friction.viscous[index]))
+    joint.set("frictionloss", number_text(friction.coulomb[index] + friction.stribeck[index]))
     if scenario.backlash > 0 or scenario.compliance:
         play = add(element, "joint", name=f"play {index + 1}", axis="0 0 1")
         if not scenario.compliance:

@@ -18,7 +18,6 @@ from pydantic import ConfigDict
 
 from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError, suggest
-from ballbot.mechanics.friction_laws import BristleLaw
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_number
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameters_of, table
@@ -99,20 +98,6 @@ class Scenario:
         default=(0.0, 0.0),
         metadata=parameter(
             "of the floor about the world's x and y axes", unit="rad", least=-math.inf, most=0.2
-        ),
-    )
-    asymmetry: float = field(
-        default=0.0,
-        metadata=parameter(
-            "dry friction is (1 + asymmetry) times its size forward, (1 - asymmetry) times backward",
-            least=-math.inf,
-            most=1.0,
-        ),
-    )
-    driveline_laws: tuple[BristleLaw, ...] = field(
-        default=(),
-        metadata=table(
-            "Other friction laws, in place of those of the wheels in [friction]: one table for each wheel."
         ),
     )
     load_dependence: LoadDependence | None = field(
@@ -302,7 +287,7 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
             for value in _values_at(scenario, one.name):
                 check_number(one, one.name, value)
     check_rollers(scenario.rollers, robot)
-    _check_laws(scenario, robot)
+    _check_friction(scenario, robot)
     _check_rates(scenario)
 
 
@@ -317,19 +302,15 @@ def _values_at(record: object, name: str) -> Iterator[object]:
             yield from _values_at(one, rest)
 
 
-def _check_laws(scenario: Scenario, robot: Robot) -> None:
-    friction, laws = scenario.friction, scenario.driveline_laws
+def _check_friction(scenario: Scenario, robot: Robot) -> None:
+    friction = scenario.friction
     dry = (friction.coulomb, friction.stribeck, friction.coulomb_asymmetry, friction.stribeck_asymmetry)
-    for values in (friction.viscous, *dry, friction.load, laws):
+    for values in (friction.viscous, *dry, friction.load):
         if values and len(values) != robot.wheel_count:
             raise InputError(
                 f"The scenario {scenario.name!r} has friction for {len(values)} wheels, but the robot "
                 f"{robot.name!r} has {robot.wheel_count}. Give one value for each wheel."
             )
-    if laws and (scenario.asymmetry or scenario.load_dependence):
-        raise InputError(
-            "asymmetry and load_dependence need the classical friction; remove them or driveline_laws."
-        )
 
 
 def _check_rates(scenario: Scenario) -> None:

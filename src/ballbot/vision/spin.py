@@ -25,13 +25,13 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
+from ballbot.identification.turning import Turning, fit_in_blocks, match_turning
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent, plus_minus
 from ballbot.validation.alignment import Clock
-from ballbot.validation.alignment.turning import Turning, fit_in_blocks, match_turning
 from ballbot.vision.calibration import Calibration, calibrated_view
 from ballbot.vision.seam import Seam, seam_table, thesis_seam
 from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder

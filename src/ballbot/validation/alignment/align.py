@@ -32,9 +32,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from ballbot.errors import InputError
-from ballbot.log import Log
-from ballbot.log.pose import Poses, read_poses
-from ballbot.validation.alignment.turning import (
+from ballbot.identification.turning import (
     ANGLE_NAMES,
     SPAN,
     Clock,
@@ -47,6 +45,8 @@ from ballbot.validation.alignment.turning import (
     match_turning,
     poses_turning,
 )
+from ballbot.log import Log
+from ballbot.log.pose import Poses, read_poses
 
 #: share of the turning that must be common to both, or they are not of the same run
 _LEAST_SHARE = 0.5

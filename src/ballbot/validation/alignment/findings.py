@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.findings import Finding, note
+from ballbot.identification.turning import ANGLE_NAMES
 from ballbot.rounding import digits, percent, plus_minus
 from ballbot.validation.alignment.align import LEAST_LEVER, Alignment, PathFit, SensorErrors
-from ballbot.validation.alignment.turning import ANGLE_NAMES
 
 #: share of the error from which position follows the heading
 _FOLLOWS = 0.5

@@ -269,11 +269,17 @@ class MotionFit:
     bias: NDArray[np.float64]  #: (3,) of the log's gyro [rad/s], body frame
     offset_half_width: float  #: [s]
     rate_half_width: float  #: [s/s]
-    rotation_half_width: NDArray[np.float64]  #: (3,) about the body's axes [rad]
+    rotation_errors: NDArray[np.float64]  #: (3,) standard errors about the body's axes [rad]
+    quantile: float  #: Student's t for 95 %, with as many blocks
     error: float  #: rms of an increment's error, a component [rad]
     motion: float  #: rms of an increment, a component [rad]
     increments: int
     axis_error: float  #: standard error of the rotation about the axis that the motion determines least [rad]
+
+    @property
+    def rotation_half_width(self) -> NDArray[np.float64]:
+        """Half of the 95 % intervals of `body_marker` (3,) about the body's axes [rad]."""
+        return self.quantile * self.rotation_errors
 
     @property
     def share(self) -> float:
@@ -373,7 +379,7 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     x = np.asarray(fit.x, np.float64)
     blocks, quantile = _blocks(start)
     covariance = covariance_in_time(fit.jac, fit.fun, np.repeat(blocks, 3))
-    half, to_zero = quantile * np.sqrt(np.diag(covariance)), np.array([1.0, -middle])
+    standard_errors, to_zero = np.sqrt(np.diag(covariance)), np.array([1.0, -middle])
     body_marker = Rotation.from_rotvec(x[2:5]) * body_marker
     residuals = errors(x, unit).reshape(-1, 3)
     return MotionFit(
@@ -382,8 +388,9 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         bias=x[5:],
         # at the log's zero, from the offset at the middle and the rate
         offset_half_width=float(quantile * np.sqrt(to_zero @ covariance[:2, :2] @ to_zero)),
-        rate_half_width=float(half[1]),
-        rotation_half_width=half[2:5],
+        rate_half_width=float(quantile * standard_errors[1]),
+        rotation_errors=standard_errors[2:5],
+        quantile=quantile,
         error=float(np.sqrt(np.mean(residuals**2))),
         motion=float(np.sqrt(np.mean(_centred(turned) ** 2))),
         increments=len(start),
