@@ -15,7 +15,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
-from ballbot.thesis.lagrangian import Equations, equations
+from tests.support.lagrangian import Equations, equations
 from tests.support.symbolic_oracle import (
     cloud_body,
     force_along_speeds,
@@ -234,17 +234,6 @@ def test_forces_act_where_speeds_are_measured(seed: int, wheel_count: int, formu
     model = equations(robot, formulation)
     force = model.generalized_force(q, np.zeros(5), u)
     assert relative_difference(force, force_along_speeds(model, q, u)) <= TOLERANCE
-
-
-@settings(deadline=None, max_examples=10)
-@given(seeds, wheel_counts, formulations)
-def test_float64_is_as_good_as_forty_digits(seed: int, wheel_count: int, formulation: Formulation):
-    robot, q, q_dot, u = drawn(seed, wheel_count)
-    model = equations(robot, formulation)
-    assert (
-        relative_difference(model.acceleration(q, q_dot, u), model.precise_acceleration(q, q_dot, u))
-        <= TOLERANCE
-    )
 
 
 # --- the rest -------------------------------------------------------------------------------------

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.thesis.symbols import corrections_of
 from campaigns.published import kugle, rezero
 from campaigns.published.printed import Entry, SourceModel, mixture_model, unstable_poles
+from tests.support.lagrangian import corrections_of
 
 REZERO = Robot.load("rezero")
 

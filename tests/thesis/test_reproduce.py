@@ -185,8 +185,8 @@ def test_mistakes_are_shown_by_their_numbers(
 def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian(seed: int) -> None:
     """(II.34) as printed less (II.34) with d'Alembert's principle first, derived by SymPy at any state."""
     pytest.importorskip("sympy")
-    from ballbot.thesis.lagrangian import equations as derived
-    from ballbot.thesis.symbols import corrections_of
+    from tests.support.lagrangian import corrections_of
+    from tests.support.lagrangian import equations as derived
 
     robot, printed = Robot.load("alten"), corrections_of("thesis")
     q, q_dot, _ = random_state(np.random.default_rng(seed), 3)

@@ -32,7 +32,7 @@ from ballbot.report.words import state_mark, with_symbols
 from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
 from ballbot.validation import ErrorPair, ModelPair, StateErrors, Validation, findings
-from ballbot.validation.models import Trajectories
+from ballbot.validation.models import FINEST, Trajectories
 from ballbot.validation.prediction import HorizonComparison, Prediction
 from ballbot.validation.residuals import ResidualAnalysis, residual_findings
 from ballbot.validation.result import model_findings, whole_log_verdict
@@ -128,16 +128,14 @@ def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
             for k, quantity in enumerate(QUANTITIES)
         },
         "ended_early": dict(zip(map(key_of, models.names), whole.fell, strict=True)),
-        "errors": _error_results(whole.errors, models),
     }
 
 
 def _horizon_results(horizon: HorizonComparison, models: ModelPair) -> dict[str, object]:
     first, second = (key_of(name) for name in models.names)
     errors = horizon.errors
-    # a state that moved less than its rounding has no scale
-    least = 0.0 if errors.floor is None else errors.floor[0]
-    spread = np.where(horizon.spread > least, horizon.spread, np.nan)
+    # a state that did not move has no scale
+    spread = np.where(horizon.spread > FINEST, horizon.spread, np.nan)
     first_rmse, second_rmse = errors.rmse
     intervals = errors.ratio_interval()
     return {
@@ -316,10 +314,6 @@ def _whole_log_blocks(validation: Validation, whole: WholeLog, place: int) -> It
     )
     draw = partial(whole_log_figure, whole, validation.models.names)
     yield drawn_picture(f"whole_log_{place}", draw, caption)
-    caption = (
-        f"Closed-loop errors over the {whole.duration:.3g} s without a restart, the median of {RUNS} runs."
-    )
-    yield error_sheet(validation, whole.errors, caption, folded=True)
     if place == 1:
         yield _trajectories(whole.example, validation, "The first seconds without a restart.")
 
@@ -354,7 +348,7 @@ def _residual_blocks(validation: Validation) -> Iterator[Block]:
         yield drawn_picture("wheels", partial(wheels_figure, found), caption)
 
 
-def error_sheet(validation: Validation, pair: ErrorPair, caption: str, *, folded: bool = False) -> Sheet:
+def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with what they lack."""
     both = validation.models.names
     lower, upper = pair.ratio_interval()
@@ -363,7 +357,7 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str, *, folded
     def shown(errors: StateErrors, place: int) -> tuple[str, str]:
         """Return 1000 times the error, and the RMSE; no digits of what is only rounding."""
         rmse = errors.rmse[place]
-        if rmse <= pair.floor[place]:
+        if rmse <= FINEST:
             return "≈ 0", "≈ 0"
         return digits(1e3 * errors.error[place]), digits(rmse)
 
@@ -388,7 +382,6 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str, *, folded
         rows=rows,
         caption=caption,
         shaded=frozenset(shaded),
-        folded=folded,
     )
 
 

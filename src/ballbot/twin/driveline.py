@@ -123,10 +123,6 @@ class Shafts:
         """Return the motors' angles (n,) at the wheel [rad]."""
         return self._hinges + self._turned if self.returning else self._hinges
 
-    def wheel_angles(self) -> NDArray[np.float64]:
-        """Return the wheels' own angles (n,) [rad], beyond play and spring."""
-        return self.angles() if self._play is None else self.angles() + self._play
-
     def turn_back(self) -> None:
         """Turn every wheel so that its single roller touches the ball."""
         turn = self._hinges if self._play is None else self._hinges + self._play

@@ -57,10 +57,8 @@ from ballbot.twin.faults import Compliance, Payload, Softness
 from ballbot.twin.parts import (
     BodyParts,
     WheelParts,
-    point_wheel_parts,
     split_robot,
     wheel_frames,
-    wheel_parts,
 )
 from ballbot.twin.scenario import Scenario, check_scenario
 
@@ -298,8 +296,7 @@ def floor_normal(scenario: Scenario) -> NDArray[np.float64]:
 
 
 def _document(robot: Robot, scenario: Scenario, mounting: Mounting) -> ET.Element:
-    point = scenario.wheel_contact == "point"
-    wheel, rest = split_robot(robot, scenario.rollers, wheel_of=point_wheel_parts if point else wheel_parts)
+    wheel, rest = split_robot(robot, scenario.rollers, point=scenario.wheel_contact == "point")
     root = ET.Element("mujoco", model=f"{robot.name} {scenario.name}")
     _options(root, robot, scenario, mounting)
     world = add(root, "worldbody")

@@ -1,8 +1,7 @@
-"""The resolution of a log: errors no larger than what rounding its numbers causes are evidence for no model.
+"""Logs that are evidence for no model, by the resolution of their numbers.
 
-A column of decimals or of an encoder's counts lies on a grid of some step; a column of full precision is rounded far
-below what any sensor of a robot resolves, and counts as resolved to `FINEST`. An error below what that rounding alone
-causes counts as that floor before any ratio is formed.
+A column of decimals or of an encoder's counts lies on a grid of some step; a column of full precision counts as
+resolved to `FINEST`.
 
 A model that predicts all ten states of the next row to this floor simulated the log itself, because no robot follows
 its model so far. Such a log shows nothing about the other model either, and neither does a log that does not move.
@@ -16,12 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES, Log
-from ballbot.validation.models import ErrorPair, ModelPair
+from ballbot.validation.models import FINEST, ErrorPair, ModelPair
 
-#: columns count as resolved to no better than this, in m, rad, N m and their rates, or as part of the largest value:
-#: a thousandth of what the finest sensors of a robot resolve, and a million times the rounding of a double, so that
-#: neither a sensor nor another order of the same sums falls on the wrong side
-FINEST = 1e-9
 #: a column has a grid if it has so many values, and all are whole steps apart within this part of one
 _LEAST_VALUES, _OFF_GRID = 8, 0.01
 #: a model is at the floor within this factor, as the torques and the other states are rounded, too
@@ -51,8 +46,8 @@ def rounding_floor(log: Log) -> NDArray[np.float64]:
 
 def no_evidence(models: ModelPair, log: Log, parts: Sequence[range], one_step: ErrorPair) -> str | None:
     """Return why a log cannot show which model is better, if a model predicts each row to its resolution."""
-    errors = (one_step.first, one_step.second)
-    exact = [bool(np.all(one.rmse <= _AT_FLOOR * one_step.floor)) for one in errors]
+    floor = _AT_FLOOR * rounding_floor(log)
+    exact = [bool(np.all(one.rmse <= floor)) for one in (one_step.first, one_step.second)]
     if not any(exact):
         return None
     states = np.concatenate([log.states[part.start : part.stop] for part in parts])

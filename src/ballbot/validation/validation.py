@@ -33,7 +33,6 @@ from ballbot.validation.closed_loop import (
 from ballbot.validation.models import Interval, ModelPair, check_wheels, stretches
 from ballbot.validation.open_loop import join_open_loops, open_loop
 from ballbot.validation.prediction import (
-    HorizonComparison,
     compare_horizons,
     join_horizons,
     join_predictions,
@@ -142,7 +141,7 @@ def validate_pair(
     recovered, closed, refusal = (
         (None, None, refused)
         if refused
-        else _closed_loop(models, log, parts, controller, covariance, horizon, run.seed)
+        else _closed_loop(models, log, parts, controller, covariance, run.seed)
     )
     _report(run, 3)
     opened = None if refused else open_loop(models, log, parts, start_covariance=covariance, seed=run.seed)
@@ -245,7 +244,6 @@ def _closed_loop(
     parts: Sequence[range],
     controller: Feedback | None,
     covariance: NDArray[np.float64],
-    horizon: HorizonComparison,
     seed: int,
 ) -> tuple[RecoveredGain | None, ClosedLoop | None, str | None]:
     """Return the recovered gain, the closed-loop validation, and the reason if it is missing."""
@@ -261,8 +259,6 @@ def _closed_loop(
             sample_time=log.sample_time,
             torque_limit=recovered.torque_limit,
         )
-    # the floor of the longest forecast without feedback: with it, the start's rounding grows less
-    floor = None if horizon.errors.floor is None else horizon.errors.floor[-1]
     delay = delay_of(controller, log) if recovered is None else recovered.delay
     closed = closed_loop(
         models,
@@ -271,7 +267,6 @@ def _closed_loop(
         controller,
         covariance=covariance,
         delay=delay,
-        floor=floor,
         seed=seed,
     )
     return recovered, closed, None
