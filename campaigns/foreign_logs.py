@@ -8,7 +8,7 @@ sensors and commands are late; the commands are torques, currents or duties.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,7 +20,9 @@ from scipy.spatial.transform import Rotation
 from ballbot.log import STATE_NAMES, Log
 from ballbot.robot import Robot
 
-Columns = dict[str, NDArray[np.float64]]
+Floats = NDArray[np.float64]
+
+Columns = dict[str, Floats]
 Layout = Literal[
     "comma", "semicolon", "tab", "blanks", "decimal_comma", "json", "mat", "no_header", "given_columns"
 ]
@@ -62,6 +64,8 @@ STYLES = tuple(
         ),
     )
 )
+#: interval of the rows of a host that polls a robot [s]
+POLLED = 0.0115
 #: what a style's unit is called at the end of a name
 SPELLED = {"deg/s": "dps", "rad/s": "rad_s", "N m": "Nm", "mN m": "mNm", "%": "pct"}
 
@@ -72,31 +76,33 @@ class Habits:
 
     start: float  #: of the stretch [s]
     duration: float
-    names: Names
-    layout: Layout
-    time_unit: str
-    time_offset: float  #: [s]
-    order: tuple[int, ...]  #: the file's wheels in turn are these of the robot (from 0)
-    signs: tuple[int, ...]  #: of the file's wheels
-    command_order: tuple[int, ...]
-    command_signs: tuple[int, ...]
-    turn: float  #: of the IMU's x axis from the robot's [rad]
-    pitch_sign: int
-    yaw_sign: int
-    swapped: bool  #: whether roll and pitch are exchanged
-    lean_unit: str
-    wheel_unit: str
-    gyro_unit: str | None  #: None without a gyro
-    yaw: bool
-    command: Command
-    command_unit: str
-    command_scale: float  #: the file's number for 1 N m, A, V or full duty
-    sensor_delay: float
-    command_delay: float
-    noise: float  #: of the angles [rad]
-    interval: float  #: of the rows [s]; 0 keeps the log's
-    extras: bool
-    seed: int
+    names: Names = STYLES[0]
+    layout: Layout = "comma"
+    time_unit: str = "s"
+    time_offset: float = 0.0  #: [s]
+    order: tuple[int, ...] = (0, 1, 2)  #: the file's wheels in turn are these of the robot (from 0)
+    signs: tuple[int, ...] = (1, 1, 1)  #: of the file's wheels
+    command_order: tuple[int, ...] = ()
+    command_signs: tuple[int, ...] = (1, 1, 1)
+    turn: float = 0.0  #: of the IMU's x axis from the robot's [rad]
+    pitch_sign: int = 1
+    yaw_sign: int = 1
+    swapped: bool = False  #: whether roll and pitch are exchanged
+    lean_unit: str = "rad"
+    wheel_unit: str = "rad"
+    gyro_unit: str | None = None  #: None without a gyro
+    yaw: bool = True
+    command: Command = "torque"
+    command_unit: str = ""
+    command_scale: float = 1.0  #: the file's number for 1 N m, A, V or full duty
+    sensor_delay: float = 0.0
+    command_delay: float = 0.0
+    noise: float = 0.0  #: of the angles [rad]
+    interval: float = 0.0  #: of the rows [s]; 0 keeps the log's
+    #: interval [s] of the messages of which a row has the latest; 0 if it has the values of its own time
+    messages: float = 0.0
+    extras: bool = False
+    seed: int = 1
 
 
 def draw(seed: int, robot: Robot, *, dead_band: bool, whole: float, longest: float = 60.0) -> Habits:
@@ -112,7 +118,7 @@ def draw(seed: int, robot: Robot, *, dead_band: bool, whole: float, longest: flo
     names = STYLES[random.integers(len(STYLES))]
     layout = layouts[random.integers(len(layouts))]
     reversed_axis = random.random() < 0.15
-    return Habits(
+    drawn = Habits(
         start=float(random.uniform(0.0, whole - duration)),
         duration=duration,
         names=names,
@@ -139,10 +145,11 @@ def draw(seed: int, robot: Robot, *, dead_band: bool, whole: float, longest: flo
         sensor_delay=float(random.choice([0.0, random.uniform(0.0, 0.02)])),
         command_delay=float(random.choice([0.0, random.uniform(0.0, 0.015)])),
         noise=float(random.choice([0.0, random.uniform(1e-4, 1e-3)])),
-        interval=float(random.choice([0.0, 0.0, 0.01, 0.0115])),
+        interval=float(random.choice([0.0, 0.0, 0.01, POLLED])),
         extras=random.random() < 0.5,
         seed=seed,
     )
+    return replace(drawn, messages=0.005) if drawn.interval == POLLED else drawn
 
 
 def _command(random: np.random.Generator, *, duty: bool) -> tuple[Command, str, float]:
@@ -197,17 +204,22 @@ def columns_of(log: Log, habits: Habits, robot: Robot, *, dead_band: float) -> C
     return {name: table[name] for name in names}
 
 
-def row_times(part: Log, habits: Habits) -> NDArray[np.float64]:
+def row_times(part: Log, habits: Habits) -> Floats:
     """Return when the file's rows of a stretch of a log are written [s]."""
     if not habits.interval:
         return part.t[8:-8]
     t = np.arange(part.t[0] + 0.03, part.t[-1] - 0.03, habits.interval)
-    if habits.interval == 0.0115:  # a host that polls
+    if habits.interval == POLLED:
         return t + 2e-4 * np.random.default_rng([18, habits.seed]).standard_normal(len(t))
     return t
 
 
-def _time(t: NDArray[np.float64], habits: Habits) -> NDArray[np.float64]:
+def _sent(t: Floats, habits: Habits) -> Floats:
+    """Return when the sensors of rows at times t were read [s]."""
+    return habits.messages * np.floor(t / habits.messages) if habits.messages else t
+
+
+def _time(t: Floats, habits: Habits) -> Floats:
     factor = {"s": 1.0, "ms": 1e3, "us": 1e6}[habits.time_unit]
     values = (t + habits.time_offset) * factor
     return np.round(values) if habits.time_unit == "us" else np.round(values, 6)
@@ -219,22 +231,22 @@ def _name(stem: str, unit: str, habits: Habits) -> str:
     return f"{stem}_{SPELLED.get(unit, unit)}"
 
 
-def _at(times: NDArray[np.float64], log: Log, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _at(times: Floats, log: Log, values: Floats) -> Floats:
     return np.column_stack([np.interp(times, log.t, column) for column in values.T])
 
 
-def _inertial(part: Log, t: NDArray[np.float64], habits: Habits, random: np.random.Generator) -> Columns:
+def _inertial(part: Log, t: Floats, habits: Habits, random: np.random.Generator) -> Columns:
     states = np.column_stack([part[name] for name in STATE_NAMES])
     imu = Rotation.from_euler("XYZ", states[:, 2:5]) * Rotation.from_euler("z", habits.turn)
     yaw, pitch, roll = imu.as_euler("ZYX").T
-    signs = np.array([1, habits.pitch_sign, habits.yaw_sign])
-    angles = _at(t - habits.sensor_delay, part, np.column_stack([roll, pitch, np.unwrap(yaw)])) * signs
+    signs, order = (
+        np.array([1, habits.pitch_sign, habits.yaw_sign]),
+        [1, 0, 2] if habits.swapped else [0, 1, 2],
+    )
+    read = _sent(t, habits) - habits.sensor_delay
+    angles = _at(read, part, np.column_stack([roll, pitch, np.unwrap(yaw)])) * signs
     angles[:, :2] += habits.noise * random.standard_normal((len(t), 2))
-    c, s = np.cos(habits.turn), np.sin(habits.turn)
-    x, y, z = part["gyro_x"], part["gyro_y"], part["gyro_z"]
-    rates = _at(t - habits.sensor_delay, part, np.column_stack([c * x + s * y, c * y - s * x, z])) * signs
-    if habits.swapped:
-        angles, rates = angles[:, [1, 0, 2]], rates[:, [1, 0, 2]]
+    angles = angles[:, order]
     lean = np.degrees(angles) if habits.lean_unit == "deg" else angles
     found = {
         _name(name, habits.lean_unit, habits): lean[:, place]
@@ -242,6 +254,9 @@ def _inertial(part: Log, t: NDArray[np.float64], habits: Habits, random: np.rand
         if place < 2 or habits.yaw
     }
     if habits.gyro_unit is not None and habits.layout != "no_header":
+        c, s = np.cos(habits.turn), np.sin(habits.turn)
+        x, y, z = part["gyro_x"], part["gyro_y"], part["gyro_z"]
+        rates = (_at(read, part, np.column_stack([c * x + s * y, c * y - s * x, z])) * signs)[:, order]
         turned = np.degrees(rates) if habits.gyro_unit == "deg/s" else rates
         axes = "XYZ" if habits.names.gyro[0].isupper() else "xyz"
         stem = habits.names.gyro
@@ -249,9 +264,9 @@ def _inertial(part: Log, t: NDArray[np.float64], habits: Habits, random: np.rand
     return found
 
 
-def _wheels(part: Log, t: NDArray[np.float64], habits: Habits, robot: Robot) -> Columns:
+def _wheels(part: Log, t: Floats, habits: Habits, robot: Robot) -> Columns:
     turn = robot.sensors.encoder_counts * robot.drive.gear_ratio
-    angles = _at(t, part, part.wheel_angles)[:, list(habits.order)] * np.asarray(habits.signs)
+    angles = _at(_sent(t, habits), part, part.wheel_angles)[:, list(habits.order)] * np.asarray(habits.signs)
     counts = np.round(angles * turn / (2.0 * np.pi))
     scale = {"counts": 1.0, "rad": 2.0 * np.pi / turn, "deg": 360.0 / turn, "turn": 1.0 / turn}[
         habits.wheel_unit
@@ -261,9 +276,7 @@ def _wheels(part: Log, t: NDArray[np.float64], habits: Habits, robot: Robot) -> 
     return {_name(habits.names.angle.format(k + first), unit, habits): counts[:, k] * scale for k in range(n)}
 
 
-def _commands(
-    part: Log, t: NDArray[np.float64], habits: Habits, robot: Robot, *, dead_band: float
-) -> Columns:
+def _commands(part: Log, t: Floats, habits: Habits, robot: Robot, *, dead_band: float) -> Columns:
     # held, as the log has them
     latest = np.searchsorted(part.t, t + habits.command_delay + 1e-9, side="right") - 1
     u = commands(robot, part.torques, part.wheel_speeds, habits.command)
@@ -286,9 +299,7 @@ def _commands(
     return {_name(name, habits.command_unit, habits): u[:, k] for k, name in enumerate(named)}
 
 
-def commands(
-    robot: Robot, torques: NDArray[np.float64], speeds: NDArray[np.float64], kind: Command
-) -> NDArray[np.float64]:
+def commands(robot: Robot, torques: Floats, speeds: Floats, kind: Command) -> Floats:
     """Return torques [N m], currents [A], voltages [V] or duties (N, n) behind torques at wheel speeds [rad/s]."""
     drive = robot.drive
     current = torques / (drive.gear_ratio * drive.torque_constant)
@@ -300,7 +311,7 @@ def commands(
     return voltage if kind == "voltage" else voltage / drive.supply_voltage
 
 
-def _extras(t: NDArray[np.float64], random: np.random.Generator) -> Columns:
+def _extras(t: Floats, random: np.random.Generator) -> Columns:
     return {
         "loop_count": np.arange(len(t), dtype=np.float64),
         "battery_V": 12.0 - 1e-3 * (t - t[0]) + 0.01 * random.standard_normal(len(t)),

@@ -33,7 +33,7 @@ from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.formats import WRITTEN_SUFFIXES, read_foreign_table
-from ballbot.log.mapping_file import parse_mapping, read_mapping
+from ballbot.log.mapping import parse_mapping, read_mapping
 from ballbot.log.pose import read_poses
 from ballbot.log.row_order import LONGEST
 from ballbot.mechanics.model import Model

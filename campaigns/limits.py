@@ -13,7 +13,7 @@ import numpy as np
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.presets import nominal_controller
 from ballbot.fitting.run import Run
-from ballbot.report.limits import directions_figure, heights_figure, planes_figure
+from ballbot.report.limits import directions_figure, planes_figure
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, leaning_state, twin_limits
@@ -53,7 +53,6 @@ def campaign() -> Section:
     pictures = [
         write_picture("limits_planes", lambda: planes_figure(model)),
         write_picture("limits_directions", lambda: directions_figure(model, twin)),
-        write_picture("limits_heights", lambda: heights_figure(model)),
     ]
     compared = [limit.agrees for one in cases for limit in one.twin]
     return Section(
@@ -76,7 +75,6 @@ _BOUNDS = ("no wheel slips", "twin", "wheels never slip")
 _ALTS = (
     "Leans and lean rates in the worst direction from which the robot recovers",
     "Tilts and impulses over all directions from which the robot recovers",
-    "Impulses from which the robot recovers, over their height",
 )
 
 

@@ -18,10 +18,9 @@ import os
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import as_completed
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 from typing import Literal
@@ -34,15 +33,16 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.formats import is_foreign
-from ballbot.log.mapping_search.frame import TURNING_BY_WHEELS
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import propose
-from ballbot.log.mapping_search.text import Evaluation, evaluate
+from ballbot.log.mapping_search.placement import TURNING_BY_WHEELS
+from ballbot.log.mapping_search.proposal import Evaluation, evaluate, propose
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
-from campaigns.mapping_recordings import HABITS_SEED, MOTIONS, ROBOTS, Half, dead_band, recording, robot_named
+from campaigns.mapping_recordings import MOTIONS, ROBOTS, dead_band, recording, robot_named
 from campaigns.section import Section
+
+Floats = NDArray[np.float64]
 
 #: length of the Hann window [s] that smooths both logs before they are compared. Its first zero is at 8 Hz: noise of
 #: the lean and chatter of the commands, which differ after an error of a millisecond in a delay, are above that
@@ -60,7 +60,6 @@ Result = Literal["right", "asked", "wrong"]
 class Outcome:
     """What became of one variant."""
 
-    half: Half
     seed: int
     robot: str
     motion: str
@@ -69,22 +68,15 @@ class Outcome:
     reason: str  #: what is asked or wrong
 
 
-def outcome(half: Half, seed: int) -> Outcome:
+def outcome(seed: int) -> Outcome:
     """Write the variant of a seed as a foreign log, let Ballbot propose its mapping, and judge it."""
-    name = ROBOTS[half][seed % len(ROBOTS[half])]
-    motion = MOTIONS[half][seed // len(ROBOTS[half]) % len(MOTIONS[half])]
-    robot, log = robot_named(name), recording(half, name, motion)
+    name, motion = ROBOTS[seed % len(ROBOTS)], MOTIONS[seed // len(ROBOTS) % len(MOTIONS)]
+    robot, log = robot_named(name), recording(name, motion)
     band = dead_band(robot) if motion == "dead_band" else 0.0
-    habits = draw(HABITS_SEED[half] + seed, robot, dead_band=bool(band), whole=float(log.t[-1]))
+    habits = draw(HABITS_SEED + seed, robot, dead_band=bool(band), whole=float(log.t[-1]))
     result, reason = judged(log, robot, habits, dead_band=band)
     return Outcome(
-        half=half,
-        seed=seed,
-        robot=name,
-        motion=motion,
-        duration=habits.duration,
-        result=result,
-        reason=reason,
+        seed=seed, robot=name, motion=motion, duration=habits.duration, result=result, reason=reason
     )
 
 
@@ -149,7 +141,7 @@ def _seconds_in_motion(log: Log) -> float:
     return float((np.abs(log.wheel_speeds) > IN_MOTION).any(axis=1).sum()) * log.sample_time
 
 
-Signals = dict[str, NDArray[np.float64]]
+Signals = dict[str, Floats]
 
 
 def _body_frame(log: Log) -> Signals:
@@ -204,16 +196,14 @@ def _compared(mapped: Signals, real: Signals, heading: bool, interval: float) ->
     return ", ".join(wrong)
 
 
-def _less_friction(truth: Log, robot: Robot, dead_band: float) -> NDArray[np.float64]:
+def _less_friction(truth: Log, robot: Robot, dead_band: float) -> Floats:
     """Return the torques (M, n) by which dry friction is less if a dead band that nobody states counts as such."""
     speeds = smoothed_wheel_speeds(truth, robot)
     duty = commands(robot, truth.torques, truth.wheel_speeds, "duty")
     return dead_band * robot.drive.torque_limit * np.where(speeds == 0.0, np.sign(duty), np.sign(speeds))
 
 
-def _as_written(
-    truth: Log, torques: NDArray[np.float64], habits: Habits, t: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _as_written(truth: Log, torques: Floats, habits: Habits, t: Floats) -> Floats:
     """Return torques (M, n) of the truth's rows as (n, N) at times t, as a true mapping makes them.
 
     Rows far apart miss what is between them.
@@ -230,61 +220,47 @@ def _as_written(
     return np.mean([held[place] for place in places], axis=0).T
 
 
-def _size_error(mapped: NDArray[np.float64], real: NDArray[np.float64]) -> float:
+def _size_error(mapped: Floats, real: Floats) -> float:
     """Return the root mean square of the difference, without its mean, over that of the signal."""
     difference = (mapped - real) - (mapped - real).mean()
     return float(np.std(difference) / max(float(np.std(real)), 0.01))
 
 
-def _smoothed(values: NDArray[np.float64], interval: float) -> NDArray[np.float64]:
+def _smoothed(values: Floats, interval: float) -> Floats:
     window = np.hanning(round(SMOOTHED / interval) + 2)[1:-1]
     return np.array([np.convolve(row, window / window.sum(), mode="valid") for row in values])
 
 
-#: variants of all halves in turn
-VARIANTS = 2000
+#: variants, and the first seed of their teams' habits
+VARIANTS, HABITS_SEED = 2000, 31_000_000
 #: environment variables: variants, the most minutes, and processes
 COUNT, MINUTES, PROCESSES = "BALLBOT_VARIANTS", "BALLBOT_MINUTES", "BALLBOT_PROCESSES"
+RESULTS: tuple[Result, ...] = ("right", "asked", "wrong")
 
 
 def campaign() -> Section:
-    """Judge variants of all halves and return the section of docs/generated/evidence.md."""
-    return section(list(_followed(int(os.environ.get(COUNT, VARIANTS)))))
-
-
-def section(found: Sequence[Outcome]) -> Section:
-    """Return the section of docs/generated/evidence.md."""
-    rows = []
-    for shortest, longest in pairwise((5.0, 10.0, 15.0, 60.0)):
-        own = [one for one in found if shortest <= one.duration < longest]
-        counts = Counter(one.result for one in own)
-        shares = [_share(counts[result], len(own)) for result in RESULTS]
-        rows.append([f"{shortest:.0f} to {longest:.0f} s", f"{len(own)}", *shares])
-    counts = Counter(one.result for one in found)
-    rows.append(["all", f"{len(found)}", *(_share(counts[result], len(found)) for result in RESULTS)])
-    wrong = "; ".join(
-        f"{one.half} {one.seed} ({one.robot}, {one.motion}): {one.reason}"
-        for one in found
-        if one.result == "wrong"
-    )
-    asked = Counter(
-        one.reason.split(";")[0][:90].strip() for one in found if one.result == "asked"
-    ).most_common(6)
+    """Judge variants and return the section of docs/generated/evidence.md."""
+    found, rows = list(_followed(int(os.environ.get(COUNT, VARIANTS)))), []
+    for shortest, longest in ((5.0, 10.0), (10.0, 15.0), (15.0, 60.0), (5.0, 60.0)):
+        counts = Counter(one.result for one in found if shortest <= one.duration <= longest)
+        shares = [_share(counts[result], counts.total()) for result in RESULTS]
+        rows.append([f"{shortest:.0f} to {longest:.0f} s", f"{counts.total()}", *shares])
+    wrong = [
+        f"{one.seed} ({one.robot}, {one.motion}): {one.reason}" for one in found if one.result == "wrong"
+    ]
+    asked = Counter(one.reason.split(";")[0][:90].strip() for one in found if one.result == "asked")
     return Section(
         title="Mappings proposed for foreign logs",
-        before="Stretches of 5 to 60 s of simulated logs of 18 robots, written as other teams write them"
+        before=f"Stretches of 5 to 60 s of simulated logs of {len(ROBOTS)} robots, written as other teams write them"
         " (`campaigns/foreign_logs.py`): renamed, permuted, negated, scaled, turned, mirrored, late, noisy, in several"
         " formats, with the kind of the command stated. Right is the recorded log up to the transformations of"
         " `campaigns.mapping_corpus.differences`. Intervals are of 95 % by Clopper and Pearson.",
         columns=["duration", "variants", *RESULTS],
         rows=rows,
-        after=f"Wrong: {wrong or 'none'}. Asked most often: "
-        + "; ".join(f"{reason} ({count})" for reason, count in asked)
+        after=f"Wrong: {'; '.join(wrong) or 'none'}. Asked most often: "
+        + "; ".join(f"{reason} ({count})" for reason, count in asked.most_common(6))
         + f". {COUNT} and {MINUTES} limit the number of variants.",
     )
-
-
-RESULTS: tuple[Result, ...] = ("right", "asked", "wrong")
 
 
 def _share(count: int, total: int) -> str:
@@ -296,16 +272,15 @@ def _share(count: int, total: int) -> str:
 
 
 def _followed(count: int) -> Iterator[Outcome]:
-    """Yield the outcomes of so many variants, of all halves in turn; each that is not right is named on stderr."""
+    """Yield the outcomes of so many variants; each that is not right is named on stderr."""
     started, minutes = perf_counter(), float(os.environ.get(MINUTES, "inf"))
-    halves = tuple(ROBOTS)
     with worker_pool(int(os.environ.get(PROCESSES, os.cpu_count() or 1))) as pool:
-        runs = [pool.submit(outcome, halves[k % len(halves)], k // len(halves)) for k in range(count)]
+        runs = [pool.submit(outcome, seed) for seed in range(count)]
         try:
             for run in as_completed(runs):
                 one = run.result()
                 if one.result != "right":
-                    said = f"{one.half} {one.seed} {one.robot} {one.motion} {one.duration:.0f} s {one.result}"
+                    said = f"{one.seed} {one.robot} {one.motion} {one.duration:.0f} s {one.result}"
                     print(f"{said}: {one.reason}", file=sys.stderr, flush=True)
                 yield one
                 if perf_counter() - started > 60.0 * minutes:

@@ -1,10 +1,8 @@
-"""The recorded logs of `campaigns.mapping_corpus`: robots, motions and seeds of its halves.
+"""The recorded logs of `campaigns.mapping_corpus`: robots and motions.
 
-The third to fifth development halves judged earlier versions of the inference. Their robots, and those of the test
-half, are simulated by the equations of motion with the twin's sensors, play, torque noise and friction, which takes a
-fraction of the twin's time. The references of the test half never stand still: in two recordings of the fifth
-development half dry friction holds the robot throughout, so that they show nothing of it. Recorded logs are kept in
-build/mapping_corpus and are not recorded again.
+Presets are recorded by the twin. Robots of their own are simulated by the equations of motion with the twin's sensors,
+play, torque noise and friction, which takes a fraction of its time. Recorded logs are kept in build/mapping_corpus and
+are not recorded again. No constant of the search was chosen on these recordings.
 """
 
 from __future__ import annotations
@@ -12,14 +10,13 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
-from ballbot.control.references import Reference, change_pose, circle, figure_eight, hold, square
+from ballbot.control.references import Reference, change_pose, figure_eight, hold, square
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -32,51 +29,13 @@ from ballbot.twin.imperfections import imperfections_of, true_model
 from campaigns.foreign_logs import commands
 from campaigns.section import is_kept
 
-Half = Literal[
-    "development",
-    "second_development",
-    "third_development",
-    "fourth_development",
-    "fifth_development",
-    "test",
-]
+Floats = NDArray[np.float64]
 
-#: robots of each half; a name that ends in `_four_wheels` is that robot with four wheels
-ROBOTS: dict[Half, tuple[str, ...]] = {
-    "development": ("alten", "kugle", "rezero_four_wheels"),
-    "second_development": ("rob311", "rezero", "cmu"),
-    "third_development": ("lantern", "barrel", "scout_four_wheels"),
-    "fourth_development": ("kettle", "crane", "sledge_four_wheels"),
-    "fifth_development": ("spinner", "mast", "cart_four_wheels"),
-    "test": ("heron", "drum", "trolley_four_wheels"),
-}
-MOTIONS: dict[Half, tuple[str, ...]] = {
-    "development": ("hold", "square", "sway", "turn", "wander", "dead_band"),
-    "second_development": ("circle", "figure_eight", "sway", "turn", "wander", "dead_band"),
-    "third_development": ("patrol", "orbit", "nudges", "dead_band"),
-    "fourth_development": ("corners", "slalom", "sentry", "dead_band"),
-    "fifth_development": ("errands", "loops", "station", "dead_band"),
-    "test": ("delivery", "spirals", "tour", "dead_band"),
-}
-#: halves whose robots are simulated by the equations of motion, which takes a fraction of the twin's time
-BY_EQUATIONS: tuple[Half, ...] = ("third_development", "fourth_development", "fifth_development", "test")
-#: first seed of each half, of its recordings and of its teams' habits
-RECORDED_SEED: dict[Half, int] = {
-    "development": 0,
-    "second_development": 100,
-    "third_development": 700,
-    "fourth_development": 1300,
-    "fifth_development": 1900,
-    "test": 2500,
-}
-HABITS_SEED: dict[Half, int] = {
-    "development": 0,
-    "second_development": 1_000_000,
-    "third_development": 7_000_000,
-    "fourth_development": 13_000_000,
-    "fifth_development": 19_000_000,
-    "test": 25_000_000,
-}
+#: a name that ends in `_four_wheels` is that robot with four wheels
+PRESETS = ("alten", "kugle", "rezero_four_wheels", "rob311", "rezero", "cmu")
+MOTIONS = ("hold", "square", "figure_eight", "turn", "tour", "dead_band")
+#: first seed of the recordings
+RECORDED_SEED = 5000
 #: part of the wheels' dry friction that the firmware adds in the duty's direction, in the motion dead_band
 COMPENSATED = 0.6
 #: [s] of each recording
@@ -157,27 +116,28 @@ def _own_robot(name: str) -> Robot | None:
     return _with_wheels(robot, count=int(given["wheels"]), first=float(np.radians(given["first"])))
 
 
-def recording(half: Half, robot: str, motion: str) -> Log:
+#: every robot of the corpus
+ROBOTS = (*PRESETS, *(line.split()[0] for line in OWN_ROBOTS.strip().splitlines()[1:]))
+
+
+def recording(robot: str, motion: str) -> Log:
     """Return the log of a robot's own sensors, from `KEPT` if it was recorded before."""
-    path = KEPT / f"{half}_{robot}_{motion}.parquet"
+    path = KEPT / f"{robot}_{motion}.parquet"
     if not is_kept(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        _recorded(half, robot, motion).write(path)
+        _recorded(robot, motion).write(path)
     return Log.read(path)
 
 
-def _recorded(half: Half, name: str, motion: str) -> Log:
+def _recorded(name: str, motion: str) -> Log:
     robot = robot_named(name)
-    seed = RECORDED_SEED[half] + 10 * ROBOTS[half].index(name) + MOTIONS[half].index(motion)
+    seed = RECORDED_SEED + 10 * ROBOTS.index(name) + MOTIONS.index(motion)
     base = Scenario.named("nominal", robot)
     heavier = robot.body.mass / NOMINAL_MASS
-    scenario = replace(
-        base,
-        friction=scaled_friction(base.friction, heavier),
-        torque_noise=heavier * base.torque_noise,
-    )
+    friction = scaled_friction(base.friction, heavier)
+    scenario = replace(base, friction=friction, torque_noise=heavier * base.torque_noise)
     plant: Plant = Twin(robot, scenario)
-    if half in BY_EQUATIONS:
+    if name not in PRESETS:
         plant = SensedPlant(true_model(robot, scenario), imperfections_of(scenario, known=robot))
     controller = nominal_controller(robot)
     if motion == "dead_band":
@@ -204,9 +164,7 @@ class FirmwareDeadBand:
         """Start anew."""
         self.controller.reset()
 
-    def update(
-        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def update(self, t: float, state: Floats, reference: Floats) -> Floats:
         """Return the torques (n,) that reach the wheels [N m]."""
         torques = self.controller.update(t, state, reference)
         speeds = self.model.wheel_speed(state[:5], state[5:])
@@ -216,97 +174,26 @@ class FirmwareDeadBand:
 
 def _reference(motion: str, seed: int) -> Reference:
     random = np.random.default_rng([15, seed])
-    size = random.uniform(0.3, 0.8)  # [m]
-    if motion == "hold":
-        return hold()
-    if motion == "square":
-        return square(side=0.6 * size, period=random.uniform(16.0, 32.0))
-    if motion == "circle":
-        return circle(radius=0.5 * size, period=random.uniform(12.0, 24.0))
-    if motion == "figure_eight":
-        return figure_eight(length=size, width=0.5 * size, period=random.uniform(16.0, 32.0))
-    if motion == "turn":
-        turn = random.uniform(0.5 * np.pi, np.pi)
-        return change_pose(x=size, y=-0.5 * size, psi=turn, at=6.0, ramp=40.0)
-    if not motion.startswith(("sway", "wander", "dead_band")):
-        return _tour(motion, random, size)
-    return _sway(random, heading=0.6 if motion == "sway" else 0.2)
+    size, turn = random.uniform(0.3, 0.8), random.uniform(0.5, 1.0)  # [m], [rad]
+    slow, way, *phases = random.uniform([0.25, *[0.0] * 4], [0.6, *[2.0 * np.pi] * 4])
+    match motion:
+        case "hold":
+            return hold()
+        case "square":
+            return square(side=0.6 * size, period=random.uniform(16.0, 32.0))
+        case "figure_eight":
+            return figure_eight(length=size, width=0.5 * size, period=random.uniform(16.0, 32.0))
+        case "turn":
+            return change_pose(x=size, y=-0.5 * size, psi=np.pi * turn, at=6.0, ramp=40.0)
 
-
-def _tour(motion: str, random: np.random.Generator, size: float) -> Reference:
-    """Return a reference of a size [m], which begins at rest."""
-    on_the_move = motion in ("delivery", "spirals", "tour")
-    slow, way = (
-        random.uniform(*((0.35, 0.6) if on_the_move else (0.25, 0.5))),
-        random.uniform(0.0, 2.0 * np.pi),
-    )
-    turn = random.uniform(0.4, 1.0)
-    phases, towards = random.uniform(0.0, 2.0 * np.pi, 3), np.exp(1j * way)
-    places = size * random.uniform(-0.5, 0.5, (30, 2)) @ np.array([1.0, 1j])
-    looks = turn * random.uniform(-1.0, 1.0, 30)
-    corners = 0.5 * size * (np.exp(2j * np.pi * np.arange(3) / 3.0) - 1.0) * towards
-
-    def between(points: NDArray[np.generic], t: float, every: float, taking: float) -> complex:
-        """Return where one is that starts from point to point every so many seconds, and takes so many."""
-        last, part = int(t // every), np.clip((t % every) / taking, 0.0, 1.0)
-        smooth = part * part * (3.0 - 2.0 * part)
-        n = len(points)
-        return (1.0 - smooth) * points[last % n] + smooth * points[(last + 1) % n]
-
-    def place_and_heading(t: float) -> tuple[complex, float]:
-        now = slow * t
-        match motion:
-            case "patrol":  # along a line, to and fro, and turned at its ends
-                return 0.7 * size * np.sin(now) * towards, turn * np.tanh(3.0 * np.cos(now))
-            case "orbit":  # around a circle and back, which the heading follows
-                angle = 2.0 * np.sin(0.7 * now)
-                return 0.5 * size * (np.exp(1j * angle) - 1.0) * towards, 0.5 * angle
-            case "nudges":  # stands, and is sent to another place near by every 6 s
-                return 0.8 * between(places, t, 6.0, 1.5), 0.3 * turn * np.sin(0.9 * now)
-            case "corners":  # from corner to corner of a triangle, stops for 2 s at each, and looks about
-                return between(corners, t, 6.0, 4.0), 0.5 * turn * np.sin(0.6 * now)
-            case "slalom":  # to and fro, three times as often across as along, headed where it goes
-                place = 0.5 * size * (np.sin(now) + 0.3j * np.sin(3.0 * now)) * towards
-                return place, 0.6 * turn * np.cos(3.0 * now)
-            case "sentry":  # keeps its place but for a few centimetres, and turns to and fro
-                place = 0.1 * size * (np.sin(1.7 * now) + 1j * np.sin(1.1 * now)) * towards
-                return place, turn * np.sin(now)
-            case "errands":  # to another place every 5 s, without a stop, and every 10 s to another heading
-                return between(places, t, 5.0, 5.0), between(np.repeat(looks, 2), t, 5.0, 5.0).real
-            case "loops":  # a rosette of three leaves, with a heading that follows slowly
-                place = 0.5 * size * np.sin(3.0 * now) * np.exp(1j * (now + way))
-                return place, 0.8 * turn * np.sin(0.8 * now)
-            case "station":  # stands where it is for 8 s, and moves on by a few centimetres
-                return 0.25 * between(places, t, 8.0, 2.0), 0.25 * between(looks, t, 8.0, 2.0).real
-            case "delivery":  # a closed path of two loops across and three along, headed to and fro
-                path = np.sin(2.0 * now) + 1j * np.sin(3.0 * now + phases[0])
-                return 0.4 * size * path * towards, turn * np.sin(0.7 * now)
-            case "spirals":  # out and in again around a point, with a heading that follows in part
-                place = 0.6 * size * np.sin(0.4 * now + 0.3) * np.exp(1j * (1.5 * now + way))
-                return place, 0.7 * turn * np.sin(1.5 * now + phases[1])
-            case _:  # a tour: two slow sways and a quicker one of a few centimetres, now and then turned
-                slower = np.sin(0.8 * now + phases[0]) + 1j * np.sin(0.55 * now + phases[1])
-                quicker = 0.05 * np.exp(1j * (4.0 * now + phases[2]))
-                return size * (0.35 * slower * towards + quicker), 0.8 * turn * np.sin(0.5 * now) ** 3
-
-    def reference(t: float) -> NDArray[np.float64]:
-        pose, (place, heading), start = np.zeros(10), place_and_heading(t), min(t / 5.0, 1.0)
-        pose[[0, 1, 4]] = start * np.array([np.real(place), np.imag(place), heading])
+    def tour(t: float) -> Floats:
+        """Two slow sways and a quicker one of a few centimetres, now and then turned, from rest."""
+        now, pose = slow * t, np.zeros(10)
+        slower = np.sin(0.8 * now + phases[0]) + 1j * np.sin(0.55 * now + phases[1])
+        place = size * (0.35 * slower * np.exp(1j * way) + 0.05 * np.exp(1j * (4.0 * now + phases[2])))
+        pose[[0, 1, 4]] = min(t / 5.0, 1.0) * np.array(
+            [place.real, place.imag, turn * np.sin(0.5 * now) ** 3]
+        )
         return pose
 
-    return reference
-
-
-def _sway(random: np.random.Generator, *, heading: float) -> Reference:
-    """Return a reference that moves to and fro in all directions and turns its heading."""
-    rates, phases = random.uniform(0.5, 1.5, 3), random.uniform(0.0, 2.0 * np.pi, 3)  # [rad/s], [rad]
-    amplitudes = np.array([*random.uniform(0.1, 0.25, 2), heading])
-
-    def reference(t: float) -> NDArray[np.float64]:
-        pose = np.zeros(10)
-        # starts from rest at the origin
-        start = min(t / 3.0, 1.0)
-        pose[[0, 1, 4]] = start * amplitudes * np.sin(rates * t + phases)
-        return pose
-
-    return reference
+    return tour

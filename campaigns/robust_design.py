@@ -11,7 +11,6 @@ from ballbot.control.references import square
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.log import Log
-from ballbot.report.design import robust_figure
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body
 from ballbot.simulation.run import simulate
@@ -20,7 +19,7 @@ from ballbot.twin.faults import Timing
 from ballbot.workflows.metrics import position_error, rms_torque_change, settled
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, RobustDesign, robust_design
 from campaigns.compensation import identified_robot
-from campaigns.section import Section, write_picture
+from campaigns.section import Section
 
 EFFORT = Effort(robots=200, generations=15, population=10, fresh=500)
 #: robots that differ from the one described, on the twin: shares of mass and height, samples of delay, tilt [rad]
@@ -50,7 +49,6 @@ def campaign() -> Section:
     controllers = {
         name: Controller(robot, one.gain, compensation="full") for name, one in found.compared.items()
     }
-    picture = write_picture("robust_design", lambda: robust_figure(found))
     weights = ", ".join(f"{weight:.3g}" for weight in found.state_weights)
     return Section(
         title="Weights optimised over perturbed robots",
@@ -66,8 +64,7 @@ def campaign() -> Section:
             *_on_fresh(found),
             *(_on_twin(robot, controllers, case, state) for state in ESTIMATORS for case in TWINS),
         ],
-        after=f"Found: Q = diag({weights}), R = {found.torque_weight:g} I.\n\n"
-        f"![The search, and costs on new robots]({picture})",
+        after=f"Found: Q = diag({weights}), R = {found.torque_weight:g} I.",
     )
 
 

@@ -22,9 +22,9 @@ from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.processes import worker_pool
-from ballbot.report.comparison import RUN_LABELS, RUN_LINES
+from ballbot.report.comparison import RUN_LABELS, RUN_LOOKS
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE, SHADE
-from ballbot.report.style import REFERENCE, LineStyle, thinned
+from ballbot.report.style import LOOKS, REFERENCE, LineStyle, thinned
 from ballbot.robot import Friction
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.bench import run_bench
@@ -174,13 +174,13 @@ def errors_figure(runs: Mapping[str, Log]) -> Figure:
     paths.plot(longest["ref_x"], longest["ref_y"], **REFERENCE)
     for name in ("none", "partial"):
         place = true_place(runs[name])
-        paths.plot(*thinned(place["x"], place["y"]), **RUN_LINES[name])
+        paths.plot(*thinned(place["x"], place["y"]), **LOOKS[RUN_LOOKS[name]])
     paths.set_aspect("equal")
     paths.set(xlabel="$x$ [m]", ylabel="$y$ [m]", title="True path")
     _shade_settled(errors, longest)
     for name, log in runs.items():
         label = f"{RUN_LABELS[name]}: {score(log).peak_position_error:.2f} m"
-        errors.plot(*thinned(log.t, position_error(log)), label=label, **RUN_LINES[name])
+        errors.plot(*thinned(log.t, position_error(log)), label=label, **LOOKS[RUN_LOOKS[name]])
     errors.set(xlabel="time [s]", ylabel="distance from the reference [m]", ylim=(0.0, 1.25))
     errors.set_title("Distance, and its peak once settled (shaded)")
     errors.legend(loc="upper right")

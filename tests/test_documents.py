@@ -19,8 +19,8 @@ from cyclopts import App
 
 from ballbot.cli.app import COMMANDS, OUTPUT_OPTIONS, build_app
 from ballbot.cli.main import main
-from ballbot.log import Log, mapping_file
-from ballbot.log.mapping_file import read_mapping
+from ballbot.log import Log, mapping
+from ballbot.log.mapping import read_mapping
 from ballbot.robot import Robot
 from tests.support.paths import ROOT
 
@@ -130,15 +130,15 @@ def test_the_architecture_is_one_page():
 
 
 def test_the_mapping_in_the_documents_is_valid(tmp_path):
-    text = inspect.getdoc(mapping_file) or ""
+    text = inspect.getdoc(mapping) or ""
     example = textwrap.dedent(text.partition("::\n\n")[2].partition("\n\nA current needs")[0])
     path = tmp_path / "mapping.toml"
     path.write_text(example, encoding="utf-8")
-    written, mapping = tomllib.loads(example), read_mapping(path)
-    assert mapping.columns["t"].column == written["columns"]["t"]["from"]
-    assert mapping.columns["t"].factor == 1e-3  # "ms"
-    assert {"wheel1", "wheel2", "wheel3"} <= set(mapping.columns)
-    assert mapping.derivatives["wheel1_dot"] == "wheel1"
+    written, found = tomllib.loads(example), read_mapping(path)
+    assert found.columns["t"].column == written["columns"]["t"]["from"]
+    assert found.columns["t"].factor == 1e-3  # "ms"
+    assert {"wheel1", "wheel2", "wheel3"} <= set(found.columns)
+    assert found.derivatives["wheel1_dot"] == "wheel1"
 
 
 def test_the_readme_lists_every_command_and_preset():

@@ -15,7 +15,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.file_formats import NEWEST, Kind, format_line, format_name, read_results, without_format
-from ballbot.log.mapping_file import parse_mapping, read_mapping
+from ballbot.log.mapping import parse_mapping, read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.twin.scenario import Scenario

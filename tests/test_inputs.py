@@ -32,7 +32,7 @@ from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log
 from ballbot.log.columns import LARGEST_CELL
 from ballbot.log.formats import inference as text_tables
-from ballbot.log.mapping_file import parse_mapping, read_mapping
+from ballbot.log.mapping import parse_mapping, read_mapping
 from ballbot.log.row_order import LONGEST, SHORTEST
 from ballbot.log.signals import local_fit
 from ballbot.robot import Robot

@@ -4,7 +4,7 @@ import pytest
 
 from ballbot.control.file import ControllerTable
 from ballbot.errors import InputError
-from ballbot.log.mapping_file import MappingTable
+from ballbot.log.mapping import MappingTable
 from ballbot.schema import validate_table
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import CourseTable
@@ -31,23 +31,23 @@ def mapping(**changes):
             MappingTable,
             mapping(kind="curent"),
             "input.kind is 'curent'; did you mean 'current'? "
-            "It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
+            "It must be 'torque', 'current', 'duty', 'pwm' or 'voltage'.",
         ),
         (
             MappingTable,
             mapping(kind="volts"),
             "input.kind is 'volts'; did you mean 'voltage'? "
-            "It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
+            "It must be 'torque', 'current', 'duty', 'pwm' or 'voltage'.",
         ),
         (
             MappingTable,
             {"columns": {"t": "t"}, "input": {"from": ["a"]}},
-            "input.kind is missing; it must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
+            "input.kind is missing; it must be 'torque', 'current', 'duty', 'pwm' or 'voltage'.",
         ),
         (
             MappingTable,
             mapping(kind=3),
-            "input.kind is 3; it must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.",
+            "input.kind is 3; it must be 'torque', 'current', 'duty', 'pwm' or 'voltage'.",
         ),
         (
             MappingTable,

@@ -1,6 +1,6 @@
 """Tables of TOML files: validated by pydantic, with its errors as our sentences, and written with comments.
 
-    input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current', 'voltage', 'duty' or 'pwm'.
+    input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current', 'duty', 'pwm' or 'voltage'.
 
 A sentence names the key, its value, the allowed values, and the nearest name. Mappings, controllers, courses and
 scenarios are validated here.

@@ -1,14 +1,15 @@
 """`ballbot check-log` on foreign files: what is undetermined exits with code 2, and --columns names the columns."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ballbot.cli.main import main
-from ballbot.log.mapping_file import dead_band_findings
+from ballbot.log.mapping import dead_band_findings
 from ballbot.robot.file import robot_text
-from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
+from tests.support.foreign_log_examples import COURSE, foreign_columns, small_robot, write_foreign
 
 
 @pytest.fixture(scope="module")
@@ -16,13 +17,13 @@ def folder(tmp_path_factory):
     """Return a folder with the robot, its log, and that log without names of units for its commands."""
     path = tmp_path_factory.mktemp("foreign")
     (path / "robot.toml").write_text(robot_text(small_robot()))
-    columns = columns_of(swaying_log(), Habits())
-    write_foreign(path / "run.txt", columns, Habits())
-    write_foreign(path / "bare.txt", columns, Habits(names=()))
+    columns = foreign_columns()
+    write_foreign(path / "run.txt", columns)
+    write_foreign(path / "bare.txt", columns, replace(COURSE, layout="no_header"))
     still = {name: values for name, values in columns.items() if not name.startswith("u")}
     random = np.random.default_rng(0)
     still |= {f"u{i}": random.standard_normal(len(columns["t_now"])) for i in (1, 2, 3)}
-    write_foreign(path / "unrelated.txt", still, Habits())
+    write_foreign(path / "unrelated.txt", still)
     return path
 
 
@@ -64,7 +65,7 @@ def test_what_cannot_be_determined_exits_with_two_and_a_line_to_fill_in(folder, 
 
 
 def test_columns_names_those_of_a_file_without_a_header(folder, capsys):
-    names = "_,t,u1,u2,u3,roll_deg,pitch_deg,yaw_deg,psi_1,psi_2,psi_3"
+    names = "t,roll_deg,pitch_deg,yaw_deg,psi_1,psi_2,psi_3,u1,u2,u3"
     assert main(words_for(folder, "bare.txt", "--command", "duty")) == 2
     assert "--columns" in capsys.readouterr().err
     assert main(words_for(folder, "bare.txt", "--command", "duty", "--columns", names)) == 0
@@ -88,8 +89,8 @@ def test_several_logs_of_one_robot_give_one_mapping(folder):
 
 
 def test_commands_without_a_sign_are_asked_for_their_zero(folder, capsys):
-    columns = columns_of(swaying_log(), Habits())
+    columns = foreign_columns()
     columns |= {name: np.abs(columns[name]) for name in ("u1", "u2", "u3")}
-    write_foreign(folder / "changed.txt", columns, Habits())
+    write_foreign(folder / "changed.txt", columns)
     assert main(words_for(folder, "changed.txt", "--command", "duty")) == 2
     assert "sign of the commands ([input] zero)" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """`ballbot export`: whole, repeatable, refused if controller and robot do not belong together, and it compiles."""
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -65,7 +66,6 @@ def test_load_of_the_processor_is_reported_or_what_it_needs(given, tmp_path, cap
     assert export(given, tmp_path / "made") == 0
     sentence = "Not measured: instructions, cycles, flash and stack need `pip install no_such_package`."
     assert sentence in capsys.readouterr().out.replace("\n", " ")
-    assert (tmp_path / "made" / "README.md").read_text().endswith(f"## On the processor\n\n{sentence}\n")
     assert json.loads((tmp_path / "made" / "results.json").read_text())["processor"] is None
     monkeypatch.undo()
     if what_to_install():
@@ -74,9 +74,9 @@ def test_load_of_the_processor_is_reported_or_what_it_needs(given, tmp_path, cap
     assert export(given, tmp_path / "made", "--clock", "36e6") == 0
     load = json.loads((tmp_path / "made" / "results.json").read_text())["processor"]
     assert load["worst_share"] == pytest.approx(load["worst_cycles"] / (36e6 * 0.005))
-    row = f"| instructions of an update, worst | {load['worst_instructions']:,} |"
-    assert row in (tmp_path / "made" / "README.md").read_text()
-    assert "share of 5 ms at 36 MHz, worst" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert re.search(rf"instructions of an update, worst +│? +{load['worst_instructions']:,}", printed)
+    assert "share of 5 ms at 36 MHz, worst" in printed
     assert export(given, tmp_path / "made", "--clock", "72") == 2
 
 

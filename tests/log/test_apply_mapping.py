@@ -12,7 +12,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.imu_angles import QUATERNION_ANGLES, from_roll_pitch_yaw, less_half_a_turn, quaternion_angles
-from ballbot.log.mapping import DutyInput
+from ballbot.log.mapping import DutyTable
 from ballbot.log.pose import with_odometry, with_position
 from ballbot.log.signals import without_holes, without_resets
 from ballbot.mechanics.geometry import rotation
@@ -71,7 +71,9 @@ def test_rows_out_of_order_are_dropped_but_two_runs_are_not_mixed(tmp_path):
     late[700] += 0.5
     assert len(read(tmp_path, table(late), mapping)) == 4000
     both = table(np.concatenate([first, second]))
-    with pytest.raises(InputError, match=r"Time starts again at row 4002; split the log, or give `rows`"):
+    with pytest.raises(
+        InputError, match=r"Time starts again at row 4002; split the log, or give .file. rows"
+    ):
         read(tmp_path, both, mapping)
     cut = mapping.replace("[columns]", "rows = [1, 4001]\n[columns]")
     assert len(read(tmp_path, both, cut)) == 4001
@@ -191,7 +193,9 @@ def test_spans_and_damaged_rows(tmp_path):
 
 
 def test_a_duty_with_a_dead_band():
-    drive = DutyInput(
+    drive = DutyTable(
+        kind="duty",
+        sources=("u1",),
         supply_voltage=12.0,
         torque_constant=0.01,
         back_emf_constant=0.01,

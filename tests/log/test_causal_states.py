@@ -4,16 +4,13 @@ import numpy as np
 import pytest
 
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.mapping import LogMapping, sensor_delay
-from ballbot.log.mapping_file import parse_mapping
+from ballbot.log.mapping import LogMapping, parse_mapping
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import propose
-from ballbot.log.mapping_search.text import mapping_text
+from ballbot.log.mapping_search.proposal import mapping_text, propose
 from ballbot.log.pose import causal_states, with_odometry
 from tests.support.foreign_log_examples import (
     SENSOR_DELAY,
-    Habits,
-    columns_of,
+    foreign_columns,
     small_robot,
     swaying_log,
     write_foreign,
@@ -22,10 +19,7 @@ from tests.support.foreign_log_examples import (
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
-    habits = Habits()
-    return write_foreign(
-        tmp_path_factory.mktemp("foreign") / "run.txt", columns_of(swaying_log(), habits), habits
-    )
+    return write_foreign(tmp_path_factory.mktemp("foreign") / "run.txt", foreign_columns())
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +43,8 @@ def test_causal_states_do_not_depend_on_later_rows(file, mapping, moments, tmp_p
     after = rows.copy()
     moment = float(moments[3])
     # the first row that shows the moment counts, and none after it
-    later = np.flatnonzero(t >= moment + sensor_delay(mapping))[1:]
-    after[later, 2:] += np.random.default_rng(1).standard_normal((len(later), rows.shape[1] - 2))
+    later = np.flatnonzero(t >= moment + mapping.sensor_delay)[1:]
+    after[later, 1:] += np.random.default_rng(1).standard_normal((len(later), rows.shape[1] - 1))
     changed = tmp_path / "changed.txt"
     changed.write_text("\n".join([header, *(" ".join(map(repr, row)) for row in after.tolist())]) + "\n")
 
@@ -86,6 +80,6 @@ def test_a_row_of_the_log_has_seen_what_comes_after(file, mapping, moments):
 def test_too_little_past_gives_no_state(file, mapping):
     log = Log.read(file, mapping=mapping)
     states = causal_states(file, mapping=mapping, robot=small_robot(), moments=log.t[[0, 200]])
-    assert sensor_delay(mapping) == SENSOR_DELAY
+    assert mapping.sensor_delay == SENSOR_DELAY
     assert np.isnan(states[0]).all()
     assert np.isfinite(states[1]).all()

@@ -14,8 +14,7 @@ from ballbot.log.checks import check
 from ballbot.log.formats import is_foreign, read_columns
 from ballbot.log.formats.inference import infer_text_table
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import propose
-from ballbot.log.mapping_search.text import evaluate
+from ballbot.log.mapping_search.proposal import evaluate, propose
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.paths import ROOT

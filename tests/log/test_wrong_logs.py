@@ -18,7 +18,6 @@ from tests.support.wrong_log_examples import (
     WrongLog,
     clipped,
     constant,
-    copied,
     everything,
     exchanged,
     frozen,
@@ -79,7 +78,7 @@ WRONG_LOGS = {
         words=("times as large as the other torques",),
     ),
     "torques clipped to a third": wrong(
-        lambda log: clipped(log, 0.3, *TORQUES), "torque-clipped", "clipped in the recording"
+        lambda log: clipped(log, 0.3, *TORQUES), "torque-scale", "the recording clips them"
     ),
     "torques in mN m": wrong(lambda log: scaled(log, 1000.0, *TORQUES), "torque-scale", "1e+03 times"),
     "torques per unit of the limit": wrong(
@@ -207,7 +206,6 @@ WRONG_LOGS = {
     ),
     "joined with a jump of x": wrong(lambda log: spliced(log, 5.0, 8.0, "x"), "jump", "x jumps"),
     "joined with a jump of psi": wrong(lambda log: spliced(log, 5.0, 7.0, "psi"), "jump", "psi jumps"),
-    "rows written twice": wrong(lambda log: copied(log, 600, 1500, 400), "copied", "Rows 1501 to 1900"),
     "states at 10 Hz, held": wrong(lambda log: held(log, 20, *STATE_NAMES), "held", "every 20 rows"),
     "torques at 10 Hz, held": wrong(lambda log: held(log, 20, *TORQUES), "held", "u1, u2, u3: a new value"),
     "every second row repeated": wrong(lambda log: held(log, 2, *everything(log)), "held", "every 2 rows"),

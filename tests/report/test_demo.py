@@ -16,6 +16,7 @@ from ballbot.report import demo, demo_runs
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.metrics import position_error
+from campaigns.demo_runs import runs_file
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.report_pages import LARGEST_PAGE
 
@@ -47,7 +48,7 @@ def test_file_holds_a_run_within_half_a_step():
         f"ref_{name}": 0 * log.t for name in ("x", "y", "psi")
     }
     log = log.with_columns(more)
-    content = demo_runs.runs_file({demo_runs.SOFT: log, demo_runs.PRECISE: log})
+    content = runs_file({demo_runs.SOFT: log, demo_runs.PRECISE: log})
     found = demo_runs.runs_of(content)[demo_runs.PRECISE]
     for name in ("u1", "theta", "psi_dot", "true_x"):
         assert np.abs(found[name] - log[name]).max() <= 0.5e-3

@@ -146,14 +146,6 @@ def test_a_cell_has_a_second_line():
     assert '<span class="below">speed</span>' in shown
 
 
-def test_a_folded_table_is_whole_where_no_script_runs():
-    shown = page(Sheet(headings=("name", "value"), rows=[("b", "1.5")], caption="a table", folded=True))
-    assert "<details><summary>a table" in shown
-    parser = Balance()
-    parser.feed(shown)
-    assert parser.stack == []
-
-
 def test_an_interval_without_a_limit_counts_as_a_number():
     rows = [("b1", "0 .. 0.0254"), ("v_s", "open .. 4.13"), ("s1", "0.02 .. open"), ("b2", "")]
     assert Sheet(headings=("parameter", "95 %"), rows=rows).numeric == [False, True]
@@ -279,8 +271,8 @@ def test_a_signed_value_has_no_exponent(value, error, text):
     assert signed_with_error(value, error) == text
 
 
-def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_details():
-    detail = Sheet(headings=("a", "b"), rows=[("x", "1.5")], folded=True)
+def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
+    figure = Picture(markup=lambda: "<svg/>", caption="a figure")
     shown = Sheet(
         headings=("state", "RMSE"), groups=(("", 1), ("with", 1)), rows=[("y", "21.25")], caption="One."
     )
@@ -288,7 +280,7 @@ def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_details():
         title="a title",
         lead="a lead",
         verdict=[("It", "works."), ("", "Indeed.")],
-        sections=[section("Numbers", detail, shown, Verbatim(text="K = 1")), section("None", detail)],
+        sections=[section("Numbers", figure, shown, Verbatim(text="K = 1")), section("None", figure)],
         undecided=["everything else"],
         made=MADE,
     )

@@ -73,7 +73,7 @@ def path(tmp_path_factory):
                 "A section",
                 Paragraph(text="Some words."),
                 *sheets(),
-                Sheet(headings=("state", "error"), rows=[("x", "1.5"), ("y", "2.5")], folded=True),
+                Sheet(headings=("state", "error"), rows=[("x", "1.5"), ("y", "2.5")]),
                 drawn_picture(
                     "one", figure, "A figure, with a caption that is longer than a line of a telephone."
                 ),

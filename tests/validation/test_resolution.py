@@ -9,7 +9,6 @@ from ballbot.findings import texts
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
 from ballbot.report.page import page_of
-from ballbot.report.provenance import Provenance
 from ballbot.report.validation import validation_report, validation_results
 from ballbot.validation import ErrorPair, ModelPair, findings, join_validations, validate, validate_pair
 from ballbot.validation.closed_loop import recover_gain
@@ -97,8 +96,7 @@ def test_the_grid_of_a_column_is_found(step):
 def test_the_page_says_it_once_and_has_no_ratio():
     models = ModelPair.by_friction(Model(true_robot()))
     validation = validate_pair(models, _still())
-    made = Provenance(command="ballbot validate", files=(), seed=0, versions={})
-    page = page_of(validation_report(validation, title="t", lead="l", made=made))
+    page = page_of(validation_report(validation, title="t", lead="l"))
     assert validation.no_evidence is not None
     assert validation.no_evidence in page
     assert "ratio of the errors" not in page

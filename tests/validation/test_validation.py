@@ -16,8 +16,7 @@ from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
-from ballbot.report.blocks import Sheet
-from ballbot.report.validation import validation_results, validation_sections
+from ballbot.report.validation import validation_results
 from ballbot.results import plain
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
@@ -218,16 +217,6 @@ def test_on_a_perfect_log_closed_loop_repeats_the_log():
     # rounding, over 4 s of a closed loop that sticks and slips
     assert np.all(repeated.restarted.first.rmse < 1e-6)
     assert np.all(repeated.restarted.second.rmse[:2] > 0.02)
-
-
-def test_errors_without_a_restart_are_details():
-    sheets = [
-        one
-        for part in validation_sections(noisy_validation())
-        for one in part.blocks
-        if isinstance(one, Sheet) and "errors" in one.caption
-    ]
-    assert [one.folded for one in sheets] == [False, False, True]
 
 
 def test_only_holdout_intervals_count():

@@ -10,7 +10,7 @@ import pytest
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import precise_controller
-from ballbot.report.stiffness import stiffness_figure, stiffness_sentences
+from ballbot.report.study import stiffness_sentences
 from ballbot.twin.faults import Compliance, CurrentLoop, Timing
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows import stiffness
@@ -39,7 +39,7 @@ def controller() -> Controller:
 def trial(peak: float, ended: str | None = None) -> Trial:
     scores: list[Score] = [score_of(peak * factor) for factor in SPREAD]
     scores[0] = replace(scores[0], ended=ended)
-    return Trial(controller=controller(), scores=tuple(scores), performances=())
+    return Trial(controller=controller(), scores=tuple(scores))
 
 
 def found(
@@ -53,7 +53,7 @@ def found(
         gains.append(
             Stiffness(
                 position_gain=float(place),
-                sensitivities=dict.fromkeys((False, True), sensitivity if last else 1.0),
+                sensitivity=sensitivity if last else 1.0,
                 trials={v: trial(with_it) if v.compensation else one for v in VARIANTS},
             )
         )
@@ -94,30 +94,17 @@ def test_compensation_that_makes_runs_fall_does_not_pay():
     assert replace(one, gains=(replace(one.gains[0], trials=fallen),)).pays_over(observer=False) == ()
 
 
-def test_gains_with_which_all_runs_fell_have_a_cross_and_no_point():
-    fallen = replace(trial(0.1), scores=tuple(replace(one, ended="fallen") for one in trial(0.1).scores))
-    one = found([0.3, 0.1], [0.3, 0.1])
-    last = replace(one.gains[-1], trials=dict.fromkeys(VARIANTS, fallen))
-    axes = stiffness_figure(replace(one, gains=(one.gains[0], last))).axes[0]
-    crosses = [line for line in axes.lines if line.get_marker() == "x"]
-    assert [np.asarray(line.get_xdata()).tolist() for line in crosses] == [[2.0]] * len(VARIANTS)
-    medians = [line for line in axes.lines if line.get_marker() == "o"]
-    for line in medians:
-        np.testing.assert_array_equal(line.get_ydata(), [300.0, np.nan])
-
-
 def measured(monkeypatch: pytest.MonkeyPatch, scenario: Scenario) -> FrictionByStiffness:
     """Return three gains on two robots in a scenario, on 8 s of the square."""
     monkeypatch.setattr(stiffness, "_GAINS", 3)
     plants = tuple(PlantDraw(robot=ROBOT, known=ROBOT, scenario=scenario, seed=seed) for seed in (0, 1))
-    base = Trial(controller=controller(), scores=(), performances=())
+    base = Trial(controller=controller(), scores=())
     choice = ControllerChoice(
         plants=plants,
         course=replace(SQUARE, duration=8.0),
         trials={"precise": base},
         equals=(),
         chosen=None,
-        runs={},
     )
     return measure_stiffness(choice)
 
@@ -132,7 +119,7 @@ def test_delay_lag_and_resonance_end_the_margins_at_a_softer_gain(monkeypatch):
         one = measured(monkeypatch, scenario)
         gains = [each.position_gain for each in one.gains]
         assert one.margins_end == (scenario is not nominal)
-        assert one.gains[0].sensitivities[False] < one.gains[-1].sensitivities[False]
+        assert one.gains[0].sensitivity < one.gains[-1].sensitivity
         ends.append(gains[-1])
     assert ends[0] > 1.5 * max(ends[1:])
     assert "too few to tell where friction matters" in stiffness_sentences(measured(monkeypatch, late))

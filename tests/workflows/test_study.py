@@ -315,7 +315,7 @@ def test_report_shows_the_predicted_performance(small: Study):
         none={},
     )
     made = provenance(command="ballbot study", files=[], seed=3)
-    page = page_of(study_report(replace(small, prediction=prediction), made))
+    page = page_of(study_report(replace(small, prediction=prediction)))
     assert f"{1e3 * intervals['peak_error'].low:.1f} to {1e3 * intervals['peak_error'].high:.1f}" in page
     assert "--prediction results.json LOG" in page
     assert study_results(replace(small, prediction=prediction), made)["prediction"] == prediction
@@ -341,7 +341,7 @@ def test_report_is_self_contained(folder: Path):
 def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Path, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.setattr(twin_confirmation, "CONFIRMED_ON", NamedCourse(name="square", duration=8.0))
-    found = confirm(small.found, small.choice)
+    found = confirm(small.choice)
     assert found is not None
     assert list(found.on_twin) == ["none", small.choice.chosen]
     assert found.contradiction is None
@@ -352,7 +352,7 @@ def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Pa
     write_study(confirmed, tmp_path, made=provenance(command="", files=[], seed=3))
     results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     assert results["comparison"]["confirmation"]["none"]["twin"]["runs"] == 2
-    assert "A second opinion: the physics-engine twin" in (tmp_path / "report.html").read_text(
+    assert "On the physics-engine twin, 8 s of the square" in (tmp_path / "report.html").read_text(
         encoding="utf-8"
     )
 

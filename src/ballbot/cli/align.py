@@ -9,18 +9,9 @@ from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.collection import named_files
-from ballbot.report.alignment import (
-    ERROR_HEADINGS,
-    ESTIMATE_HEADINGS,
-    alignment_report,
-    alignment_results,
-    error_rows,
-    estimate_rows,
-)
-from ballbot.report.blocks import table
+from ballbot.report.alignment import alignment_report, alignment_results
 from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
-from ballbot.validation.alignment import alignment_findings
 
 _WRITTEN = (PAGE, "results.json", "aligned.csv")
 
@@ -65,18 +56,11 @@ def align(
             alignment,
             title=f"{name}: sensors against motion capture",
             lead=f"{logs_words({name: run})}, beside the motion capture in {mocap.name}.",
-            made=result.origin,
             log_findings=findings,
         )
         with result.replaced() as new:
             alignment.log.write(new / "aligned.csv")
             result.write_json(alignment_results(alignment, log_findings=findings), new)
             result.write_page(page, new)
-    console = result.console
-    console.print(table("Clocks, frames and path", ESTIMATE_HEADINGS, estimate_rows(alignment)))
-    if alignment.sensors is not None:
-        rows = error_rows(alignment.sensors)
-        console.print(table("On board minus cameras", ERROR_HEADINGS, rows))
-    for finding in alignment_findings(alignment):
-        console.print(finding.text, markup=False, soft_wrap=True)
+    result.show(page.parts())
     result.show_file(PAGE)

@@ -112,7 +112,7 @@ def check(
             )
         if OUTPUT.get().json:
             emit(checked.results())
-        report = robot_check_report(checked, None if result is None else result.origin)
+        report = robot_check_report(checked)
         console.print(report.title, markup=False)
         print_parts((finding_line(one, accepted=True) for one in checked.findings), console)
         print_parts(report.parts(), console)

@@ -16,8 +16,14 @@ from ballbot.log import Log
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.mapping_search.proposal import contradictions, propose
-from ballbot.log.mapping_search.text import Evaluation, Proposal, evaluate, surest
+from ballbot.log.mapping_search.proposal import (
+    Evaluation,
+    Proposal,
+    contradictions,
+    evaluate,
+    propose,
+    surest,
+)
 from ballbot.printable import shell_line
 from ballbot.report.log_check import (
     CheckedLog,

@@ -23,7 +23,7 @@ from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.candidates import Candidate, parse_candidates
 from ballbot.workflows.courses import Course, PlantName, choose_courses
-from ballbot.workflows.league import kept_runs, league_identity, league_results, run_league, user_files
+from ballbot.workflows.league import kept_runs, league_identity, league_results, run_league
 
 _WRITTEN = (PAGE, "results.json")
 
@@ -78,11 +78,8 @@ def compare(
     candidates, courses = parse_candidates(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in candidates}
-    own = user_files(made.values())
     files = _files(robot, candidates, courses, scenarios)
-    files += [path for path in own if path.resolve() not in {one.resolve() for one in files}]
     made_from = league_identity(described, candidates, courses, numbers)
-    made_from |= {str(path): checksum for path, checksum in own.items()}
     warn_of_idle_compensation(made)
     with (
         open_result(
@@ -102,7 +99,7 @@ def compare(
             run=Run(progress=bar.report),
         )
         bar.begin_writing()
-        page = league_report(league, result.origin)
+        page = league_report(league)
         result.write(league_results(league), page)
     result.show(page.parts())
     result.show_file(PAGE)

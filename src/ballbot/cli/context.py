@@ -16,7 +16,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
@@ -162,10 +162,10 @@ class CommandResult:
         write_text(folder / "results.json", results_text(whole | {"provenance": self.origin}))
 
     def write_page(self, report: Report, folder: Path) -> None:
-        """Write report.html into a folder."""
+        """Write report.html into a folder, with the command and the files that it was made from."""
         from ballbot.report.page import page_of  # with templates and scripts, which a refusal does without
 
-        write_text(folder / PAGE, page_of(report))
+        write_text(folder / PAGE, page_of(replace(report, made=report.made or self.origin)))
 
     def write(
         self,

@@ -146,7 +146,7 @@ def design(
     ):
         found = design_controller(described, gain=gain, parts=parts)
         bar.begin_writing()
-        page = controller_design_report(found, result.origin, findings)
+        page = controller_design_report(found, findings)
         result.write(found.results(), page, texts={"controller.toml": controller_text(found.controller)})
     result.show(page.parts())
     warn_of_idle_compensation({"controller.toml": found.controller})
@@ -195,7 +195,7 @@ def _search(
             "linearization": linearization_results(frictionless_model(robot)),
             **to_results(found),
         }
-        page = robust_design_report(found, result.origin, findings)
+        page = robust_design_report(found, findings)
         text = search_comment(found, result.origin.command) + controller_text(found.controller)
         result.write(results, page, texts={"controller.toml": text})
     result.show(page.parts())

@@ -125,7 +125,7 @@ def excite(
                 options=ExcitationOptions(law=identification.law, bounds=bounds, effort=effort),
                 run=Run(seed=search.seed, progress=bar.report),
             )
-        page = excitation_report(found, result.origin)
+        page = excitation_report(found)
         with result.replaced() as new:
             write_reference(found.design.times, found.design.poses, new / "reference.csv")
             write_controller(chosen, new / "controller.toml")

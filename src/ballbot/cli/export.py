@@ -12,7 +12,7 @@ from ballbot.firmware.export import check_belongs, export_controller, exported_n
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
 from ballbot.firmware.records import FIRMWARE
 from ballbot.progress import Progress
-from ballbot.report.export import export_report, load_section
+from ballbot.report.export import export_report
 from ballbot.robot import Robot
 
 _README = "README.md"
@@ -67,7 +67,6 @@ def export(
             bar.report(Progress(stage="counting instructions"))
         load = None if to_install else measure_load(read, exported, clock=clock)
         bar.begin_writing()
-        section = load_section(load, to_install=to_install)
         results = {
             "robot": described.name,
             "estimator": read.estimator,
@@ -78,11 +77,8 @@ def export(
             "state_bytes": exported.state_bytes,
             "processor": None if load is None else load.to_dict(),
         }
-        page = export_report(
-            exported, read, load, to_install=to_install, made=result.origin, findings=findings
-        )
-        texts = dict(exported.files) | {_README: f"{exported.files[_README]}\n{section}"}
-        result.write(results, page, texts=texts)
+        page = export_report(exported, read, load, to_install=to_install, findings=findings)
+        result.write(results, page, texts=exported.files)
     result.show(page.parts())
     warn_of_idle_compensation({controller.name: read})
     result.show_file(_README, PAGE)

@@ -58,7 +58,7 @@ def check_input(
         If a log has an error whose code is not accepted, or a code is unknown.
     """
     from ballbot.log.checks import findings_of
-    from ballbot.log.mapping_file import dead_band_findings
+    from ballbot.log.mapping import dead_band_findings
 
     check_codes(accept or ())
     findings = findings_of(robot, {str(path): log for path, log in logs.items()})

@@ -244,7 +244,6 @@ def _write(
         findings=checked.findings,
         selection=selection,
         holdouts=holdouts,
-        made=result.origin,
     )
     texts = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
     result.write(results, page, texts=texts)

@@ -23,7 +23,7 @@ from ballbot.identification.driveline import (
 )
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.log.mapping_file import dead_band_findings
+from ballbot.log.mapping import dead_band_findings
 from ballbot.report.driveline import (
     driveline_parts,
     driveline_report,

@@ -90,7 +90,7 @@ def limits(
                 name: to_results(one) | {"twin": twins.get(name, ())} for name, one in models.items()
             },
         }
-        page = limits_report(described, models, twins, grip=grip, scenario=truth.name, made=result.origin)
+        page = limits_report(described, models, twins, grip=grip, scenario=truth.name)
         result.write(results, page)
     result.show(page.parts())
     result.show_file(PAGE)

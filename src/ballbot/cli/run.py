@@ -202,7 +202,7 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
     if out is not None:
         writes, inputs = (PAGE, "results.json"), [link.robot, link.scenario]
         with open_result(out, command="run wiring", writes=writes, inputs=inputs) as result:
-            page = wiring_report(check, about=_about_words(connection, link), made=result.origin)
+            page = wiring_report(check, about=_about_words(connection, link))
             result.write(wiring_results(check), page, findings=check.findings)
         result.show_file(PAGE)
     if not check.passed:
@@ -403,7 +403,6 @@ def compare(
                 logs,
                 controllers=(compared["before"], compared["after"]),
                 about=_about_words(connection, link),
-                made=result.origin,
             )
             result.write_page(page, new)
         for name in names:
@@ -473,10 +472,9 @@ def _record(
             page = live_run_report(
                 log,
                 link.described,
-                balancing=not plan.held,
+                held=plan.held,
                 ending=made.ending.text,
                 about=_about_words(connection, link),
-                made=result.origin,
             )
             result.write_page(page, new)
         recording.unlink(missing_ok=True)

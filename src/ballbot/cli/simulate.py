@@ -110,7 +110,6 @@ def simulate(
                 reference=reference,
                 formulation=simulated.formulation,
                 scenario=simulated.scenario,
-                made=result.origin,
                 findings=findings,
             )
             result.write_page(page, new)

@@ -130,7 +130,6 @@ def spin(
                 comparison,
                 video=video.name,
                 picture=picture,
-                made=result.origin,
                 log_findings=findings,
             )
             result.write_page(page, new)

@@ -29,7 +29,6 @@ from ballbot.report.prediction import (
     next_steps,
     prediction_report,
     prediction_results,
-    verdict_parts,
 )
 from ballbot.report.run import over_time
 from ballbot.report.validation import validation_report, validation_results
@@ -73,25 +72,26 @@ def _validate_prediction(
         raise InputError(f"{log_path}: {error}") from None
     steps = next_steps(verdict, prediction, results=results, robot=Path(source), controller=controller)
     stated = prediction_results(verdict, prediction, steps)
-    print_parts(verdict_parts(verdict, steps), standard_output())
+    page = prediction_report(
+        verdict,
+        prediction,
+        title=f"{log_path}: the controller against its prediction",
+        steps=steps,
+        series=over_time(log, robot),
+        findings=found,
+    )
+    print_parts(page.parts(), standard_output())
     show_findings(found)
     emit({"prediction": stated, "findings": finding_results(found)})
     if out is None:
         return
     used = [results, *input_files([log_path], controller, mapping)]
-    with open_result(out, command="validate", writes=_WRITTEN, inputs=used) as result:
-        page = prediction_report(
-            verdict,
-            prediction,
-            title=f"{log_path}: the controller against its prediction",
-            steps=steps,
-            series=over_time(log, robot),
-            findings=found,
-            made=result.origin,
-        )
-        with result.replaced() as new:
-            result.write_json({"prediction": stated}, new, findings=found)
-            result.write_page(page, new)
+    with (
+        open_result(out, command="validate", writes=_WRITTEN, inputs=used) as result,
+        result.replaced() as new,
+    ):
+        result.write_json({"prediction": stated}, new, findings=found)
+        result.write_page(replace(page), new)
     result.show_file(PAGE)
 
 
@@ -208,7 +208,6 @@ def validate(
             validation,
             title=title,
             lead=f"Validated on {logs_words(named)}.",
-            made=result.origin,
         )
         with result.replaced() as new:
             result.write_json({"validation": results}, new, findings=found)

@@ -56,8 +56,7 @@ from ballbot.identification.quantities import Layout
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_speed_names
-from ballbot.log.mapping import DutyInput
-from ballbot.log.mapping_file import read_mapping
+from ballbot.log.mapping import DutyTable, read_mapping
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -132,11 +131,8 @@ def back_emf_of(mapping: str | Path | None) -> float:
     InputError
         If the file cannot be read or is no mapping.
     """
-    motors = read_mapping(mapping).motors if mapping else None
-    if motors is None or not isinstance(motors.drive, DutyInput):
-        return 0.0
-    drive = motors.drive
-    return drive.gear_ratio**2 * drive.torque_constant * drive.back_emf_constant / drive.resistance
+    drive = read_mapping(mapping).input if mapping else None
+    return drive.back_emf if isinstance(drive, DutyTable) else 0.0
 
 
 def common_back_emf(mappings: Sequence[str | Path]) -> float:

@@ -96,7 +96,7 @@ class Log:
             A log file (docs/logs.md) with Ballbot's column names; with a mapping, with any names, and tables of
             text in any layout.
         mapping : str, Path or LogMapping, optional
-            How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping_file`) or its
+            How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping`) or its
             content.
 
         Raises
@@ -325,14 +325,19 @@ class Log:
                 f"The log has no true states (no column {missing[0]}): only logs of simulated runs have them."
             )
         kept = dict(self.without_truth().columns)
-        return Log(
-            kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}, self.ended, self.changes
-        )
+        return self._with_checked(kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES})
 
     def without_truth(self) -> Log:
         """Return the log without its true_* columns, as of a real robot."""
         kept = {name: v for name, v in self.columns.items() if not name.startswith(TRUE_PREFIX)}
-        return Log(kept, self.ended, self.changes)
+        return self._with_checked(kept)
+
+    def _with_checked(self, columns: dict[str, NDArray[np.float64]]) -> Log:
+        """Return this log with columns of its own, which need no check: a comparison makes thousands of logs."""
+        made = object.__new__(Log)
+        for name, value in {**vars(self), "columns": MappingProxyType(columns)}.items():
+            object.__setattr__(made, name, value)
+        return made
 
     def summary(self) -> Summary:
         """Return the log's length and rate, and the range of its columns by groups."""
@@ -370,7 +375,7 @@ class Log:
 def _read_mapping(mapping: str | Path | LogMapping | None) -> LogMapping | None:
     """Return the mapping itself, or the one in that file."""
     if isinstance(mapping, str | Path):
-        from ballbot.log.mapping_file import read_mapping
+        from ballbot.log.mapping import read_mapping
 
         return read_mapping(mapping)
     if not (mapping is None or hasattr(mapping, "layout")):

@@ -1,4 +1,65 @@
-"""How a foreign table becomes a log: the mapping as values, and its application.
+"""Mapping files: how a foreign log becomes one of Ballbot's, in TOML.
+
+An example with everything in it::
+
+    [file]                        # the text table; may be left out for CSV with a header
+    separator = "blanks"          # comma (default), semicolon, tab, blanks
+    decimal = "comma"             # 0,5 is a half; "point" (default)
+    missing = ["NA"]              # marks of a missing value, beside an empty cell and nan
+    header_lines = 1              # lines before the first row, the last of them with the names
+    names = ["i", "t_now"]        # the columns' names, if the header has none or wrong ones
+    damaged_rows = "drop"         # skip rows of another width or with words; "refuse" (default)
+    repeated_rows = "drop"        # rows that repeat the row before, its time too, are one; "refuse" (default)
+    unordered_rows = "drop"       # rows out of order: the longest series of rows in which time increases is kept;
+                                  # "refuse" (default)
+    rows = [1, 5000]              # first and last row to take, from 1; may be left out
+
+    [time]                        # may be left out
+    repair = true                 # estimate from the encoders when each row was sampled (message by message)
+    sample_time = 0.01            # [s], rows at even intervals: sensors interpolated, commands averaged
+    keep = [[2.0, 57.5]]          # [s], intervals of the file's clock to keep
+
+    [columns]
+    t = { from = "t_now", unit = "ms" }   # of two columns: { from = "stamp.sec", nanoseconds = "stamp.nanosec" }
+    x = { from = "pos_x", unit = "mm", sign = -1, offset = 0.01, delay = 0.016 }
+    y = "pos_y"                   # short for { from = "pos_y" }: Ballbot's unit and sign
+    x_dot = { derivative_of = "x" }
+
+    [attitude]                    # instead of theta, phi and psi in [columns]: an IMU's roll, pitch, yaw
+    from = ["theta_x", "theta_y", "theta_z"]   # yaw may be left out; four columns are a quaternion w, x, y, z
+    unit = "deg"                  # one for all, or a list
+    sign = [1, 1, 1]              # one for all, or a list
+    turn = 30.0                   # [deg], of the IMU's x axis from the robot's, towards the left
+    upside_down = false           # true if the IMU hangs upside down: its roll is then near half a turn
+    delay = 0.016
+    rates = { from = ["gx", "gy", "gz"], unit = "deg/s" }   # its gyro; may have scale, sign and delay
+
+    [wheels]
+    order = [1, 3, 2]             # Ballbot's wheels 1, 2, 3 are the 1st, 3rd and 2nd of each list here
+    sign = [1, 1, -1]             # of angle and speed, for the file's wheels in the file's order
+    angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "counts", counts_per_turn = 4480 }
+    # angle may have wrap = 4096, in the file's numbers: an encoder that begins again after so many is continued
+    # angle may have largest_speed = 40.0 [rad/s]: faster steps are encoder resets, across which it continues
+    speed = { derivative_of = "angle" }   # or { from = [..], unit = "rpm" }
+    # angle may be { integral_of = "speed" }, if the file has speeds alone
+
+    [input]
+    kind = "duty"                 # torque, current, voltage or duty
+    from = ["u1", "u2", "u3"]     # in the file's order; [wheels] order applies
+    sign = -1                     # one for all, or a list
+    scale = 1.0                   # factor that makes the full duty 1 (or converts to A, or N m)
+    zero = 0.0                    # number that stands for no command, such as 128 or 1500; one for all, or a list
+    # direction = ["d1", "d2", "d3"] if the commands are magnitudes: forward where it is above zero, else backward
+    delay = 0.012                 # [s] from the log's time to the motor
+    supply_voltage = 11.1         # [V]
+    torque_constant = 0.01        # [N m/A], motor side
+    back_emf_constant = 0.01      # [V s/rad], motor side
+    resistance = 2.0              # [ohm]
+    gear_ratio = 70.0
+    dead_band = 0.0314            # duty that the firmware adds in the duty's direction; not stated, less dry friction
+    duty_limit = 1.0              # the largest duty that reaches the motor; 1 by default
+
+A current needs torque_constant, gear_ratio and, if it is not 1, efficiency.
 
 Each of Ballbot's columns comes from one of the file's, times a factor (unit, scale, sign) plus an offset, or is the
 derivative of another of Ballbot's columns or, of a wheel's angle, the integral of its speed, or comes with others from
@@ -19,20 +80,42 @@ that are near in time (`without_holes`) are filled; rows in longer holes stay wi
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Annotated
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat, PositiveFloat
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+)
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError, suggest
-from ballbot.findings import Finding, note
-from ballbot.log.columns import Columns, direction_sign, mark_missing, numbered_names
+from ballbot.file_formats import take_format
+from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
+from ballbot.findings import Finding, Place, note
+from ballbot.log.columns import (
+    KNOWN_NAMES,
+    MAX_WHEELS,
+    Columns,
+    check_column_names,
+    direction_sign,
+    factor_to,
+    mark_missing,
+    numbered_names,
+    unit_of,
+)
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import (
+    QUATERNION_ANGLES,
     about_body_axes,
     angle_rates_of,
     from_roll_pitch_yaw,
@@ -44,57 +127,209 @@ from ballbot.log.imu_angles import (
 from ballbot.log.row_order import check_time, later_runs, repeated_rows, rows_in_order, rows_with_times
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 from ballbot.log.wrapping import continuous_clock, continuous_headings
+from ballbot.schema import validate_table
+
+_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
+Floats = NDArray[np.float64]
+Table = Mapping[str, Floats]  #: a file's columns (M,) by the file's names
+Sign = Literal[1, -1]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueInput:
-    """The log has wheel torques."""
+class FileTable:
+    """[file]: the layout of the text."""
 
-    def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    separator: Literal["comma", "semicolon", "tab", "blanks"] = "comma"
+    decimal: Literal["point", "comma"] = "point"
+    missing: tuple[str, ...] = ()
+    header_lines: NonNegativeInt = 1
+    names: tuple[str, ...] | None = None
+    damaged_rows: Literal["refuse", "drop"] = "refuse"
+    repeated_rows: Literal["refuse", "drop"] = "refuse"
+    unordered_rows: Literal["refuse", "drop"] = "refuse"
+    rows: tuple[PositiveInt, PositiveInt] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeTable:
+    """[time]: the times of the log's rows."""
+
+    repair: bool = False
+    sample_time: PositiveFloat | None = None
+    keep: tuple[tuple[FiniteFloat, FiniteFloat], ...] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnTable:
+    """An entry of [columns]."""
+
+    source: Annotated[str | None, Field(alias="from")] = None
+    derivative_of: str | None = None
+    unit: str | None = None
+    counts_per_turn: PositiveFloat | None = None
+    scale: FiniteFloat = 1.0
+    sign: Sign = 1
+    offset: FiniteFloat = 0.0
+    delay: FiniteFloat = 0.0
+    nanoseconds: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatesTable:
+    """`rates` of [attitude]: the gyro of the IMU."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=3, max_length=3)]
+    unit: str | None = None
+    scale: FiniteFloat = 1.0
+    sign: Sign | tuple[Sign, ...] = 1
+    delay: FiniteFloat = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeTable:
+    """[attitude]: roll, pitch and yaw of an IMU, or its quaternion w, x, y, z.
+
+    Without a yaw, the heading is the integral of the gyro's rate about z, to first order of the lean, and drifts.
+    Without a gyro, too, the log has none, and its theta and phi are those of a heading that stays zero.
+    """
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=2, max_length=4)]
+    unit: str | tuple[str, ...] | None = None
+    sign: Sign | tuple[Sign, ...] = 1
+    turn: FiniteFloat = 0.0
+    upside_down: bool = False
+    delay: FiniteFloat = 0.0
+    rates: RatesTable | None = None
+
+    @property
+    def quaternion(self) -> tuple[str, ...]:
+        """The file's columns of a quaternion's w, x, y and z; empty if the file has angles."""
+        return self.sources if len(self.sources) > len(QUATERNION_ANGLES) else ()
+
+    @property
+    def has_heading(self) -> bool:
+        """Whether a sensor gives the heading; else the wheels do (`ballbot.log.pose`)."""
+        return len(self.sources) > 2 or self.rates is not None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelTable:
+    """`angle` or `speed` of [wheels]: a column of the file for each wheel, or made of the other."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", max_length=MAX_WHEELS)] = ()
+    derivative_of: Literal["angle"] | None = None
+    integral_of: Literal["speed"] | None = None
+    unit: str | None = None
+    counts_per_turn: PositiveFloat | None = None
+    scale: FiniteFloat = 1.0
+    delay: FiniteFloat = 0.0
+    wrap: PositiveFloat | None = None
+    largest_speed: PositiveFloat | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelsTable:
+    """[wheels]."""
+
+    order: tuple[int, ...] | None = None
+    sign: Sign | tuple[Sign, ...] = 1
+    angle: WheelTable = WheelTable()
+    speed: WheelTable = WheelTable()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotorsTable:
+    """The keys of every kind of [input]; each kind has `torque`, u [N m] of the file's scaled numbers."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=1, max_length=MAX_WHEELS)]
+    sign: Sign | tuple[Sign, ...] = 1
+    scale: FiniteFloat = 1.0
+    zero: FiniteFloat | tuple[FiniteFloat, ...] = 0.0
+    direction: tuple[str, ...] = ()
+    delay: FiniteFloat = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueTable(MotorsTable):
+    """[input] of kind torque [N m at the wheel]."""
+
+    kind: Literal["torque"]
+    unit: str | None = None
+
+    def torque(self, value: Floats, _wheel_speed: Floats) -> Floats:
         """Return u [N m] = the value itself."""
         return value
 
 
 @dataclass(frozen=True, kw_only=True)
-class CurrentInput:
-    """The log has motor currents."""
+class CurrentTable(MotorsTable):
+    """[input] of kind current [A]."""
 
-    torque_constant: PositiveFloat  #: k_t [N m/A]
-    gear_ratio: PositiveFloat  #: n [-]
-    efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  #: of the gear
+    kind: Literal["current"]
+    torque_constant: PositiveFloat
+    gear_ratio: PositiveFloat
+    efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
 
-    def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    def torque(self, value: Floats, _wheel_speed: Floats) -> Floats:
         """Return u [N m] = n k_t efficiency i."""
         return self.gear_ratio * self.torque_constant * self.efficiency * value
 
 
 @dataclass(frozen=True, kw_only=True)
-class DutyInput:
-    """The log has PWM duties of a brushed or field-oriented motor on a stiff supply; inductance is neglected."""
+class DutyTable(MotorsTable):
+    """[input] of kind duty [-1..1], pwm by its older name, or voltage [V], which is a duty of the supply's.
 
-    supply_voltage: PositiveFloat  #: V [V]
-    torque_constant: PositiveFloat  #: k_t [N m/A]
-    back_emf_constant: PositiveFloat  #: k_e [V s/rad]
-    resistance: PositiveFloat  #: R [ohm]
-    gear_ratio: PositiveFloat  #: n [-]
-    #: duty that the firmware adds, in the duty's direction, to overcome friction; None if unknown: the log is then read
-    #: as if there were none, and dry friction identified from it is less by this duty's torque
+    The motor is brushed or field-oriented and on a stiff supply; inductance is neglected. Without a dead band the log
+    is read as if there were none, and dry friction identified from it is less by this duty's torque.
+    """
+
+    kind: Literal["voltage", "duty", "pwm"]
+    supply_voltage: PositiveFloat
+    torque_constant: PositiveFloat
+    back_emf_constant: PositiveFloat
+    resistance: PositiveFloat
+    gear_ratio: PositiveFloat
     dead_band: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
-    duty_limit: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  #: the largest duty that reaches the motor
+    duty_limit: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
 
-    def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    @property
+    def back_emf(self) -> float:
+        """Damping n^2 k_t k_e / R by the back-EMF [N m s/rad], at the wheel."""
+        return self.gear_ratio**2 * self.torque_constant * self.back_emf_constant / self.resistance
+
+    def acting(self, value: Floats) -> Floats:
         """Return the duty at the motor: d + dead_band sgn(d), within the limit."""
         added = (self.dead_band or 0.0) * np.sign(value)
         return np.clip(value + added, -self.duty_limit, self.duty_limit)
 
-    def torque(self, value: NDArray[np.float64], wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    def torque(self, value: Floats, wheel_speed: Floats) -> Floats:
         """Return u [N m] = n k_t (d V - k_e n w) / R of the duty d at the motor."""
         back_emf = self.back_emf_constant * self.gear_ratio * wheel_speed
         current = (value * self.supply_voltage - back_emf) / self.resistance
         return self.gear_ratio * self.torque_constant * current
 
 
-DriveInput = TorqueInput | CurrentInput | DutyInput
+InputTable = TorqueTable | CurrentTable | DutyTable
+
+
+def _column_table(value: object) -> object:
+    return {"from": value} if isinstance(value, str) else value
+
+
+@dataclass(frozen=True, kw_only=True)
+class MappingTable:
+    """A whole mapping file."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
+
+    complete: bool = True
+    file: FileTable = FileTable()
+    time: TimeTable = TimeTable()
+    columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
+    attitude: AttitudeTable | None = None
+    wheels: WheelsTable = WheelsTable()
+    input: Annotated[InputTable, Field(discriminator="kind")] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,89 +340,296 @@ class Source:
     factor: float = 1.0  #: unit, scale and sign in one
     offset: float = 0.0  #: in Ballbot's unit
     delay: float = 0.0  #: [s]
-    nanoseconds: str | None = None  #: of a time: the column with the nanoseconds that its seconds lack
-    direction: str | None = None  #: of a motor's magnitude: the column that is above zero where it is forward
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotorInput:
-    """The motors' columns of the file, one for each wheel in Ballbot's order, and their kind."""
-
-    sources: tuple[Source, ...]
-    drive: DriveInput
-
-
-@dataclass(frozen=True, kw_only=True)
-class Attitude:
-    """Roll, pitch and, if the file has it, yaw of an IMU."""
-
-    #: columns of the file; `QUATERNION_ANGLES` if they are made of a `quaternion`
-    #: without a yaw, the heading is the integral of the gyro's rate about z, to first order of the lean, and drifts;
-    #: without a gyro, the log has none, and its theta and phi are those of a heading that stays zero
-    sources: tuple[Source, ...]
-    turn: float = 0.0  #: angle of the IMU's x axis from the robot's, towards the left [rad]
-    #: angular velocity about the IMU's x, y and z axes; if empty, the angles are differentiated
-    rates: tuple[Source, ...] = ()
-    quaternion: tuple[str, ...] = ()  #: the file's columns of its w, x, y and z
-    #: whether the IMU hangs upside down, turned about its x axis; its `rates` are taken as the file has them
-    upside_down: bool = False
-
-    @property
-    def has_heading(self) -> bool:
-        """Whether a sensor gives the heading; else the wheels do (`ballbot.log.pose`)."""
-        return len(self.sources) > 2 or bool(self.rates)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Timing:
-    """[time] of a mapping file: the times of the log's rows."""
-
-    #: whether the times of sampling are estimated from the encoders; see `sampling_times`
-    repair: bool = False
-    sample_time: PositiveFloat | None = None  #: of rows at even intervals [s]; None keeps the file's rows
-    #: intervals of the file's clock to keep [s]; None keeps all
-    keep: tuple[tuple[FiniteFloat, FiniteFloat], ...] | None = None
+    #: of a time, the column with its nanoseconds; of a motor's magnitude, its direction
+    beside: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogMapping:
-    """How a foreign file becomes a log; see `ballbot.log.mapping_file` for its TOML form."""
+    """How a foreign file becomes a log: the tables of a mapping file, and each of its columns by what it becomes."""
 
-    layout: TextLayout
-    columns: Mapping[str, Source]  #: by Ballbot's name, t among them
-    derivatives: Mapping[str, str]  #: by Ballbot's name, which of Ballbot's columns to differentiate
-    integrals: Mapping[str, str] = field(default_factory=dict)  #: by wheel angle, the speed to integrate
-    motors: MotorInput | None = None
-    attitude: Attitude | None = None
-    timing: Timing = Timing()
-    #: in the file's numbers; a wheel angle begins again after so many and is continued
-    wrap: float | None = None
-    #: [rad/s]; a wheel angle that changes faster was reset and is continued from there
-    largest_speed: float | None = None
-    drop_repeated: bool = False  #: whether rows that repeat the row before are one
-    drop_unordered: bool = False  #: whether rows out of order are left out
+    #: by Ballbot's name, t among them; u1, u2, .. are the commands, and an IMU's columns have the names of `IMU_NAMES`
+    columns: Mapping[str, Source]
+    #: by Ballbot's name, which one to differentiate; by wheel angle, the speed to integrate
+    derivatives: Mapping[str, str] = field(default_factory=dict)
+    integrals: Mapping[str, str] = field(default_factory=dict)
+    file: FileTable = FileTable()
+    time: TimeTable = TimeTable()
+    attitude: AttitudeTable | None = None
+    angle: WheelTable = WheelTable()
+    input: InputTable | None = None
+
+    @property
+    def layout(self) -> TextLayout:
+        """How the file is read if it is a text."""
+        file = self.file
+        return TextLayout(
+            separator=_SEPARATORS[file.separator],
+            decimal_comma=file.decimal == "comma",
+            missing=file.missing,
+            header_lines=file.header_lines,
+            names=file.names,
+            drop_damaged=file.damaged_rows == "drop",
+            rows=file.rows,
+        )
 
     @property
     def used_columns(self) -> set[str] | None:
         """The file's columns that it takes; None if rows with words in any column are left out."""
-        if self.layout.drop_damaged:
+        if self.file.damaged_rows == "drop":
             return None
-        sources = [*self.columns.values(), *(self.motors.sources if self.motors else ())]
-        quaternion: tuple[str, ...] = ()
-        if self.attitude is not None:
-            sources += [*self.attitude.sources, *self.attitude.rates]
-            quaternion = self.attitude.quaternion
-        names = (name for one in sources for name in (one.column, one.nanoseconds, one.direction))
-        return {*quaternion, *(name for name in names if name is not None)}
+        named = {name for one in self.columns.values() for name in (one.column, one.beside) if name}
+        return named | set(self.attitude.quaternion if self.attitude else ())
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """u1, u2, .. of the commands that it takes."""
+        return tuple(f"u{i}" for i in range(1, len(self.input.sources) + 1)) if self.input else ()
+
+    @property
+    def sensor_delay(self) -> float:
+        """The largest delay of the sensors [s]."""
+        return max(one.delay for name, one in self.columns.items() if name not in self.commands)
+
+
+#: in `LogMapping.columns`, an IMU's roll, pitch and yaw, and its angular velocity about its own axes
+IMU_NAMES = ("roll", "pitch", "yaw", "imu_rate_x", "imu_rate_y", "imu_rate_z")
+
+
+def read_mapping(path: str | Path) -> LogMapping:
+    """Read a mapping file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not TOML, or does not describe a log; the sentence names the key and
+        its allowed values.
+    """
+    return parse_mapping(read_text(path, largest=LARGEST_SETTINGS), source=str(path))
+
+
+def parse_mapping(text: str, *, source: str) -> LogMapping:
+    """Return the mapping that the text of a mapping file describes; errors, as of `read_mapping`, name its `source`."""
+    tree = parse_toml(text, source=source)
+    try:
+        return _mapping(validate_table(MappingTable, take_format(tree, "mapping"), of="a mapping file"))
+    except InputError as error:
+        raise InputError(f"{source}: {error}{'' if str(error).endswith(('.', '?')) else '.'}") from None
+
+
+def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, ...]:
+    """Return a warning for each mapping file of duties that does not state the firmware's dead band."""
+    found = []
+    for mapping in filter(None, mappings):
+        drive = read_mapping(mapping).input
+        if isinstance(drive, DutyTable) and drive.dead_band is None:
+            sentence = (
+                "The commands are duties, and no dead band is stated: friction identified from this log is less by the "
+                "duty that the firmware adds, and holds for logs that are read the same way. For the wheels' own "
+                "friction state dead_band in [input], 0 if the firmware adds none."
+            )
+            place = Place(file=str(mapping))
+            found.append(Finding(code="dead-band", severity="warning", text=sentence, where=place))
+    return tuple(found)
+
+
+def _mapping(table: MappingTable) -> LogMapping:
+    wheels = table.wheels
+    if not table.complete:
+        raise InputError(
+            'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'
+        )
+    _check_file(table.file)
+    for start, end in table.time.keep or ():
+        if not end > start:
+            raise InputError(f"[time] keep has [{start:g}, {end:g}]; write the earlier time first")
+    columns, derivatives, integrals = dict[str, Source](), dict[str, str](), dict[str, str]()
+    for name, entry in table.columns.items():
+        _check_name(name)
+        if entry.derivative_of:
+            _check_alone(f"[columns] {name}", entry, "derivative_of")
+            derivatives[name] = entry.derivative_of
+        else:
+            columns[name] = _source(name, entry)
+    _check_wheels("speed", wheels.speed, "derivative_of", wheels.angle)
+    _check_wheels("angle", wheels.angle, "integral_of", wheels.speed)
+    if wheels.speed.derivative_of:
+        derivatives |= {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(wheels.angle.sources) + 1)}
+    if wheels.angle.integral_of:
+        integrals = {f"wheel{i}": f"wheel{i}_dot" for i in range(1, len(wheels.speed.sources) + 1)}
+    for suffix, entry in (("", wheels.angle), ("_dot", wheels.speed)):
+        columns |= _wheel_sources(suffix, entry, wheels) if entry.sources else {}
+    if "t" not in columns:
+        raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
+    made = {*columns, *integrals}
+    if table.attitude is not None:
+        both = [name for name in _ATTITUDE_NAMES if name in columns]
+        if both:
+            raise InputError(f"[columns] has {both[0]}, which [attitude] provides; remove one of them")
+        made |= {*_ATTITUDE_NAMES}
+        columns |= _imu_sources(table.attitude)
+    for name, origin in derivatives.items():
+        if origin not in made:
+            raise InputError(f"{name} is the derivative of {origin!r}, which the mapping does not provide")
+    if table.input is not None:
+        columns |= _motor_sources(table.input, wheels)
+    return LogMapping(
+        columns=columns,
+        derivatives=derivatives,
+        integrals=integrals,
+        file=table.file,
+        time=table.time,
+        attitude=table.attitude,
+        angle=wheels.angle,
+        input=table.input,
+    )
+
+
+def _check_file(file: FileTable) -> None:
+    if file.header_lines == 0 and file.names is None:
+        raise InputError("[file] has header_lines = 0 and therefore needs names = [..] of the columns")
+    if file.decimal == "comma" and file.separator == "comma":
+        raise InputError('[file] decimal = "comma" needs another separator, such as "semicolon"')
+    if file.names is not None and len(set(file.names)) < len(file.names):
+        raise InputError("[file] names contains a name twice")
+    check_column_names(file.names or (), source="[file] names")
+
+
+def _check_alone(where: str, entry: ColumnTable | WheelTable, key: str) -> None:
+    others = [one.name for one in fields(entry) if getattr(entry, one.name) != one.default]
+    keys = ["from" if name in ("source", "sources") else name for name in others if name != key]
+    if keys:
+        raise InputError(f"{where} has {key}, which allows no other key, but also has {', '.join(keys)}")
+
+
+def _check_wheels(name: str, entry: WheelTable, made: str, other: WheelTable) -> None:
+    """Refuse an angle or speed of [wheels] that is neither of columns nor `made` of the other."""
+    where, keys = f"[wheels] {name}", {"derivative_of", "integral_of", "wrap", "largest_speed"}
+    allowed = {made, *(("wrap", "largest_speed") if name == "angle" else ())}
+    for key in keys - allowed:
+        if getattr(entry, key) is not None:
+            raise InputError(f"{where} cannot have {key}")
+    if getattr(entry, made):
+        _check_alone(where, entry, made)
+        if not other.sources:
+            raise InputError(f"{where} has {made} = {getattr(entry, made)!r}, which [wheels] lacks")
+    elif not entry.sources and entry != WheelTable():
+        raise InputError(f"{where} needs from = [..], the columns of the file")
+
+
+def _check_name(name: str) -> None:
+    if name in KNOWN_NAMES and name[0] == "u":
+        raise InputError(f"[columns] has {name}; map torques in [input], which names their kind")
+    if name not in KNOWN_NAMES:
+        hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
+        raise InputError(f"[columns] has {name}, which is not a column of a log; {hint}")
+
+
+def _source(name: str, entry: ColumnTable) -> Source:
+    if entry.source is None:
+        raise InputError(f'[columns] {name} needs from = "..", a column of the file, or derivative_of = ".."')
+    if name == "t" and entry.delay:
+        raise InputError("[columns] t cannot have a delay; give the delay to the columns that are delayed")
+    if name != "t" and entry.nanoseconds is not None:
+        raise InputError(f"[columns] {name} has nanoseconds; only t may have them")
+    unit = _unit_factor(f"[columns] {name}", name, entry.unit, entry.counts_per_turn)
+    return Source(
+        column=entry.source,
+        factor=entry.sign * entry.scale * unit,
+        offset=entry.offset,
+        delay=entry.delay,
+        beside=entry.nanoseconds,
+    )
+
+
+def _unit_factor(where: str, name: str, given: str | None, counts_per_turn: float | None = None) -> float:
+    unit = unit_of(name)
+    if given is None or unit is None:
+        return 1.0
+    try:
+        return factor_to(unit, given, counts_per_turn=counts_per_turn)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _series(
+    names: Sequence[str], columns: Sequence[str], factors: Sequence[float], delay: float
+) -> dict[str, Source]:
+    triples = zip(names, columns, factors, strict=False)
+    return {name: Source(column=column, factor=factor, delay=delay) for name, column, factor in triples}
+
+
+def _imu_sources(table: AttitudeTable) -> dict[str, Source]:
+    if table.quaternion and table.unit is not None:
+        raise InputError(
+            "[attitude] takes four columns, a quaternion w, x, y, z, which has no unit; remove it"
+        )
+    angles, rates, where = table.sources, table.rates, "[attitude] rates"
+    angles = QUATERNION_ANGLES if table.quaternion else angles
+    units = [_unit_factor("[attitude]", "theta", one) for one in _each("[attitude] unit", table.unit, angles)]
+    signs = _each("[attitude] sign", table.sign, angles)
+    found = _series(IMU_NAMES, angles, [a * b for a, b in zip(signs, units, strict=True)], table.delay)
+    if rates is None:
+        return found
+    factor = rates.scale * _unit_factor(where, "gyro_x", rates.unit)
+    factors = [sign * factor for sign in _each(f"{where} sign", rates.sign, rates.sources)]
+    return found | _series(IMU_NAMES[3:], rates.sources, factors, rates.delay)
+
+
+def _wheel_sources(suffix: str, entry: WheelTable, wheels: WheelsTable) -> dict[str, Source]:
+    where = "[wheels] speed" if suffix else "[wheels] angle"
+    factor = entry.scale * _unit_factor(where, f"wheel1{suffix}", entry.unit, entry.counts_per_turn)
+    signs, order = _each("[wheels] sign", wheels.sign, entry.sources), _order(wheels, len(entry.sources))
+    names = [f"wheel{i}{suffix}" for i in range(1, len(order) + 1)]
+    return _series(names, [entry.sources[k] for k in order], [signs[k] * factor for k in order], entry.delay)
+
+
+def _motor_sources(table: InputTable, wheels: WheelsTable) -> dict[str, Source]:
+    columns, scale = table.sources, table.scale
+    if isinstance(table, TorqueTable):
+        scale *= _unit_factor("[input]", "u1", table.unit)
+    elif isinstance(table, DutyTable) and table.kind == "voltage":
+        scale /= table.supply_voltage
+    factors = [sign * scale for sign in _each("[input] sign", table.sign, columns)]
+    zeros = _each("[input] zero", table.zero, columns)
+    directions = _each("[input] direction", table.direction or None, columns)
+    return {
+        f"u{i}": Source(
+            column=columns[k],
+            factor=factors[k],
+            offset=-zeros[k] * factors[k] if zeros[k] else 0.0,
+            delay=table.delay,
+            beside=directions[k],
+        )
+        for i, k in enumerate(_order(wheels, len(columns)), start=1)
+    }
+
+
+def _order(wheels: WheelsTable, count: int) -> list[int]:
+    """Return, for Ballbot's wheels in turn, the place (from 0) in the file's lists."""
+    order = wheels.order or tuple(range(1, count + 1))
+    if sorted(order) != list(range(1, count + 1)):
+        raise InputError(f"[wheels] order is {list(order)}; it must have each number from 1 to {count} once")
+    return [place - 1 for place in order]
+
+
+def _each(where: str, given: T | tuple[T, ...], columns: Sequence[str]) -> tuple[T, ...]:
+    """Return a value for each of these columns, where one may be given for all."""
+    values = given if isinstance(given, tuple) else (given,) * len(columns)
+    if len(values) != len(columns):
+        raise InputError(f"{where} has {len(values)} values; it needs one for each of {len(columns)} columns")
+    return values
 
 
 _ATTITUDE_NAMES = ("theta", "phi", "psi")
 _GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
+#: [s] by which rounding may move a delayed row past the one it belongs to
+_ROUNDING = 1e-9
 
 
 def apply_mapping(
     mapping: LogMapping,
-    table: Mapping[str, NDArray[np.float64]],
+    table: Table,
     *,
     even_from: float | None = None,
     changes: list[Finding] | None = None,
@@ -219,120 +661,111 @@ def apply_mapping(
     return {name: values if name == "t" else mark_missing(values) for name, values in columns.items()}
 
 
-def _applied(
-    mapping: LogMapping,
-    table: Mapping[str, NDArray[np.float64]],
-    even_from: float | None,
-    changes: list[Finding],
-) -> Columns:
+def _applied(mapping: LogMapping, table: Table, even_from: float | None, changes: list[Finding]) -> Columns:
     clock, notes = mapping.columns["t"].column, list[str]()
     table = whole_rows(mapping, table)
     if clock in table:
         table = rows_with_times(table, clock, notes)
     t = row_times(mapping, table)
     changes += [note("time", sentence) for sentence in notes]
-    if mapping.attitude is not None and mapping.attitude.quaternion:
-        parts = [
-            _scaled(f"the quaternion's {part}", Source(column=column), table)
-            for part, column in zip("wxyz", mapping.attitude.quaternion, strict=True)
-        ]
-        table = {**table, **quaternion_angles(np.column_stack(parts))}
-    raw = {name: _scaled(name, source, table) for name, source in mapping.columns.items()}
-    if mapping.wrap is not None:
-        periods = {name: abs(mapping.columns[name].factor) * mapping.wrap for name in _wheel_angles(raw)}
-        raw |= {name: unwrapped(raw[name], period=period) for name, period in periods.items()}
-    # before its offset, from the file's own ends of a turn
-    offsets = {name: mapping.columns[name].offset for name in ("psi", "ref_psi") if name in raw}
-    continued, wraps = continuous_headings({name: raw[name] - offsets[name] for name in offsets}, t)
-    raw |= {name: heading + offsets[name] for name, heading in continued.items()}
-    changes += wraps
-    names = _wheel_angles(raw)
-    if mapping.largest_speed is not None and names:
-        carried = without_resets(t, np.column_stack([raw[name] for name in names]), mapping.largest_speed)
-        raw |= dict(zip(names, carried.T, strict=True))
-    raw |= {name: _integral(t, raw[origin]) for name, origin in mapping.integrals.items()}
+    raw = _raw_columns(mapping, table, t, changes)
     sampled = _sampled(mapping, t, raw)
-    even = mapping.timing.sample_time
+    even = mapping.time.sample_time
     count = len(raw) + len(mapping.derivatives) + 10
     rows = t if even is None else _even_rows(t, even, t[0] if even_from is None else even_from, columns=count)
-    columns: Columns = {"t": rows}
     # even rows get values between the file's, and for its missing cells
-    shift = even is not None or mapping.timing.repair
-    for name in raw:
-        if name != "t":
-            delay = mapping.columns[mapping.integrals.get(name, name)].delay
-            columns[name] = _measured_at(rows, sampled, raw[name], delay, shift=shift)
+    shift = even is not None or mapping.time.repair
+    columns: Columns = {"t": rows}
+    for name, values in raw.items():
+        delay = mapping.columns[mapping.integrals.get(name, name)].delay
+        if name not in mapping.commands:
+            columns[name] = _measured_at(rows, sampled, values, delay, shift=shift)
+        elif even is not None:
+            columns[name] = _mean_acting(t, rows, values, delay)
+        else:
+            columns[name] = _acting_at(t, values, delay)
     if mapping.attitude is not None:
-        columns |= _attitude(mapping.attitude, table, rows, sampled, shift=shift)
-    if mapping.motors is not None:
-        columns |= _commands(mapping.motors, table, t, rows, even=even is not None)
-    columns = _cut(columns, t, *_delays(mapping))
+        columns = _body_angles(mapping.attitude, columns)
+    columns = _cut(mapping, columns, t)
     for name, origin in mapping.derivatives.items():
         if origin == "psi" and mapping.attitude is not None and not mapping.attitude.has_heading:
             continue
         if origin not in columns:
             raise InputError(f"The mapping differentiates {origin}, which it does not provide.")
-        columns[name] = _derivative(columns["t"], columns[origin], origin)
-    if mapping.motors is not None:
-        columns |= _torques(mapping.motors, columns)
-    return _kept(columns, mapping.timing.keep)
+        if len(columns["t"]) < 2:
+            raise InputError(f"The derivative of {origin} needs at least two rows.")
+        columns[name] = np.gradient(columns[origin], columns["t"])
+    return _kept(_with_torques(mapping, columns), mapping.time.keep)
 
 
-def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the times of the file's rows (N,) by the file's own clock [s].
+def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Finding]) -> Columns:
+    """Return the file's columns in Ballbot's units, with angles continued and duties as they reach the motors."""
+    attitude, angle = mapping.attitude, mapping.angle
+    if attitude is not None and attitude.quaternion:
+        parts = [
+            _scaled(f"the quaternion's {part}", Source(column=column), table)
+            for part, column in zip("wxyz", attitude.quaternion, strict=True)
+        ]
+        table = {**table, **quaternion_angles(np.column_stack(parts))}
+    raw = {name: _scaled(name, source, table) for name, source in mapping.columns.items() if name != "t"}
+    wheels = _wheel_angles(raw)
+    if angle.wrap is not None:
+        for name in wheels:
+            raw[name] = unwrapped(raw[name], period=abs(mapping.columns[name].factor) * angle.wrap)
+    # before its offset, from the file's own ends of a turn
+    offsets = {name: mapping.columns[name].offset for name in ("psi", "ref_psi") if name in raw}
+    continued, wraps = continuous_headings({name: raw[name] - offsets[name] for name in offsets}, t)
+    raw |= {name: heading + offsets[name] for name, heading in continued.items()}
+    changes += wraps
+    if angle.largest_speed is not None and wheels:
+        carried = without_resets(t, np.column_stack([raw[name] for name in wheels]), angle.largest_speed)
+        raw |= dict(zip(wheels, carried.T, strict=True))
+    for name, origin in mapping.integrals.items():
+        speed = without_holes(t, raw[origin])
+        raw[name] = integral_of(t, speed) + 0.0 * speed  # missing where the speed is
+    if attitude is not None and attitude.upside_down:
+        raw["roll"] = less_half_a_turn(raw["roll"], math.pi)
+    if "yaw" in raw:
+        raw["yaw"] = unwrapped(raw["yaw"])
+    if isinstance(mapping.input, DutyTable):
+        raw |= {name: mapping.input.acting(raw[name]) for name in mapping.commands}
+    return raw
 
-    Raises
-    ------
-    InputError
-        If they do not increase.
-    """
+
+def row_times(mapping: LogMapping, table: Table) -> Floats:
+    """Return the times of the file's rows (N,) by the file's own clock [s]; InputError if they do not increase."""
     t = _clock(mapping.columns["t"], table)
     check_time(t)
     return t
 
 
-def whole_rows(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> Columns:
-    """Return a file's table with the rows that a mapping takes.
-
-    Raises
-    ------
-    InputError
-        If rows out of order are to be left out, and are those of another run.
-    """
-    source = mapping.columns["t"]
-    if source.column not in table or not (mapping.drop_repeated or mapping.drop_unordered):
+def whole_rows(mapping: LogMapping, table: Table) -> Columns:
+    """Return a file's table with the rows that a mapping takes; InputError if it would mix the rows of two runs."""
+    source, file = mapping.columns["t"], mapping.file
+    unordered = file.unordered_rows == "drop"
+    if source.column not in table or not (unordered or file.repeated_rows == "drop"):
         return {**table}  # `row_times` reports a time that is missing
     t = _clock(source, table)
-    repeated = repeated_rows(table, source.column) & mapping.drop_repeated
-    if mapping.drop_unordered and mapping.layout.rows is None:
+    repeated = repeated_rows(table, source.column) & (file.repeated_rows == "drop")
+    if unordered and file.rows is None:
         runs = later_runs(t, repeated)
         again = runs[t[runs] < t[runs - 1]]
         if again.size:
-            raise InputError(
-                f"Time starts again at row {again[0] + 1}; split the log, or give `rows` in [file]."
-            )
-    return rows_in_order(table, t, repeated=repeated, unordered=mapping.drop_unordered)
+            raise InputError(f"Time starts again at row {again[0] + 1}; split the log, or give [file] rows.")
+    return rows_in_order(table, t, repeated=repeated, unordered=unordered)
 
 
-def _clock(source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+def _clock(source: Source, table: Table) -> Floats:
     """Return the times of all rows (N,) by the file's own clock [s], continued where it begins again."""
     if source.column in table:
         table = {**table, source.column: continuous_clock(table[source.column])[0]}
-    t = _scaled("t", source, table)
-    if source.nanoseconds is None:
+    t = _scaled("t", replace(source, beside=None), table)
+    if source.beside is None:
         return t
-    return t + _scaled("the nanoseconds", Source(column=source.nanoseconds, factor=1e-9), table)
+    return t + _scaled("the nanoseconds", Source(column=source.beside, factor=1e-9), table)
 
 
-def sensor_delay(mapping: LogMapping) -> float:
-    """Return the largest delay of the sensors [s]."""
-    measured, _ = _delays(mapping)
-    return max(measured)
-
-
-def _even_rows(
-    t: NDArray[np.float64], interval: float, counted_from: float, *, columns: int
-) -> NDArray[np.float64]:
+def _even_rows(t: Floats, interval: float, counted_from: float, *, columns: int) -> Floats:
     """Return the times within the table that are whole intervals from `counted_from`; refuse too many."""
     rows_between(float(t[-1] - t[0]), interval, columns=columns, source="By the mapping's t, the file")
     # a part of an interval more at either end, so that a row that rounding moved is kept
@@ -341,30 +774,22 @@ def _even_rows(
     return counted_from + interval * np.arange(first, last + 1)
 
 
-def _scaled(name: str, source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    for column in (source.column, source.direction):
+def _scaled(name: str, source: Source, table: Table) -> Floats:
+    for column in (source.column, source.beside):
         if column is not None and column not in table:
             hint = suggest(column, table, otherwise="it has")
-            raise InputError(
-                f"The mapping takes {name} from the column {column!r}, which does not exist; {hint}"
-            )
+            raise InputError(f"The mapping takes {name} from column {column!r}, which does not exist; {hint}")
     values = mark_missing(source.factor * table[source.column] + source.offset)
-    return values if source.direction is None else values * direction_sign(table[source.direction])
-
-
-def _integral(t: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the integral (N,) of a wheel's speed, missing where the speed is, but in short holes."""
-    speed = without_holes(t, speed)
-    return integral_of(t, speed) + 0.0 * speed
+    return values if source.beside is None else values * direction_sign(table[source.beside])
 
 
 def _wheel_angles(columns: Columns) -> tuple[str, ...]:
     return numbered_names(columns, prefix="wheel") if "wheel1" in columns else ()
 
 
-def _sampled(mapping: LogMapping, t: NDArray[np.float64], raw: Columns) -> NDArray[np.float64]:
+def _sampled(mapping: LogMapping, t: Floats, raw: Columns) -> Floats:
     """Return the times (N,) at which the rows' sensors were read [s]."""
-    if not mapping.timing.repair:
+    if not mapping.time.repair:
         return t
     names = _wheel_angles(raw)
     if len(names) < 2:
@@ -375,120 +800,62 @@ def _sampled(mapping: LogMapping, t: NDArray[np.float64], raw: Columns) -> NDArr
     return sampling_times(t, angles)
 
 
-def _attitude(
-    attitude: Attitude,
-    table: Mapping[str, NDArray[np.float64]],
-    rows: NDArray[np.float64],
-    sampled: NDArray[np.float64],
-    *,
-    shift: bool,
-) -> Columns:
-    angles = np.zeros((len(rows), 3))
-    for place, source in enumerate(attitude.sources):
-        values = _scaled(_ATTITUDE_NAMES[place], source, table)
-        if place == 0 and attitude.upside_down:
-            values = less_half_a_turn(values, math.pi)
-        if place == 2:
-            values = unwrapped(values)
-        angles[:, place] = _measured_at(rows, sampled, values, source.delay, shift=shift)
-    measured = [
-        _measured_at(rows, sampled, _scaled(name, source, table), source.delay, shift=shift)
-        for name, source in zip(_GYRO_NAMES, attitude.rates, strict=bool(attitude.rates))
-    ]
-    if len(attitude.sources) == 2:
-        angles[:, 2] = integral_of(rows, measured[2]) if measured else yaw_ahead(angles, attitude.turn)
-    turned = from_roll_pitch_yaw(angles, turn=attitude.turn)
-    columns: Columns = dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
+def _body_angles(attitude: AttitudeTable, columns: Columns) -> Columns:
+    """Return the columns with the robot's angles and rates in place of its IMU's."""
+    imu = [columns[name] for name in IMU_NAMES if name in columns]
+    columns = {name: values for name, values in columns.items() if name not in IMU_NAMES}
+    gyro = imu[-3:] if attitude.rates is not None else []
+    angles = np.column_stack([*imu[:2], np.zeros_like(imu[0])])
+    if len(imu) - len(gyro) > 2:
+        angles[:, 2] = imu[2]
+    elif gyro:
+        angles[:, 2] = integral_of(columns["t"], gyro[2])
+    else:
+        angles[:, 2] = yaw_ahead(angles, math.radians(attitude.turn))
+    turned = from_roll_pitch_yaw(angles, turn=math.radians(attitude.turn))
+    columns |= dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
     if not attitude.has_heading:
         del columns["psi"]
-    if not measured:
+    if not gyro:
         return columns
-    body = about_body_axes(np.column_stack(measured), attitude.turn)
+    body = about_body_axes(np.column_stack(gyro), math.radians(attitude.turn))
     columns |= dict(zip(_GYRO_NAMES, body.T, strict=True))
     rates = angle_rates_of(turned, body)
     return columns | {f"{name}_dot": rate for name, rate in zip(_ATTITUDE_NAMES, rates.T, strict=True)}
 
 
-def _commands(
-    motors: MotorInput,
-    table: Mapping[str, NDArray[np.float64]],
-    t: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    *,
-    even: bool,
-) -> Columns:
-    columns: Columns = {}
-    for i, source in enumerate(motors.sources, start=1):
-        acting = _scaled(f"u{i}", source, table)
-        if isinstance(motors.drive, DutyInput):
-            acting = motors.drive.acting(acting)
-        columns[f"u{i}"] = (
-            _mean_acting(t, rows, acting, source.delay) if even else _acting_at(t, acting, source.delay)
-        )
-    return columns
-
-
-def _delays(mapping: LogMapping) -> tuple[list[float], list[float]]:
-    """Return the delays of the sensors and of the commands [s]."""
-    measured = [source.delay for source in mapping.columns.values()]
-    if mapping.attitude:
-        measured += [source.delay for source in (*mapping.attitude.sources, *mapping.attitude.rates)]
-    return measured, [source.delay for source in mapping.motors.sources] if mapping.motors else []
-
-
-def _cut(columns: Columns, t: NDArray[np.float64], measured: list[float], commanded: list[float]) -> Columns:
+def _cut(mapping: LogMapping, columns: Columns, t: Floats) -> Columns:
     """Return the rows for which every delayed column has a value in the file, whose times are t."""
-    rows = columns["t"]
-    ahead = [*measured, *(-delay for delay in commanded)]
+    rows, ahead = columns["t"], [0.0]
+    ahead += [-one.delay if name in mapping.commands else one.delay for name, one in mapping.columns.items()]
     kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
     if not kept.any():
         raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
     return {name: values[kept] for name, values in columns.items()}
 
 
-def _derivative(t: NDArray[np.float64], values: NDArray[np.float64], origin: str) -> NDArray[np.float64]:
-    if len(t) < 2:
-        raise InputError(f"The derivative of {origin} needs at least two rows.")
-    return np.gradient(values, t)
-
-
-def _torques(motors: MotorInput, columns: Columns) -> Columns:
-    torques: Columns = {}
-    for i in range(1, len(motors.sources) + 1):
+def _with_torques(mapping: LogMapping, columns: Columns) -> Columns:
+    found, drive = {**columns}, mapping.input
+    for i, name in enumerate(mapping.commands, start=1):
         speed = columns.get(f"wheel{i}_dot")
-        if speed is None and isinstance(motors.drive, DutyInput):
-            raise InputError(
-                f"Torque from a PWM duty needs the speed of the wheel: map the column wheel{i}_dot."
-            )
-        command = columns[f"u{i}"]
-        torques[f"u{i}"] = motors.drive.torque(command, np.zeros_like(command) if speed is None else speed)
-    return torques
+        if speed is None and isinstance(drive, DutyTable):
+            raise InputError(f"Torque from a duty needs the speed of the wheel: map the column wheel{i}_dot.")
+        if drive is not None:
+            found[name] = drive.torque(columns[name], np.zeros(1) if speed is None else speed)
+    return found
 
 
 def _kept(columns: Columns, spans: tuple[tuple[float, float], ...] | None) -> Columns:
     if spans is None:
         return columns
     t = columns["t"]
-    kept = np.zeros(len(t), dtype=np.bool_)
-    for start, end in spans:
-        kept |= (t >= start) & (t < end)
+    kept = np.any([(t >= start) & (t < end) for start, end in spans], axis=0)
     if not kept.any():
         raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
     return {name: values[kept] for name, values in columns.items()}
 
 
-#: [s] by which rounding may move a delayed row past the one it belongs to
-_ROUNDING = 1e-9
-
-
-def _measured_at(
-    rows: NDArray[np.float64],
-    sampled: NDArray[np.float64],
-    values: NDArray[np.float64],
-    delay: float,
-    *,
-    shift: bool,
-) -> NDArray[np.float64]:
+def _measured_at(rows: Floats, sampled: Floats, values: Floats, delay: float, *, shift: bool) -> Floats:
     """Return a sensor's values (N,) reported `delay` after the rows' times, interpolated linearly."""
     if not (shift or delay):
         return values
@@ -496,7 +863,7 @@ def _measured_at(
     return np.interp(rows + delay, sampled[first], without_holes(sampled[first], values[first]))
 
 
-def _acting_at(t: NDArray[np.float64], values: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
+def _acting_at(t: Floats, values: Floats, delay: float) -> Floats:
     """Return the command that acts at t: the last one logged at t - delay or before."""
     if not delay:
         return values
@@ -504,16 +871,14 @@ def _acting_at(t: NDArray[np.float64], values: NDArray[np.float64], delay: float
     return values[np.maximum(latest, 0)]
 
 
-def _mean_acting(
-    t: NDArray[np.float64], rows: NDArray[np.float64], values: NDArray[np.float64], delay: float
-) -> NDArray[np.float64]:
+def _mean_acting(t: Floats, rows: Floats, values: Floats, delay: float) -> Floats:
     """Return the mean of the command that acts from each row to the next; missing where a part of it is."""
     step = rows[1] - rows[0] if len(rows) > 1 else 1.0
     edges = np.append(rows, rows[-1] + step) - delay
     values = without_holes(t, values, held=True)
     known = np.isfinite(values)
 
-    def mean(acting: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mean(acting: Floats) -> Floats:
         impulse = np.concatenate(([0.0], np.cumsum(acting[:-1] * np.diff(t))))
         return np.diff(np.interp(edges, t, impulse)) / step
 

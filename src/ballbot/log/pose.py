@@ -31,8 +31,7 @@ from ballbot.log.columns import STATE_NAMES, wheel_angle_names, wheel_speed_name
 from ballbot.log.formats import read_columns
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
-from ballbot.log.mapping import LogMapping, apply_mapping, row_times, sensor_delay, whole_rows
-from ballbot.log.mapping_file import read_mapping
+from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping, row_times, whole_rows
 from ballbot.robot import Robot
 
 _LEAN = ("theta", "phi", "theta_dot", "phi_dot")
@@ -153,8 +152,8 @@ def causal_states(
     """
     mapping = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
     table = whole_rows(mapping, read_columns(path, mapping.layout))
-    t, late = row_times(mapping, table), sensor_delay(mapping)
-    everything = replace(mapping, timing=replace(mapping.timing, keep=None))
+    t, late = row_times(mapping, table), mapping.sensor_delay
+    everything = replace(mapping, time=replace(mapping.time, keep=None))
     states = np.full((len(moments), len(STATE_NAMES)), np.nan)
     for number, moment in enumerate(moments):
         first = int(np.searchsorted(t, moment - _PAST))

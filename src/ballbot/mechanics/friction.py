@@ -3,9 +3,9 @@
     tau(w) = b w + (c + mu |u| + s E) sgn(w) + d + e E,    E = exp(-|w/v_s|^delta)
 
 c + d and s + e act on a wheel that turns forward, c - d and s - e on one that turns backward; mu |u| is the friction of
-a drive's teeth under the motor's torque u. d, e and mu are absent from most robots, and then from compiled code as well
-(`PlainLaw`). At rest the friction is set-valued: it balances the load, from -(c - d + s - e + mu |u|) to
-c + d + s + e + mu |u|. The rolling friction of the ball is in `ballbot.mechanics.floor`.
+a drive's teeth under the motor's torque u. d, e and mu are zero for most robots. At rest the friction is set-valued: it
+balances the load, from -(c - d + s - e + mu |u|) to c + d + s + e + mu |u|. The rolling friction of the ball is in
+`ballbot.mechanics.floor`.
 
 A dry friction that differs with direction is a symmetric one, c + mu |u| + s E, about the torque d + e E. So the convex
 step's asymmetric box is a symmetric box, with that torque taken from the motor's: the minimiser is the same.
@@ -158,27 +158,7 @@ def wheel_friction(
     return np.asarray(friction.viscous) * w + dry_friction_size(w, friction, torque=torque) * np.sign(w)
 
 
-class PlainLaw(NamedTuple):
-    """Selects wheels without optional terms: tau = b w + (c + s E) sgn(w)."""
-
-    terms: int = 0  # a type needs a member
-
-
-class DirectedLaw(NamedTuple):
-    """Selects wheels whose dry friction differs with direction and follows the motor's torque."""
-
-    terms: int = 0
-
-
-WheelLaw = PlainLaw | DirectedLaw
-
-
-def wheel_law(*frictions: Friction) -> WheelLaw:
-    """Return the leanest law that has every term of these frictions."""
-    return PlainLaw() if all(friction.is_plain for friction in frictions) else DirectedLaw()
-
-
-# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta, and perhaps `terms` (`WheelTerms`) ---
+# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta and `terms` (`WheelTerms`) ---
 
 
 _LOG2_OF_LOG2_E = 0.5287663729448977  # e^-p = 2^-(p log2 e)
@@ -201,8 +181,6 @@ def decay_exponent(wheel, speed):
 def with_decay(wheel, power, direction):
     """Return the size of the friction in a direction (1, -1; 0 for the mean of both), E being 2^-power."""
     E = power_of_two(-power)
-    if not has_directions(wheel):
-        return wheel.c + wheel.s * E
     d, e = wheel.terms.coulomb_asymmetry, wheel.terms.stribeck_asymmetry
     return wheel.c + direction * d + (wheel.s + direction * e) * E
 
@@ -216,21 +194,14 @@ def directed_friction(wheel, speed, direction):
 @traced
 def friction_shift(wheel, speed):
     """Return d + e E: the torque about which the dry friction is the same in both directions."""
-    if not has_directions(wheel):
-        return 0.0
     E = power_of_two(-power_of_two(decay_exponent(wheel, speed)))
     return wheel.terms.coulomb_asymmetry + wheel.terms.stribeck_asymmetry * E
 
 
-def has_directions(wheel) -> bool:
-    """Return whether a wheel has the optional terms."""
-    return "terms" in wheel._fields
-
-
 @traced
-def loaded_coulomb(c, terms, torque):
-    """Return c + mu |u| of a wheel whose motor gives the torque u."""
-    return c + terms.load * abs(torque)
+def under_load(wheel, torque):
+    """Return a wheel with c + mu |u| for c, whose motor gives the torque u."""
+    return wheel._replace(c=wheel.c + wheel.terms.load * abs(torque))
 
 
 @traced

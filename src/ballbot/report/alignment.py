@@ -12,7 +12,6 @@ from ballbot.findings import Finding, finding_results
 from ballbot.identification.turning import ANGLE_NAMES
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.words import signed_with_error, state_mark, with_error, with_symbols
 from ballbot.rounding import digits
@@ -20,15 +19,15 @@ from ballbot.validation.alignment import POSITIONS, PREFIX, Alignment, SensorErr
 
 
 def alignment_report(
-    alignment: Alignment, *, title: str, lead: str, made: Provenance, log_findings: Sequence[Finding]
+    alignment: Alignment, *, title: str, lead: str, log_findings: Sequence[Finding]
 ) -> Report:
     """Return the page of an alignment."""
     verdict, *others = (finding.text for finding in alignment_findings(alignment))
     sensors = alignment.sensors
     bullets = Bullets(items=[with_symbols(text) for text in others]) if others else None
     estimates = Sheet(
-        headings=ESTIMATE_HEADINGS,
-        rows=estimate_rows(alignment),
+        headings=("", "estimate", "unit"),
+        rows=_estimate_rows(alignment),
         caption="Clocks, frames and path. ±: half width of the 95 % interval, from blocks of time.",
     )
     sections = [section("What was found", bullets, estimates)]
@@ -44,7 +43,7 @@ def alignment_report(
             f"{_CLOCK_SIGNALS[alignment.clock_signal]}, by which the clocks were aligned."
         )
         sections += [
-            section("Errors", Sheet(headings=ERROR_HEADINGS, rows=error_rows(sensors), caption=caption)),
+            section("Errors", Sheet(headings=_ERROR_HEADINGS, rows=_error_rows(sensors), caption=caption)),
             section(
                 "Orientation",
                 _seen_series(alignment.log, ANGLE_NAMES),
@@ -62,7 +61,6 @@ def alignment_report(
         verdict=[("", verdict)],
         sections=sections,
         undecided=undecided,
-        made=made,
         findings=log_findings,
     )
 
@@ -73,23 +71,17 @@ def _seen_series(log: Log, names: Sequence[str]) -> TimeSeries:
     for name in names:
         scale, unit = (1.0, "m") if name in POSITIONS else _UNITS[name]
         lines = (
-            Line(name="on board", values=scale * log[name], look="second"),
-            Line(name="cameras", values=scale * log[PREFIX + name], look="measured"),
+            Line("on board", scale * log[name], "second"),
+            Line("cameras", scale * log[PREFIX + name], "measured"),
         )
         panels.append(Panel(label=f"{state_mark(name)} [{unit}]", lines=lines))
     return TimeSeries(t=log.t, panels=panels, caption="On board and by the cameras.", across=_ACROSS)
 
 
 def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[str]) -> TimeSeries:
-    """Return errors over time: each sample, smoothed, and the drift of an angle or what its heading makes of a place.
+    """Return errors of angles or positions over time: each sample, smoothed, and beside it what explains them.
 
-    Parameters
-    ----------
-    alignment : Alignment
-    sensors : SensorErrors
-        Its own.
-    names : sequence of str
-        Angles or positions.
+    That is the drift of an angle, and what the heading's error makes of a position.
     """
     t, samples, panels = alignment.log.t, max(1, round(1.0 / alignment.log.sample_time)), []
     for name in names:
@@ -97,20 +89,15 @@ def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[s
         error = scale * sensors.errors[name]
         known = np.isfinite(error)
         if name in POSITIONS:
-            place = sensors.position
-            beside = (
-                np.full(len(t), np.nan)
-                if place is None
-                else scale * place.predicted[:, POSITIONS.index(name)]
-            )
-            label = "from the heading's error"
+            place, label = sensors.position, "from the heading's error"
+            beside = scale * place.predicted[:, POSITIONS.index(name)] if place else np.full(len(t), np.nan)
         else:
             beside = error[known].mean() + scale * sensors.of[name].drift * (t - t[known].mean())
             label = "drift"
         lines = (
-            Line(name="each sample", values=error, look="quiet"),
-            Line(name="mean over 1 s", values=_smoothed(error, samples), look="measured"),
-            Line(name=label, values=beside, look="second"),
+            Line("each sample", error, "quiet"),
+            Line("mean over 1 s", _smoothed(error, samples), "measured"),
+            Line(label, beside, "second"),
         )
         panels.append(Panel(label=f"error of {state_mark(name)} [{unit}]", lines=lines))
     caption = (
@@ -135,13 +122,12 @@ _UNITS = {
     **dict.fromkeys(ANGLE_NAMES, (float(np.degrees(1.0)), "deg")),
     **dict.fromkeys(POSITIONS, (1e3, "mm")),
 }
+_ERROR_HEADINGS = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
 #: what the clocks of log and cameras are aligned by
 _CLOCK_SIGNALS = {"gyro": "the gyro", "angles": "the log's angles"}
-ESTIMATE_HEADINGS = ("", "estimate", "unit")
-ERROR_HEADINGS = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
 
 
-def estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
+def _estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
     """Return name, value with half width, and unit of clock, frames, lever arm and scale of the path."""
     motion, frame, path = alignment.motion, alignment.frame, alignment.path
     found: list[tuple[str, float, float, str]] = [
@@ -167,7 +153,7 @@ def estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
     return [(name, with_error(value, half), unit) for name, value, half, unit in found]
 
 
-def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
+def _error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
     """Return name, unit, rms, largest, drift a minute with half width, wander and delay [ms] of each."""
     rows = []
     for name, one in sensors.of.items():
@@ -183,7 +169,8 @@ def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
 
 def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] = ()) -> dict[str, object]:
     """Return what results.json holds: SI units, quaternions wxyz, half widths of 95 %."""
-    motion, frame, path, sensors = alignment.motion, alignment.frame, alignment.path, alignment.sensors
+    motion, frame, sensors = alignment.motion, alignment.frame, alignment.sensors
+    position = sensors and sensors.position
     return {
         "findings": finding_results([*log_findings, *alignment_findings(alignment)]),
         "clock": {
@@ -196,32 +183,26 @@ def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] =
         },
         "body_marker": {"wxyz": _wxyz(motion.body_marker), "half_width": motion.rotation_half_width},
         "unseen": alignment.unseen,
-        "frame": None
-        if frame is None
-        else {
+        "frame": frame
+        and {
             "camera_world_wxyz": _wxyz(frame.camera_world),
             "tilt_half_width": frame.tilt_half_width,
             "heading_half_width": frame.heading_half_width,
             "origin": frame.origin,
         },
-        "path": path,
+        "path": alignment.path,
         "increments": {"count": motion.increments, "rms_error": motion.error, "rms": motion.motion},
-        "sensors": None if sensors is None else _sensor_results(sensors),
-    }
-
-
-def _sensor_results(sensors: SensorErrors) -> dict[str, object]:
-    position = sensors.position
-    return {
-        **sensors.of,
-        "position": None
-        if position is None
-        else {
-            "largest": position.largest,
-            "path": position.path,
-            "explained_by_heading": position.by_heading,
+        "sensors": sensors
+        and {
+            **sensors.of,
+            "position": position
+            and {
+                "largest": position.largest,
+                "path": position.path,
+                "explained_by_heading": position.by_heading,
+            },
+            "duration": sensors.duration,
         },
-        "duration": sensors.duration,
     }
 
 

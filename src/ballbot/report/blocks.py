@@ -6,7 +6,6 @@
         verdict=(("full", "Recovers from a tilt of 9.1 degrees in every direction."),),
         sections=(Section(heading="Tilts and impulses", blocks=(Sheet(...), Picture(...))),),
         undecided=("How much a worn wheel slips: the grip is an assumption (--grip).",),
-        made=result.origin,
     )
 
 A terminal shows `Report.parts` of it, so that both have the same words and numbers.
@@ -61,7 +60,6 @@ class Sheet:
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
-    folded: bool = False  #: details: a page shows its caption only, until the reader opens it
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Give a console the table: framed on a terminal, plain where the output is piped or kept."""
@@ -119,7 +117,6 @@ class Verbatim:
     kind: ClassVar[str] = "verbatim"
     text: str
     caption: str = ""
-    folded: bool = False  #: as of a `Sheet`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,13 +159,13 @@ class Report:
     verdict: Sequence[tuple[str, str]]
     sections: Sequence[Section]
     undecided: Sequence[str]  #: what the data cannot decide
-    made: Provenance | None  #: None of what a terminal alone shows
+    made: Provenance | None = None  #: None until a command writes its page
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
     #: whether the errors among them were accepted, so that results follow in spite of them
     accepted: bool = True
 
     def parts(self) -> Iterator[RenderableType]:
-        """Yield what a terminal shows: the verdict, what a page does not fold of tables and lists, and the doubts."""
+        """Yield what a terminal shows: the verdict, the tables, texts and lists of a page, and the doubts."""
         for heading, words in self.verdict:
             yield Text.assemble((f"{heading}: " if heading else "", "bold"), words)
         for one in self.sections:
@@ -182,9 +179,9 @@ class Report:
 
 def _on_terminal(block: Block) -> Iterator[RenderableType]:
     match block:
-        case Sheet(folded=False):
+        case Sheet():
             yield block
-        case Verbatim(folded=False):
+        case Verbatim():
             yield Text(f"{block.caption}\n{block.text}".lstrip("\n"))
         case Bullets():
             yield from (Text(f"- {item}") for item in block.items)

@@ -7,6 +7,7 @@ everything is compiled (`python -m benchmarks.first_use`); `ballbot study` takes
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,10 +55,9 @@ def write_report(found: Identification, log: Log, page: Path) -> None:
         findings=(),
         selection=None,
         holdouts=(),
-        made=made,
     )
     write_text(page.with_name("results.json"), results_text(found.to_dict() | {"provenance": made}))
-    write_text(page, page_of(report))
+    write_text(page, page_of(replace(report, made=made)))
 
 
 def state_found(found: Identification) -> ResultState:
@@ -69,8 +69,8 @@ def state_found(found: Identification) -> ResultState:
     friction = f"friction [N\N{NO-BREAK SPACE}m] at {SPEED:g}\N{NO-BREAK SPACE}rad/s"
     rows = []
     for wheel in range(robot.wheel_count):
-        curve = friction_curve(found, wheel, speeds[:1])
-        value, half = float(curve.torque[0]), 1.96 * float(curve.standard_error[0])
+        value, half = (float(one[0]) for one in friction_curve(found, wheel, speeds[:1]))
+        half *= 1.96
         interval = f"{digits(value - half, 2)} to {digits(value + half, 2)}"
         own = digits(float(true[wheel]), 2)
         rows.append((f"wheel {wheel + 1}", digits(value, 2), interval, own))

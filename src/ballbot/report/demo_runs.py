@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.log.columns import POSITION_NAMES, TRUE_PREFIX, Columns, torque_names, wheel_speed_names
@@ -28,7 +27,7 @@ from ballbot.twin.scenario import Scenario
 SOFT, PRECISE = "Soft gain, as in the thesis", "Precise controller"
 ROBOT, SAMPLE_TIME = "alten", 0.005
 _FILE = "demo_runs.npz"
-_KEYS = {SOFT: "soft", PRECISE: "precise"}
+KEYS = {SOFT: "soft", PRECISE: "precise"}
 
 #: torque noise 0.01 N m; lean noise 1.7e-3 rad and gyro noise 1.9e-3 rad/s; references are exact
 _STEPS = {
@@ -40,7 +39,8 @@ _STEPS = {
 }
 
 
-def _steps() -> Mapping[str, float]:
+def steps() -> Mapping[str, float]:
+    """Return the step of each column in the file."""
     robot = Robot.load(ROBOT)
     turn = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
     return {**_STEPS, **dict.fromkeys(wheel_speed_names(3), turn / SAMPLE_TIME)}
@@ -50,18 +50,6 @@ def robot_of_runs() -> Robot:
     """Return the robot of the runs, with the friction that the twin has in them."""
     robot = Robot.load(ROBOT)
     return robot.replace(friction=Scenario.nominal(robot).friction)
-
-
-def runs_file(runs: Mapping[str, Log]) -> bytes:
-    """Return the content of the file with these runs, each with its true states."""
-    arrays: dict[str, NDArray[np.int32]] = {}
-    for run, log in runs.items():
-        for name, step in _steps().items():
-            whole = np.rint(log[name] / step).astype(np.int64)
-            arrays[f"{_KEYS[run]} {name}"] = np.diff(whole, prepend=0).astype(np.int32)
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    return buffer.getvalue()
 
 
 def read_runs() -> dict[str, Log]:
@@ -76,10 +64,10 @@ def runs_of(content: bytes) -> dict[str, Log]:
     """
     robot, runs = Robot.load(ROBOT), {}
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        for run, key in _KEYS.items():
+        for run, key in KEYS.items():
             columns: Columns = {
                 name: (step * np.cumsum(arrays[f"{key} {name}"])).astype(np.float64)
-                for name, step in _steps().items()
+                for name, step in steps().items()
             }
             columns["t"] = np.arange(len(columns["theta"]), dtype=np.float64) * SAMPLE_TIME
             for name in POSITION_NAMES:

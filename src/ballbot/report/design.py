@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.control.controller import torque_limit_words
@@ -17,50 +14,12 @@ from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
 from ballbot.report.loop import linear_section, loop_section
-from ballbot.report.palette import BLUE, ORANGE, SHADE
-from ballbot.report.provenance import Provenance
-from ballbot.report.style import STATE_UNITS, LineStyle, drawn_picture
-from ballbot.report.words import NO_FRICTION, state_mark
+from ballbot.report.style import STATE_UNITS
+from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.robot import Friction
 from ballbot.rounding import percent
 from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.robust_design import TAIL, PerturbationRanges, RobustDesign
-
-_LINES: dict[str, LineStyle] = {
-    "robust": {"color": BLUE, "linestyle": "-", "linewidth": 2.0},
-    "nominal": {"color": ORANGE, "linestyle": "--", "linewidth": 1.4},
-}
-_LABELS = {"robust": "weights found", "nominal": "nominal weights"}
-
-
-def robust_figure(found: RobustDesign) -> Figure:
-    """Draw the best worst tenth over the generations, and each design's costs on the fresh robots in order of size."""
-    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.6))
-    generations = np.arange(1, len(found.history) + 1)
-    left.step(generations, found.history, where="post", **_LINES["robust"])
-    left.set_ylim(0.0, 1.1 * found.history[0])
-    left.set_xlabel("generation")
-    left.set_ylabel("best worst tenth of J")
-    left.set_title("the search")
-    _draw_costs(right, found)
-    return figure
-
-
-def _draw_costs(axes: Axes, found: RobustDesign) -> None:
-    axes.axvspan(100.0 * (1.0 - TAIL), 100.0, color=SHADE, label="worst tenth")
-    for name, design in found.compared.items():
-        share = 100.0 * (np.arange(len(design.costs)) + 0.5) / len(design.costs)
-        axes.plot(share, np.sort(design.costs), label=_LABELS[name], **_LINES[name])
-    axes.set_yscale("log")
-    axes.set_yticks([1, 2, 5, 10, 20], labels=["1", "2", "5", "10", "20"])
-    axes.minorticks_off()
-    axes.set_xlim(0.0, 100.0)
-    axes.set_ylim(0.9, 1.3 * max(float(design.costs.max()) for design in found.compared.values()))
-    axes.set_xlabel("share of the robots that cost less [%]")
-    axes.set_ylabel("J")
-    axes.set_title(f"{found.fresh} robots that the search had not seen")
-    axes.legend(loc="upper left", fontsize=7.5)
+from ballbot.workflows.robust_design import RobustDesign
 
 
 def search_comment(found: RobustDesign, command: str) -> str:
@@ -72,13 +31,6 @@ def search_comment(found: RobustDesign, command: str) -> str:
         f"# worst tenth of J on {found.fresh} fresh robots: {designs['robust']}; nominal gain "
         f"{designs['nominal']}\n\n"
     )
-
-
-def _perturbed_by(spread: PerturbationRanges) -> str:
-    """Return the sentence on the ranges of the perturbed mass, height and friction."""
-    ranges = {"mass": spread.mass, "height": spread.height, "friction": spread.friction}
-    words = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in ranges.items())
-    return f"Perturbed robots: {words}; --perturb changes a range."
 
 
 def _weights(found: RobustDesign) -> str:
@@ -96,23 +48,19 @@ def _nothing_compensated(found: ControllerDesign) -> str:
 
 
 def _certain_fractions(stated: Friction, certain: Friction) -> str:
-    dry = _fractions(certain.coulomb, stated.coulomb)
-    viscous = _fractions(certain.viscous, stated.viscous)
+    dry, viscous = (
+        ", ".join(
+            percent(part / whole) if whole else "none" for part, whole in zip(parts, wholes, strict=True)
+        )
+        for parts, wholes in ((certain.coulomb, stated.coulomb), (certain.viscous, stated.viscous))
+    )
     return (
         "Only the friction that is certain is compensated, as a fraction of each wheel's "
         f"dry friction: {dry}; of its viscous friction: {viscous}."
     )
 
 
-def _fractions(parts: Sequence[float], wholes: Sequence[float]) -> str:
-    return ", ".join(
-        percent(part / whole) if whole else "none" for part, whole in zip(parts, wholes, strict=True)
-    )
-
-
-def controller_design_report(
-    found: ControllerDesign, made: Provenance, findings: Sequence[Finding]
-) -> Report:
+def controller_design_report(found: ControllerDesign, findings: Sequence[Finding]) -> Report:
     """Return the page of a design without a search."""
     controller = found.controller
     robot = controller.robot
@@ -122,17 +70,14 @@ def controller_design_report(
     lead = (
         f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}."
     )
+    settles = f"about {4.0 / slowest:.2g} s"
     verdict = [
-        (
-            "Closed loop",
-            f"The slowest pole has the real part −{slowest:.3g} rad/s: the robot settles in "
-            f"about {4.0 / slowest:.2g} s.",
-        ),
-        ("Margins", _capital(found.loop_margins.sentence())),
+        ("Closed loop", f"The slowest pole is at −{slowest:.3g} rad/s: the robot settles in {settles}."),
+        ("Margins", f"{capital(found.loop_margins.sentence())}."),
         ("Torque limit of each wheel", f"{torque_limit_words(controller)}."),
     ]
     if controller.compensation != "none":
-        margin = _capital(found.margin.sentence)
+        margin = f"{capital(found.margin.sentence)}."
         if found.margin.overcompensates:
             margin = f"WARNING: {found.margin.sentence}; this injects energy and can destabilise the robot."
         verdict.append(("Compensation", _nothing_compensated(found) or margin))
@@ -155,18 +100,16 @@ def controller_design_report(
             linear_section(frictionless_model(robot).linearize(), caption="exact model without friction"),
         ],
         undecided=undecided,
-        made=made,
         findings=findings,
     )
 
 
 def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
-    yield _gain_sheet(found.gain.gain, "Gain K of u = K S(ψ) (r − x), in N m per unit of each state.")
-    spread = found.uncertainty
-    if largest := spread.largest():
+    yield gain_sheet(found.gain.gain)
+    if largest := found.uncertainty.largest():
         causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
         caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
-        yield _gain_sheet(spread.deviation, caption)
+        yield gain_sheet(found.uncertainty.deviation, caption)
 
 
 def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
@@ -177,11 +120,10 @@ def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
         yield Bullets(items=[nothing])
         return
     margin = found.margin
+    of_wheels = zip(margin.wheel_fractions, margin.at_speeds, strict=True)
     rows = [
         (f"wheel {place}", percent(share), f"{speed:.2g} rad/s")
-        for place, (share, speed) in enumerate(
-            zip(margin.wheel_fractions, margin.at_speeds, strict=True), start=1
-        )
+        for place, (share, speed) in enumerate(of_wheels, start=1)
     ]
     rows.append(("rolling", percent(margin.rolling_fraction), ""))
     caption = "Largest compensated fraction of the friction that is certain; beyond 100 % it injects energy."
@@ -190,7 +132,9 @@ def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
         yield Bullets(items=[_certain_fractions(found.stated, found.certain)])
 
 
-def _gain_sheet(gain: NDArray[np.float64], caption: str) -> Sheet:
+def gain_sheet(
+    gain: NDArray[np.float64], caption: str = "Gain K of u = K S(ψ) (r − x), in N m per unit of each state."
+) -> Sheet:
     """Return a gain (n, k) with a row for each state, so that it fits a narrow page."""
     # an integral action adds states of its own
     names = [f"{state_mark(name)} [{STATE_UNITS[name]}]" for name in STATE_NAMES]
@@ -203,11 +147,7 @@ def _gain_sheet(gain: NDArray[np.float64], caption: str) -> Sheet:
     return Sheet(headings=("state", *wheels), rows=rows, caption=caption)
 
 
-def _capital(sentence: str) -> str:
-    return f"{sentence[0].upper()}{sentence[1:]}."
-
-
-def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequence[Finding]) -> Report:
+def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Report:
     """Return the page of a design by search."""
     robust, nominal = (found.compared[name] for name in ("robust", "nominal"))
     headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
@@ -223,10 +163,8 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
         "nominal gain's median plus its torques' roughness over the nominal gain's median, so that J is about 2 with "
         "the nominal weights; a fall costs 10 to 20. The worst tenth is the mean of the largest tenth."
     )
-    figure = (
-        "First the best worst tenth over the generations of the search, then the costs of each design on robots "
-        "that the search had not seen, in order of size."
-    )
+    spread = {name: getattr(found.spread, name) for name in ("mass", "height", "friction")}
+    ranges = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in spread.items())
     ratio = nominal.worst_tenth / robust.worst_tenth
     compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
     text = (
@@ -235,22 +173,16 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
     )
     return Report(
         title=f"{found.controller.robot.name}: a robust controller",
-        lead=_perturbed_by(found.spread),
+        lead=f"Perturbed robots: {ranges}; --perturb changes a range.",
         verdict=[
             ("", text),
             ("Falls", f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."),
         ],
         sections=[
-            section(
-                "Compared with other weights",
-                Sheet(headings=headings, rows=rows, caption=caption),
-                drawn_picture("robust", partial(robust_figure, found), figure),
-            ),
+            section("Compared with other weights", Sheet(headings=headings, rows=rows, caption=caption)),
             section(
                 "Gain",
-                _gain_sheet(
-                    found.controller.gain, "Gain K of u = K S(ψ) (r − x), in N m per unit of each state."
-                ),
+                gain_sheet(found.controller.gain),
                 Bullets(items=[_weights(found)]),
             ),
             loop_section(found.loop_margins),
@@ -259,6 +191,5 @@ def robust_design_report(found: RobustDesign, made: Provenance, findings: Sequen
             "Robots outside the ranges: the cost counts those that were drawn.",
             f"The cost's tail beyond {found.fresh} robots: rarer ones may fall.",
         ],
-        made=made,
         findings=findings,
     )

@@ -1,67 +1,17 @@
-"""A designed excitation: figures of the run, its limits and the expected errors, and its tables as text."""
+"""A designed excitation: its run over time, its limits and the expected errors."""
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from ballbot.identification.quantities import BY_NAME
 from ballbot.report.blocks import Paragraph, Report, Sheet, section, table
-from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.provenance import Provenance
-from ballbot.report.series import Line, Look, Panel, TimeSeries, wheel_lines
-from ballbot.report.style import drawn_picture, thinned
+from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits, unit_heading
 from ballbot.workflows.excite import Excitation
 from ballbot.workflows.metrics import leans
-
-#: a square's bars and the design's
-_COLORS = (ORANGE, BLUE)
-_MARKS = ("o", "s")
-
-
-def path_figure(result: Excitation) -> Figure:
-    """Draw the path over the floor on the loop, with its limit."""
-    limits, truth = result.task.limits, result.on_loop["designed"].log.truth()
-    figure = Figure(figsize=(3.8, 3.6), layout="constrained")
-    axes = figure.subplots()
-    turn = np.linspace(0.0, 2.0 * np.pi, 100)
-    axes.plot(
-        limits.floor * np.cos(turn), limits.floor * np.sin(turn), color=INK, linewidth=0.8, linestyle="--"
-    )
-    axes.plot(*thinned(truth["x"], truth["y"]), color=BLUE, linewidth=0.9)
-    axes.plot(0.0, 0.0, marker="o", color=MUTED, markersize=3.5)
-    axes.set_aspect("equal")
-    for along in (axes.xaxis, axes.yaxis):
-        along.set_major_locator(MaxNLocator(5))
-    axes.set_xlabel("$x$ [m]")
-    axes.set_ylabel("$y$ [m]")
-    return figure
-
-
-def errors_figure(result: Excitation) -> Figure:
-    """Draw the standard errors of each parameter expected of a square and of the design."""
-    labels = result.task.question.labels
-    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
-    axes = figure.subplots()
-    runs = {"square": result.square.errors, "designed": result.design.errors}
-    for (name, errors), color, mark in zip(runs.items(), _COLORS, _MARKS, strict=True):
-        shown = np.where(np.isfinite(errors), 100.0 * errors, np.nan)
-        axes.plot(shown, linestyle="none", marker=mark, color=color, markersize=5, label=name)
-    axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(2.0, 0.4)))
-    axes.set_xticks(np.arange(len(labels)), labels, rotation=60)
-    axes.grid(axis="y", which="both", linewidth=0.4)
-    axes.set_ylabel("standard error\n[% of the bounds' width]")
-    axes.legend(fontsize=7.5)
-    return figure
-
 
 #: how a limit is shown: its unit, and by what its SI number is multiplied
 _SHOWN = {"lean": ("deg", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m", 1.0)}
@@ -71,54 +21,49 @@ def _limits_table(result: Excitation) -> Sheet:
     """Return each limit with the peaks of the square and of the design, on the model and on the loop."""
     runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
     runs |= {f"{name}, loop": one.peaks for name, one in result.on_loop.items()}
+    shown = (result.task.limits, *runs.values())
     rows = [
-        (
-            unit_heading(name, unit),
-            *(_shown(name, getattr(one, name)) for one in (result.task.limits, *runs.values())),
-        )
-        for name, (unit, _) in _SHOWN.items()
+        (unit_heading(name, unit), *(digits(factor * getattr(one, name)) for one in shown))
+        for name, (unit, factor) in _SHOWN.items()
     ]
     return table("Limits, and the largest values of each run", ("quantity", "limit", *runs), rows)
 
 
 def _errors_table(result: Excitation) -> Sheet:
     """Return the standard errors expected, the worst of each run last."""
-    question, wheels = result.task.question, result.task.robot.wheel_count
-    units = {
-        label: "" if one.unit == DIMENSIONLESS else one.unit
-        for one in BY_NAME.values()
-        for label in one.labels(wheels)
+    question = result.task.question
+    quantities = {
+        label: one for one in BY_NAME.values() for label in one.labels(result.task.robot.wheel_count)
     }
-    believed = question.coordinates.physical(question.point)[question.coordinates.free]
+    assumed = question.coordinates.physical(question.point)[question.coordinates.free]
     scaled = {"square": result.square.errors, "designed": result.design.errors}
     columns = {name: question.in_units(errors) for name, errors in scaled.items()}
     rows = [
         (
-            label,
-            units[label],
-            digits(float(believed[i])),
+            *(label, quantities[label].unit.removeprefix(DIMENSIONLESS), digits(float(assumed[i]))),
             *(digits(float(one[i]), 2) for one in columns.values()),
         )
         for i, label in enumerate(question.labels)
     ]
     rows.append(("worst, % of bounds", "", "", *(_worst(errors) for errors in scaled.values())))
     headings = ("parameter", "unit", "assumed", *columns)
-    return table("Standard errors expected", headings, rows)
-
-
-def _verdict(result: Excitation) -> list[str]:
-    """Return what to know of the design, in sentences."""
-    sentences = [gain_sentence(float(result.square.errors.max() / result.design.errors.max()))]
-    trial = result.on_loop["designed"]
-    if trial.ended:
-        return [*sentences, f"On the loop with sensors a run ended early: {trial.ended}. Lower the limits."]
-    exceeded = result.task.limits.exceeded(trial.peaks)
-    kept = (
-        f"The loop with sensors exceeded the limit on {' and '.join(exceeded)}; lower that limit"
-        if exceeded
-        else "The loop with sensors stayed within all limits"
+    caption = (
+        "Standard errors expected of a square and of the design: the least that are possible with the noise assumed, "
+        "to compare runs by."
     )
-    return [*sentences, f"{kept}."]
+    return table(caption, headings, rows)
+
+
+def _verdict(result: Excitation) -> str:
+    gain = gain_sentence(float(result.square.errors.max() / result.design.errors.max()))
+    trial = result.on_loop["designed"]
+    exceeded = result.task.limits.exceeded(trial.peaks)
+    if trial.ended:
+        return f"{gain} On the loop with sensors a run ended early: {trial.ended}. Lower the limits."
+    if exceeded:
+        limits = " and ".join(exceeded)
+        return f"{gain} The loop with sensors exceeded the limit on {limits}; lower that limit."
+    return f"{gain} The loop with sensors stayed within all limits."
 
 
 def gain_sentence(gain: float) -> str:
@@ -135,10 +80,6 @@ def gain_sentence(gain: float) -> str:
     return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
 
 
-def _shown(name: str, value: float) -> str:
-    return digits(value * _SHOWN[name][1])
-
-
 def _worst(errors: NDArray[np.float64]) -> str:
     """Return the worst of scaled errors, and how many parameters got none where some did."""
     none = int(np.count_nonzero(~np.isfinite(errors)))
@@ -148,44 +89,25 @@ def _worst(errors: NDArray[np.float64]) -> str:
     return f"{text} ({none} not identified)" if none else text
 
 
-def excitation_report(result: Excitation, made: Provenance) -> Report:
+def excitation_report(result: Excitation) -> Report:
     """Return the page."""
     limits = result.task.limits
-    errors = (
-        "Standard errors in percent of the bounds' width, of a square and of the design. Those expected are the least "
-        "that are possible with the noise assumed: they compare runs."
-    )
-    undecided = [
-        "How much the real robot's friction differs from the assumed one: the design is best for the friction of "
-        "the file.",
-        "Whether the real robot stays within the limits: the simulation is not the robot. Have a hand near "
-        "it.",
-    ]
     return Report(
         title=f"{result.task.robot.name}: an informative excitation",
         lead=(
             f"{result.design.times[-1]:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of "
             f"floor and {limits.torque:.3g} N m of torque."
         ),
-        verdict=[("", " ".join(_verdict(result)))],
+        verdict=[("", _verdict(result))],
         sections=[
-            section(
-                "The run",
-                _limits_table(result),
-                drawn_picture(
-                    "path", partial(path_figure, result), "On the loop. Dashed: the limit of the floor."
-                ),
-                _followed_series(result),
-                Paragraph(text=_HOW_TO_RUN),
-            ),
-            section(
-                "Expected errors",
-                _errors_table(result),
-                drawn_picture("errors", partial(errors_figure, result), errors),
-            ),
+            section("The run", _limits_table(result), _followed_series(result), Paragraph(text=_HOW_TO_RUN)),
+            section("Expected errors", _errors_table(result)),
         ],
-        undecided=undecided,
-        made=made,
+        undecided=[
+            "How much the real robot's friction differs from the assumed one: the design is best for the friction of "
+            "the file.",
+            "Whether the real robot stays within the limits: the simulation is not the robot. Have a hand near it.",
+        ],
     )
 
 
@@ -196,32 +118,22 @@ _HOW_TO_RUN = (
 )
 
 
-#: of x, y and the heading beside wheels and lean
-_POSE_LOOKS: tuple[Look, ...] = ("fifth", "sixth", "quiet")
-
-
 def _followed_series(result: Excitation) -> TimeSeries:
     """Return reference, lean and torques over time on the loop, with the limits."""
     limits, log = result.task.limits, result.on_loop["designed"].log
     asked = [
-        Line(name=name, values=values, look=look)
-        for name, values, look in zip(
-            ("x [m]", "y [m]", "ψ [rad]"), result.design.poses[: len(log)].T, _POSE_LOOKS, strict=True
-        )
+        Line("x [m]", result.design.poses[: len(log), 0], "fifth"),
+        Line("y [m]", result.design.poses[: len(log), 1], "sixth"),
+        Line("ψ [rad]", result.design.poses[: len(log), 2], "quiet"),
     ]
-    lean = Line(name="lean", values=np.degrees(leans(log)), look="measured")
+    lean, most = Line("lean", np.degrees(leans(log)), "measured"), float(np.degrees(limits.lean))
+    torques = wheel_lines(list(log.torques.T))
     return TimeSeries(
         t=log.t,
         panels=(
             Panel(label="reference [m, rad]", lines=asked),
-            Panel(
-                label="lean [deg]", lines=(lean,), levels=(float(np.degrees(limits.lean)),), from_zero=True
-            ),
-            Panel(
-                label="torques [N m]",
-                lines=wheel_lines(list(log.torques.T)),
-                levels=(-limits.torque, limits.torque),
-            ),
+            Panel(label="lean [deg]", lines=(lean,), levels=(most,), from_zero=True),
+            Panel(label="torques [N m]", lines=torques, levels=(-limits.torque, limits.torque)),
         ),
         caption="Reference, lean and torques on the loop.",
         level="limit",

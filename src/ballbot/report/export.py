@@ -10,7 +10,6 @@ from ballbot.firmware.emulator import CYCLES
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
 from ballbot.report.blocks import Report, Sheet, section
-from ballbot.report.provenance import Provenance
 
 _HEADINGS = ("quantity", "value")
 
@@ -50,35 +49,12 @@ def _load_rows(load: ProcessorLoad) -> list[list[str]]:
     ]
 
 
-def load_section(load: ProcessorLoad | None, *, to_install: str) -> str:
-    """Return the section of the exported README.md about the processor, in Markdown."""
-    if load is None:
-        return f"## On the processor\n\n{to_install}\n"
-    lines = [f"| {name} | {value} |" for name, value in _load_rows(load)]
-    return "\n".join(
-        [
-            "## On the processor",
-            "",
-            f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
-            f"({load.compiler}).",
-            f"Instructions are exact. Cycles are an upper estimate, {CYCLES:g} for each instruction in flash with two "
-            "wait states. Interrupts and drivers come on top.",
-            "",
-            "| quantity | value |",
-            "|---|---:|",
-            *lines,
-            "",
-        ]
-    )
-
-
 def export_report(
     exported: Export,
     controller: Controller,
     load: ProcessorLoad | None,
     *,
     to_install: str,
-    made: Provenance,
     findings: Sequence[Finding],
 ) -> Report:
     """Return the page of an exported firmware; `to_install` says what a measurement of the load needs."""
@@ -98,28 +74,21 @@ def export_report(
             )
         )
         caption = (
-            "On an emulated Cortex-M4F. Instructions are exact; cycles are an upper estimate with two wait states of "
-            "flash."
+            f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
+            f"({load.compiler}). Instructions are exact; cycles are an upper estimate, {CYCLES:g} for each instruction "
+            "in flash with two wait states."
         )
         table = Sheet(headings=_HEADINGS, rows=_load_rows(load), caption=caption)
         sections.append(section("On the processor", table))
         undecided.insert(
             0, "What interrupts and drivers of a board take: they come on top of the library's cycles."
         )
-    files = [(name, f"{len(text):,}") for name, text in sorted(exported.files.items())]
-    caption = f"{len(files)} files in C99; README.md says how to build them."
     return Report(
         title=f"{controller.robot.name}: a controller as firmware",
-        lead=caption,
+        lead=f"{len(exported.files)} files in C99; README.md says how to build them.",
         verdict=verdict,
-        sections=[
-            *sections,
-            section(
-                "Files", Sheet(headings=("file", "characters"), rows=files, caption=caption, folded=True)
-            ),
-        ],
+        sections=sections,
         undecided=undecided,
-        made=made,
         findings=findings,
     )
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -28,15 +27,13 @@ from ballbot.identification.coulomb import SHARE, coulomb_sentence
 from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
-from ballbot.identification.stages import windows_for
-from ballbot.identification.windows import Windows, standstill_torques
-from ballbot.log import STATE_NAMES, Log
+from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, torque_names
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
 from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, section
 from ballbot.report.palette import BLUE, MUTED
-from ballbot.report.provenance import Provenance
-from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
+from ballbot.report.run import pose_panels
+from ballbot.report.series import Panel, TimeSeries, wheel_lines
 from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.validation_figures import correlation_figure
 from ballbot.report.words import driveline_symbols, interval_text, logs_words, state_mark
@@ -52,7 +49,6 @@ def identification_report(
     findings: Sequence[Finding],
     selection: ModelSelection[Identification] | None,
     holdouts: Sequence[HoldoutResult],
-    made: Provenance,
 ) -> Report:
     """Return the page; `selection` compares laws, if several were fitted."""
     studied = [_studied(found, name, place, log) for place, (name, log) in enumerate(logs.items())]
@@ -70,12 +66,10 @@ def identification_report(
                 "Errors on held-out windows",
                 _error_sheet(found, holdouts),
                 *(_horizon_sheet(one) for one in holdouts if one.horizons),
-                _predictions(found, studied),
             ),
             section("The logs", *log_blocks(studied)),
         ],
         undecided=[*undecided, "The friction at speeds, loads and temperatures that the logs do not have."],
-        made=made,
         findings=findings,
     )
 
@@ -121,12 +115,8 @@ def _parameter_sheet(found: Identification) -> Sheet:
     before = layout.nominal(found.predictor.robot)
     rows = [
         (
-            label,
-            BY_NAME[name].unit,
-            digits(float(before[i])),
-            *value_and_error(values[i], errors[i]),
-            interval_text(found.intervals.get(label)),
-            interval_text(found.another_log.get(label)),
+            *(label, BY_NAME[name].unit, digits(float(before[i])), *value_and_error(values[i], errors[i])),
+            *(interval_text(of.get(label)) for of in (found.intervals, found.another_log)),
             *([] if other is None else [digits(float(other.values[i]))]),
             _allowed(*found.bounds[i].tolist()),
         )
@@ -135,88 +125,21 @@ def _parameter_sheet(found: Identification) -> Sheet:
     ]
     rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in found.names)
     with_sweep = any(one.method == "with sweep" for one in found.intervals.values())
+    both = " Numbers and errors are those of the logs and the sweep together." * with_sweep
     caption = (
         f"{driveline_symbols(found.names)}{rolling} Standard errors contain the variation between logs. A dash: held "
-        "at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed."
-        + " Numbers and errors are those of the logs and the sweep together."
-        * with_sweep
+        f"at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed.{both}"
     )
     headings = (
-        "parameter",
-        "unit",
-        "in the robot file",
-        "found",
-        "standard error",
-        "95 %",
-        "95 %, another log",
+        *("parameter", "unit", "in the robot file", "found", "standard error", "95 %", "95 %, another log"),
+        *(["other optimum"] if other else []),
+        "allowed",
     )
-    headings = (*headings, *([] if other is None else ["other optimum"]), "allowed")
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
 def _allowed(lower: float, upper: float) -> str:
     return f"{digits(lower)} .. {digits(upper)}" if upper > lower else f"held at {digits(lower)}"
-
-
-#: windows in a time series: more would be a hand's breadth each
-_MOST_WINDOWS = 40
-#: the states that a prediction shows
-_SHOWN = ("theta", "phi", "x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
-
-
-def _predictions(found: Identification, logs: Sequence[StudiedLog]) -> TimeSeries | None:
-    """Return measured and predicted states over held-out windows of the first log that has some."""
-    studied = next((one for one in logs if one.held_out), None)
-    if studied is None:
-        return None
-    predictor = found.predictor
-    supplied = standstill_torques(studied.log, predictor.robot, predictor.back_emf)
-    windows = windows_for(predictor, found.values, [supplied], duration=found.window)
-    rows = _rows_within(windows, studied.held_out)[:_MOST_WINDOWS]
-    if not len(rows):
-        return None
-    windows = windows.take(rows)
-    both = np.stack([found.values, predictor.layout.without_friction(found.values)])
-    ours, without = predictor.residuals(both, windows, every=1) + windows.measured
-    t, measured = _in_a_row(windows, windows.measured)
-    panels = []
-    for state in _SHOWN:
-        column = STATE_NAMES.index(state)
-        lines = (
-            Line(name="measured", values=measured[:, column], look="measured"),
-            Line(name="with the friction found", values=_in_a_row(windows, ours)[1][:, column], look="first"),
-            Line(name="without friction", values=_in_a_row(windows, without)[1][:, column], look="second"),
-        )
-        panels.append(Panel(label=unit_heading(state_mark(state), STATE_UNITS[state]), lines=lines))
-    caption = (
-        f"Predictions of {len(windows)} windows of “{studied.name}” that the fit did not see, each from the state "
-        "measured at its start and with the torques of the log."
-    )
-    return TimeSeries(t=t, panels=panels, caption=caption, across="time of the log [s]")
-
-
-def _rows_within(windows: Windows, intervals: Sequence[tuple[float, float]]) -> NDArray[np.intp]:
-    """Return which windows of a log lie within intervals (start, end) [s].
-
-    The windows of the fit begin later where a delay was estimated: they keep room for the longest that it may be.
-    """
-    slack = 0.5 * windows.sample_time  # times are rounded
-    inside = [
-        any(start - slack <= one.start and one.end <= end + slack for start, end in intervals)
-        for one in windows.spans
-    ]
-    return np.flatnonzero(inside)
-
-
-def _in_a_row(
-    windows: Windows, states: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return time (k,) and states (k, 10) of windows (w, m, 10) one after another, each from its start, then a gap."""
-    steps = windows.sample_time * np.arange(windows.samples + 2)
-    t = np.array([one.start for one in windows.spans])[:, None] + np.minimum(steps, steps[-2])
-    gap = np.full((len(windows), 1, states.shape[2]), np.nan)
-    whole = np.concatenate([windows.initial[:, None], states, gap], axis=1)
-    return t.ravel(), whole.reshape(-1, states.shape[2])
 
 
 def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:
@@ -225,9 +148,7 @@ def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sh
     rows = [
         (
             unit_heading(state_mark(state), STATE_UNITS[state]),
-            digits(with_friction),
-            digits(without),
-            f"{ratio:.2f}",
+            *(digits(with_friction), digits(without), f"{ratio:.2f}"),
             *(f"{one.errors.with_over_without[state]:.2f}" for one in holdouts),
         )
         for (state, ratio), with_friction, without in zip(
@@ -235,59 +156,45 @@ def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sh
         )
     ]
     others = "; with / without friction on other logs" if holdouts else ""
-    caption = f"Open-loop RMSE on {ours.windows} held-out windows{others}"
-    headings = (
-        "state",
-        "with friction",
-        "without",
-        "with / without",
-        *(one.name for one in holdouts),
+    return Sheet(
+        headings=("state", "with friction", "without", "with / without", *(one.name for one in holdouts)),
+        rows=rows,
+        caption=f"Open-loop RMSE on {ours.windows} held-out windows{others}",
     )
-    return Sheet(headings=headings, rows=rows, caption=caption)
 
 
 def _horizon_sheet(holdout: HoldoutResult) -> Sheet:
     """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
-    rows = [
-        (
-            f"{one.horizon:.3g}",
-            digits(one.wheel_speed.with_friction),
-            digits(one.wheel_speed.viscous_part),
-            digits(one.wheel_speed.without_friction),
-            digits(one.wheel_speed.share, 2),
-            digits(math.degrees(one.lean.with_friction)),
-            digits(math.degrees(one.lean.without_friction)),
-            digits(one.lean.share, 2),
-        )
-        for one in holdout.horizons
-    ]
+    rows = []
+    for one in holdout.horizons:
+        speed, lean = one.wheel_speed, one.lean
+        errors = (speed.with_friction, speed.viscous_part, speed.without_friction)
+        leans = (math.degrees(lean.with_friction), math.degrees(lean.without_friction))
+        cells = (*map(digits, errors), digits(speed.share, 2), *map(digits, leans), digits(lean.share, 2))
+        rows.append((f"{one.horizon:.3g}", *cells))
     known = "past rows" if holdout.causal else "its rows"
-    caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
     headings = (
         *("after, s", "wheel speed, rad/s", "viscous part", "without friction", "missing friction"),
         *("lean, deg", "without friction", "missing friction"),
     )
+    caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
 #: of laws in words
-_DECISIONS = {
-    "accepted": "taken",
-    "rejected": "no useful gain",
-    "undecided": "the data cannot decide",
-}
+_DECISIONS = {"accepted": "taken", "rejected": "no useful gain", "undecided": "the data cannot decide"}
 
 
 def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
     """Return the laws with their errors and gains on windows held out."""
+
+    def gain(one: Gain | None) -> str:
+        return f"{100 * one.share:.1f} % ({100 * one.lower:.1f} .. {100 * one.upper:.1f})" if one else ""
+
     rows = [
         (
-            one.name,
-            law_named(one.name).formula,
-            f"{one.error:.3f}",
-            one.within or "no friction",
-            _gain(one.gain) if one.gain else "",
-            "best" if one is selection.best else _DECISIONS[one.decision],
+            *(one.name, law_named(one.name).formula, f"{one.error:.3f}", one.within or "no friction"),
+            *(gain(one.gain), "best" if one is selection.best else _DECISIONS[one.decision]),
         )
         for one in selection.candidates
     ]
@@ -296,21 +203,15 @@ def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
-def _gain(gain: Gain) -> str:
-    return f"{100 * gain.share:.1f} % ({100 * gain.lower:.1f} .. {100 * gain.upper:.1f})"
+def friction_curve(
+    found: Identification, wheel: int, speed: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the friction of wheel `wheel` (from 0) at speeds (k,) [rad/s] other than zero, and its standard error.
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FrictionCurve:
-    """One wheel's friction torque at some speeds."""
-
-    speed: NDArray[np.float64]  #: (k,) [rad/s]
-    torque: NDArray[np.float64]  #: (k,) [N m]
-    standard_error: NDArray[np.float64]  #: (k,) [N m]
-
-
-def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]) -> FrictionCurve:
-    """Return the friction of wheel `wheel` (from 0) at speeds (k,) [rad/s] other than zero."""
+    Returns
+    -------
+    torque, standard_error : array (k,) [N m]
+    """
     friction = found.robot.friction
     n = found.robot.wheel_count
     gradient = np.zeros((len(speed), len(found.labels)))
@@ -328,32 +229,7 @@ def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]
         gradient[:, found.labels.index(f"offset{wheel + 1}")] = -1.0
     variance = np.einsum("ki,ij,kj->k", gradient, found.assumed_covariance, gradient)
     torque = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
-    return FrictionCurve(speed=speed, torque=torque, standard_error=np.sqrt(np.maximum(variance, 0.0)))
-
-
-def log_series(studied: StudiedLog) -> TimeSeries:
-    """Return position, heading and torques in a log over time, with what was held out shaded."""
-    log = studied.log
-    panels = []
-    for name, label in (("x", "x [m]"), ("y", "y [m]"), ("psi", "heading ψ [rad]")):
-        reference = (
-            [Line(name="reference", values=log[f"ref_{name}"], look="reference")]
-            if f"ref_{name}" in log
-            else []
-        )
-        panels.append(
-            Panel(label=label, lines=[*reference, Line(name="measured", values=log[name], look="measured")])
-        )
-    torques = [log[name] for name in torque_names(MAX_WHEELS) if name in log]
-    panels.append(Panel(label="torques [N m]", lines=wheel_lines(torques)))
-    return TimeSeries(
-        t=log.t,
-        panels=panels,
-        caption=f"{studied.name}: position, heading and the wheels' torques.",
-        across="time of the log [s]",
-        shaded=studied.held_out,
-        shade="held out",
-    )
+    return torque, np.sqrt(np.maximum(variance, 0.0))
 
 
 #: logs drawn over time: a page has about 0.1 MB for each
@@ -361,8 +237,17 @@ MOST_LOGS = 8
 
 
 def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
-    """Yield the time series of logs, of the first if there are many."""
-    yield from (log_series(one) for one in logs[:MOST_LOGS])
+    """Yield position, heading and torques over time, what was held out shaded; of the first logs if there are many."""
+    for one in logs[:MOST_LOGS]:
+        torques = [one.log[name] for name in torque_names(MAX_WHEELS) if name in one.log]
+        yield TimeSeries(
+            t=one.log.t,
+            panels=[*pose_panels(one.log), Panel(label="torques [N m]", lines=wheel_lines(torques))],
+            caption=f"{one.name}: position, heading and the wheels' torques.",
+            across="time of the log [s]",
+            shaded=one.held_out,
+            shade="held out",
+        )
     if len(logs) > MOST_LOGS:
         names = ", ".join(one.name for one in logs[MOST_LOGS:])
         yield Paragraph(text=f"Not drawn, as the page would be too large: {names}.")
@@ -396,12 +281,12 @@ def friction_figure(found: Identification, logs: Sequence[StudiedLog] = ()) -> F
 
 def _draw_curve(axes: Axes, found: Identification, wheel: int, fastest: float) -> None:
     for side in (-1.0, 1.0):
-        curve = friction_curve(found, wheel, side * np.geomspace(1e-3, 1.0, 160) * fastest)
-        half = 1.96 * curve.standard_error
+        speed = side * np.geomspace(1e-3, 1.0, 160) * fastest
+        torque, error = friction_curve(found, wheel, speed)
         axes.fill_between(
-            curve.speed, curve.torque - half, curve.torque + half, color=BLUE, alpha=0.2, linewidth=0
+            speed, torque - 1.96 * error, torque + 1.96 * error, color=BLUE, alpha=0.2, linewidth=0
         )
-        axes.plot(curve.speed, curve.torque, color=BLUE, linewidth=1.4)
+        axes.plot(speed, torque, color=BLUE, linewidth=1.4)
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     axes.axvline(0.0, color=MUTED, linewidth=0.6)
     axes.set_title(f"wheel {wheel + 1}")
@@ -409,19 +294,19 @@ def _draw_curve(axes: Axes, found: Identification, wheel: int, fastest: float) -
 
 def friction_sentence(found: Identification) -> str:
     """Return the friction in words: of a wheel at rest and in motion, by direction and load, and of rolling."""
-    robot = found.robot
-    friction = robot.friction
-    return (
-        f"{_wheel_words(friction, float(found.coulomb.speeds.max()))} {_friction_terms_words(friction)}"
-        f"The rolling friction of the ball is {digits(robot.rolling_force, 2)} N "
-        f"(C_rr = {digits(friction.rolling, 2)}).{_without_limit(found)}"
-    )
-
-
-def _without_limit(found: Identification) -> str:
-    """Return a sentence on the parameters of which any value fits; empty if there are none."""
-    labels = open_labels(found.intervals)
-    return f" The logs do not limit {', '.join(labels)}: any value fits." if labels else ""
+    friction, unlimited = found.robot.friction, open_labels(found.intervals)
+    words = [_wheel_words(friction, float(found.coulomb.speeds.max()))]
+    for name, values in (("Coulomb", friction.coulomb_asymmetry), ("Stribeck", friction.stribeck_asymmetry)):
+        if any(values):
+            differs = f"differs by {_range(np.array(values))} N m from this mean of both directions"
+            words.append(f"Forward, the {name} torque {differs}.")
+    if any(friction.load):
+        words.append(f"Each N m of motor torque adds {_range(np.array(friction.load))} N m of dry friction.")
+    rolling = f"{digits(found.robot.rolling_force, 2)} N (C_rr = {digits(friction.rolling, 2)})"
+    words.append(f"The rolling friction of the ball is {rolling}.")
+    if unlimited:
+        words.append(f"The logs do not limit {', '.join(unlimited)}: any value fits.")
+    return " ".join(words)
 
 
 def open_labels(intervals: Mapping[str, Interval]) -> list[str]:
@@ -430,14 +315,7 @@ def open_labels(intervals: Mapping[str, Interval]) -> list[str]:
 
 
 def _wheel_words(friction: Friction, fastest: float) -> str:
-    """Return a wheel's friction by its law, in the mean of both directions.
-
-    Parameters
-    ----------
-    friction : Friction
-    fastest : float
-        Speed that `SHARE` of the logs' speeds stay below [rad/s].
-    """
+    """Return a wheel's friction, in the mean of both directions; `SHARE` of the logs' speeds are below `fastest`."""
     coulomb, viscous = np.array(friction.coulomb), np.array(friction.viscous)
     if not any(friction.stribeck):
         if not coulomb.any():
@@ -453,20 +331,6 @@ def _wheel_words(friction: Friction, fastest: float) -> str:
         f"The break-away torque of a wheel is {_range(coulomb + np.array(friction.stribeck))} N m. In motion its "
         f"friction is {' and '.join(at_speeds)}, which {100 * SHARE:.0f} % of the logs' speeds stay below."
     )
-
-
-def _friction_terms_words(friction: Friction) -> str:
-    """Return the terms by direction and load in words; empty without such terms."""
-    words = []
-    for name, values in (("Coulomb", friction.coulomb_asymmetry), ("Stribeck", friction.stribeck_asymmetry)):
-        if any(values):
-            words.append(
-                f"Forward, the {name} torque differs by {_range(np.array(values))} N m from this mean of both "
-                "directions. "
-            )
-    if any(friction.load):
-        words.append(f"Each N m of motor torque adds {_range(np.array(friction.load))} N m of dry friction. ")
-    return "".join(words)
 
 
 def _range(values: np.ndarray) -> str:

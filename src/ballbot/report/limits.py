@@ -10,18 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.projections.polar import PolarAxes
-from numpy.typing import NDArray
 
 from ballbot.control.overcompensation import has_friction
 from ballbot.report.blocks import Report, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
-from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn_picture, label_of
 from ballbot.report.words import NO_FRICTION
 from ballbot.robot import Robot
 from ballbot.summary import counted
-from ballbot.workflows.limits import Kind, LimitBounds, RobotLimits, TwinLimit
+from ballbot.workflows.limits import RobotLimits, TwinLimit
 from ballbot.workflows.recovery_region import Region
 
 #: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
@@ -35,6 +32,7 @@ _LOOKS = (
 )
 #: more would look like one another
 MOST_CONTROLLERS = len(_LOOKS)
+_DEGREES = 180.0 / np.pi
 #: largest number of planes in a row
 _IN_ROW = 3
 
@@ -72,46 +70,34 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
     """Draw the largest tilt at rest and the largest impulse at the centre of mass over all directions."""
     figure = Figure(figsize=(7.4, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
-    leans = {name: _degrees(one.lean) for name, one in found.items()}
-    impulses = {name: (one.central_impulse.lower, one.central_impulse.upper) for name, one in found.items()}
-    directions = {name: one.directions for name, one in found.items()}
-    _draw_polar(left, directions, leans, _marks(on_twin, "lean", 180.0 / np.pi), "tilt at rest [deg]")
-    _draw_polar(right, directions, impulses, _marks(on_twin, "impulse", 1.0), "impulse [N s]")
+    for axes, kind, unit, title in (
+        (left, "lean", _DEGREES, "tilt at rest [deg]"),
+        (right, "impulse", 1.0, "impulse [N s]"),
+    ):
+        for (name, one), (color, mark, width) in zip(found.items(), _LOOKS, strict=False):
+            bounds = one.lean if kind == "lean" else one.central_impulse
+            around = np.append(one.directions, one.directions[0] + 2.0 * np.pi)
+            for sizes, dash, broad in ((bounds.lower, "-", width), (bounds.upper, "--", min(width, 1.6))):
+                closed = unit * np.append(sizes, sizes[0])
+                axes.plot(around, closed, color=color, linewidth=broad, linestyle=dash)
+            for edge in on_twin.get(name, ()):
+                if edge.kind == kind:
+                    at = ([edge.direction], [unit * edge.twin])
+                    axes.plot(*at, color=color, marker=mark, markersize=5, mec=INK, mew=0.6)
+        axes.set_ylim(bottom=0.0)
+        axes.set_title(title, loc="center", pad=14)
     handles = [
         Line2D([], [], color=color, marker=mark if on_twin else "", label=label_of(name), linewidth=width)
         for name, (color, mark, width) in zip(found, _LOOKS, strict=False)
     ]
-    handles += _bound_handles()
+    handles += [
+        Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
+        Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"),
+    ]
     if on_twin:
         handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="marks: on the twin"))
     figure.legend(handles=handles, loc="outside lower left", ncols=2)
     return figure
-
-
-def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
-    """Draw the largest impulse that a robot recovers from in every direction, over its height."""
-    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
-    axes = figure.subplots()
-    for (name, one), (color, _, width) in zip(found.items(), _LOOKS, strict=False):
-        axes.plot(
-            one.impulse.lower.min(axis=1), one.heights, color=color, linewidth=width, label=label_of(name)
-        )
-        upper = one.impulse.upper.min(axis=1)
-        axes.plot(upper, one.heights, color=color, linewidth=min(width, 1.6), linestyle="--")
-    axes.set_xlim(left=0.0)
-    axes.set_xlabel("largest impulse from every direction [N s]")
-    axes.set_ylabel("height above the\nball's centre [m]")
-    lines, _ = axes.get_legend_handles_labels()
-    figure.legend(handles=[*lines, *_bound_handles()], loc="outside upper left", ncols=2)
-    return figure
-
-
-def _bound_handles() -> list[Line2D]:
-    """Return the entries of legends for the two bounds of a limit."""
-    return [
-        Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
-        Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"),
-    ]
 
 
 def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
@@ -121,55 +107,24 @@ def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
     axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
 
 
-def _degrees(bounds: LimitBounds) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.degrees(bounds.lower), np.degrees(bounds.upper)
+def _limit_words(one: RobotLimits) -> str:
+    """Return the least tilt and impulse at the centre of mass over all directions, by both bounds."""
+    leans, impulses = (
+        " / ".join(f"{unit * bound.min():.1f}" for bound in (bounds.lower, bounds.upper))
+        for unit, bounds in ((_DEGREES, one.lean), (1.0, one.central_impulse))
+    )
+    return f"a tilt at rest of {leans} degrees and an impulse of {impulses} N s"
 
 
-def _marks(
-    on_twin: Mapping[str, Sequence[TwinLimit]], kind: Kind, unit: float
-) -> dict[str, list[tuple[float, float]]]:
-    return {
-        name: [(edge.direction, unit * edge.twin) for edge in edges if edge.kind == kind]
-        for name, edges in on_twin.items()
-    }
-
-
-def _draw_polar(
-    axes: PolarAxes,
-    directions: Mapping[str, NDArray[np.float64]],
-    sizes: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]],
-    marks: Mapping[str, Sequence[tuple[float, float]]],
-    title: str,
-) -> None:
-    for (name, (lower, upper)), (color, mark, width) in zip(sizes.items(), _LOOKS, strict=False):
-        around = np.append(directions[name], directions[name][0] + 2.0 * np.pi)
-        axes.plot(around, np.append(lower, lower[0]), color=color, linewidth=width)
-        axes.plot(around, np.append(upper, upper[0]), color=color, linewidth=min(width, 1.6), linestyle="--")
-        for direction, size in marks.get(name, ()):
-            axes.plot([direction], [size], color=color, marker=mark, markersize=5, mec=INK, mew=0.6)
-    axes.set_ylim(bottom=0.0)
-    axes.set_title(title, loc="center", pad=14)
-
-
-def _limit_rows(found: Mapping[str, RobotLimits]) -> list[list[str]]:
-    """Return a row for each controller: least tilt and impulse at the centre of mass over all directions."""
-    rows = []
-    for name, one in found.items():
-        leans = [np.degrees(bound.min()) for bound in (one.lean.lower, one.lean.upper)]
-        impulses = [bound.min() for bound in (one.central_impulse.lower, one.central_impulse.upper)]
-        rows.append([name, f"{leans[0]:.1f} / {leans[1]:.1f}", f"{impulses[0]:.1f} / {impulses[1]:.1f}"])
-    return rows
-
-
-def _twin_rows(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[list[str]]:
-    """Return a row for each limit that was found on the twin."""
+def _twin_sheet(on_twin: Mapping[str, Sequence[TwinLimit]]) -> Sheet:
     rows = []
     for name, limits in on_twin.items():
         for limit in limits:
-            unit, word = (180.0 / np.pi, "tilt [deg]") if limit.kind == "lean" else (1.0, "impulse [N s]")
+            unit, word = (_DEGREES, "tilt [deg]") if limit.kind == "lean" else (1.0, "impulse [N s]")
             sizes = [f"{unit * size:.1f}" for size in (limit.lower, limit.twin, limit.upper)]
             rows.append([name, word, f"{np.degrees(limit.direction):.0f}°", *sizes])
-    return rows
+    headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
+    return Sheet(headings=headings, rows=rows)
 
 
 def limits_report(
@@ -179,26 +134,15 @@ def limits_report(
     *,
     grip: float,
     scenario: str,
-    made: Provenance,
 ) -> Report:
     """Return the page."""
     verdict = []
-    for name, tilt, impulse in _limit_rows(found):
+    for name, one in found.items():
+        text = f"Recovers in every direction from {_limit_words(one)}"
         words = "up to the first number no wheel slips, up to the second if wheels never slip"
-        text = f"Recovers in every direction from a tilt at rest of {tilt} degrees and an impulse of {impulse} N s"
         verdict.append((name, f"{text}: {words}." if not verdict else f"{text}."))
     if len(found) > 1 and not has_friction(robot.friction):
         verdict.append(("", NO_FRICTION))
-    tables = [
-        Sheet(
-            headings=("controller", "tilt at rest [deg]", "impulse [N s]"),
-            rows=_limit_rows(found),
-            caption="Recovered from in every direction: no wheel slips / if wheels never slip.",
-        )
-    ]
-    if on_twin:
-        headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
-        tables.append(Sheet(headings=headings, rows=_twin_rows(on_twin), caption="On the twin."))
     directions = (
         "The largest tilt at rest, and the largest impulse at the centre of mass, by direction on the floor. Solid: no "
         f"wheel slips; dashed: wheels never slip.{' Marks: found on the twin.' if on_twin else ''}"
@@ -207,7 +151,6 @@ def limits_report(
         "The tilts and tilt rates that each controller recovers from, in its worst direction. Strong: no wheel slips; "
         "faint: only if wheels never slip. Without an outline, an area continues beyond what was tried."
     )
-    heights = "The largest impulse from every direction against its height above the ball's centre."
     return Report(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
         lead=(
@@ -216,18 +159,14 @@ def limits_report(
         ),
         verdict=verdict,
         sections=[
-            section("Limits", *tables),
+            *([section("On the twin", _twin_sheet(on_twin))] if on_twin else []),
             section(
                 "Over all directions",
                 drawn_picture("directions", partial(directions_figure, found, on_twin), directions),
             ),
             section("Tilt and tilt rate", drawn_picture("planes", partial(planes_figure, found), planes)),
-            section(
-                "Height of an impulse", drawn_picture("heights", partial(heights_figure, found), heights)
-            ),
         ],
         undecided=_undecided(on_twin),
-        made=made,
     )
 
 

@@ -14,9 +14,9 @@ from ballbot.link.session import stop_reason
 from ballbot.link.wiring import WiringCheck
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section
-from ballbot.report.provenance import Provenance
-from ballbot.report.run import over_time, run_sections, run_verdict
+from ballbot.report.run import run_report
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
+from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
 from ballbot.workflows.alternation import Alternation
@@ -39,10 +39,12 @@ _SELF_TESTS = {
 
 def sample_line(sample: Sample, *, torque_limit: float) -> str:
     """Return a sample in one line."""
-    x, y, psi = sample.state[[0, 1, 4]]
+    x, y, theta, phi, psi = sample.state[:5]
+    away = math.hypot(*(sample.state[:2] - sample.reference[:2]))
+    lean = math.acos(min(1.0, math.cos(theta) * math.cos(phi)))
     return (
         f"{sample.t:.1f} s, at ({x:+.3f}, {y:+.3f}) m, psi {math.degrees(psi):+.1f} degrees, "
-        f"{1e3 * _distance(sample):.0f} mm from the reference, lean {math.degrees(_lean(sample)):.1f} degrees, "
+        f"{1e3 * away:.0f} mm from the reference, lean {math.degrees(lean):.1f} degrees, "
         f"torque {percent(_share(sample, torque_limit))} of the limit"
     )
 
@@ -75,14 +77,6 @@ def _self_test(state: State) -> str:
     return _SELF_TESTS.get(SelfTestOutcome(state.self_test), f"failed (wheel {state.self_test_wheel})")
 
 
-def _distance(sample: Sample) -> float:
-    return float(np.hypot(*(sample.state[:2] - sample.reference[:2])))
-
-
-def _lean(sample: Sample) -> float:
-    return math.acos(min(1.0, math.cos(sample.state[2]) * math.cos(sample.state[3])))
-
-
 def _share(sample: Sample, torque_limit: float) -> float:
     return float(np.abs(sample.torques).max()) / torque_limit
 
@@ -97,27 +91,18 @@ def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
     )
 
 
-def live_run_report(
-    log: Log, robot: Robot | None, *, balancing: bool, ending: str, about: str, made: Provenance
-) -> Report:
+def live_run_report(log: Log, robot: Robot | None, *, held: bool, ending: str, about: str) -> Report:
     """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
-    verdict = run_verdict(log) if balancing else []
-    sections = run_sections(log, robot) if balancing else [section("Over time", *over_time(log, robot))]
     undecided = ["How much runs differ: this is one. `ballbot run compare` makes several in turn."]
-    if balancing:
+    if not held:
         undecided.insert(
             0,
             "Where the robot truly was: position and heading are those that it computes on board, and they drift.",
         )
     if robot is None:
         undecided.append("What is a wheel's share of its limit: the robot is not described (--robot).")
-    return Report(
-        title="A run of a live robot",
-        lead=about,
-        verdict=[*verdict, ("Ending", ending)],
-        sections=sections,
-        undecided=undecided,
-        made=made,
+    return run_report(
+        log, robot, title="A run of a live robot", lead=about, undecided=undecided, held=held, ending=ending
     )
 
 
@@ -128,15 +113,16 @@ def wiring_sheet(check: WiringCheck) -> Sheet:
         # zero is added to a rounded number so that it is never written as -0
         return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
 
-    rows = [(one.movement.words, cell(one.attitude), cell(one.wheels)) for one in check.turns]
-    caption = (
-        "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
+    return Sheet(
+        headings=("the robot was", "attitude [deg]", "wheels [deg]"),
+        rows=[(one.movement.words, cell(one.attitude), cell(one.wheels)) for one in check.turns],
+        caption=(
+            "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
+        ),
     )
-    headings = ("the robot was", "attitude [deg]", "wheels [deg]")
-    return Sheet(headings=headings, rows=rows, caption=caption)
 
 
-def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report:
+def wiring_report(check: WiringCheck, *, about: str) -> Report:
     """Return the page of a wiring check and, if it passed, of the self-test that must then have passed, too."""
     verdict = (
         "The wiring is right. Every motor turns its own encoder forward: the self-test passed."
@@ -156,7 +142,6 @@ def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report
         verdict=[("", verdict)],
         sections=[section("Turns by hand", wiring_sheet(check))],
         undecided=undecided,
-        made=made,
         findings=check.findings,
         accepted=False,
     )
@@ -164,22 +149,15 @@ def wiring_report(check: WiringCheck, *, about: str, made: Provenance) -> Report
 
 def wiring_results(check: WiringCheck) -> dict[str, object]:
     """Return what results.json holds of a wiring check."""
-    return {
-        "passed": check.passed,
-        "turns": [
-            {
-                "movement": one.movement.words,
-                "attitude": one.attitude,
-                "wheels": one.wheels,
-            }
-            for one in check.turns
-        ],
-        "wheel_scales": check.wheel_scales,
-    }
+    turns = [
+        {"movement": one.movement.words, "attitude": one.attitude, "wheels": one.wheels}
+        for one in check.turns
+    ]
+    return {"passed": check.passed, "turns": turns, "wheel_scales": check.wheel_scales}
 
 
 def alternation_report(
-    found: Alternation, logs: Sequence[Log], *, controllers: tuple[str, str], about: str, made: Provenance
+    found: Alternation, logs: Sequence[Log], *, controllers: tuple[str, str], about: str
 ) -> Report:
     """Return the page of two controllers in turn; `controllers` names the files of the one before and the one after."""
     runs = [f"{k} {'after' if k % 2 == 0 else 'before'}" for k in range(1, len(logs) + 1)]
@@ -198,6 +176,7 @@ def alternation_report(
         )
         for name, gain in found.gains.items()
     ]
+    headings = ("quantity", "factor", "95 % interval", "", "drift from run to run")
     verdicts = [
         f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
         for k, one in enumerate(found.verdicts, start=1)
@@ -205,7 +184,7 @@ def alternation_report(
     t, errors = together([(log.t - log.t[0], 1e3 * position_error(log)) for log in logs])
     looks: tuple[Look, ...] = ("second", "first", "third", "fourth", "fifth", "sixth")
     lines = [
-        Line(name=f"run {name}", values=values, look=looks[k % len(looks)])
+        Line(f"run {name}", values, looks[k % len(looks)])
         for k, (name, values) in enumerate(zip(runs, errors, strict=True))
     ]
     panel = Panel(label="distance from the reference [mm]", lines=lines, from_zero=True)
@@ -222,22 +201,15 @@ def alternation_report(
             section(
                 "Compared",
                 Sheet(headings=("quantity", *runs), rows=performances, caption="Runs in turn."),
-                Sheet(
-                    headings=("quantity", "factor", "95 % interval", "", "drift from run to run"),
-                    rows=gains,
-                    caption="After over before, the drift removed.",
-                ),
+                Sheet(headings=headings, rows=gains, caption="After over before, the drift removed."),
                 Bullets(items=verdicts),
             ),
             section(
                 "Over time",
-                TimeSeries(
-                    t=t, panels=(panel,), caption="The runs one over another, from the start of each."
-                ),
+                TimeSeries(t=t, panels=(panel,), caption="The runs one over another, from their starts."),
             ),
         ],
         undecided=undecided,
-        made=made,
     )
 
 
@@ -247,15 +219,7 @@ def alternation_results(found: Alternation) -> dict[str, object]:
         "recommendation": found.recommendation,
         "conclusion": _conclusion(found),
         "runs": found.performances,
-        "gains": {
-            name: {
-                "factor": gain.factor,
-                "interval": [gain.low, gain.high],
-                "verdict": gain.verdict,
-                "drift": gain.drift,
-            }
-            for name, gain in found.gains.items()
-        },
+        "gains": {name: to_results(gain) | {"verdict": gain.verdict} for name, gain in found.gains.items()},
         "verdicts": [
             {
                 "recommendation": one.recommendation,

@@ -17,7 +17,7 @@ from ballbot.log import Log
 from ballbot.log.checks import check, check_uses
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
-from ballbot.log.mapping_search.text import Evaluation, Proposal, answer_lines
+from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
 from ballbot.report.blocks import Report, Sheet, Verbatim, section, table
 from ballbot.report.console import finding_line

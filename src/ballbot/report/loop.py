@@ -10,28 +10,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
-from ballbot.control.linear import RobotLoop, StepResponse, step_response
+from ballbot.control.linear import RobotLoop, step_response
 from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.mechanics.model import LinearModel
 from ballbot.report.blocks import Section, Sheet, Verbatim, section
 from ballbot.report.console import matrix_text
-from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE, SHADE, VIOLET, YELLOW
-from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
-from ballbot.report.style import LineStyle, drawn_picture
+from ballbot.report.palette import BLUE, MUTED, SHADE
+from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
+from ballbot.report.style import LOOKS, drawn_picture
 from ballbot.workflows.robot_check import state_order
 
-#: of the wheels' lines, and of those of all wheels alike, distinct in grey
-_LOOKS: tuple[LineStyle, ...] = (
-    {"color": BLUE, "linestyle": "-", "linewidth": 1.8},
-    {"color": ORANGE, "linestyle": "--", "linewidth": 1.3},
-    {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
-    {"color": INK, "linestyle": ":", "linewidth": 1.3},
-)
-_MODES: tuple[LineStyle, ...] = (
-    {"color": MUTED, "linestyle": "-", "linewidth": 1.0},
-    {"color": VIOLET, "linestyle": "--", "linewidth": 1.0},
-    {"color": YELLOW, "linestyle": "-.", "linewidth": 1.0},
-)
+#: of what acts on all wheels alike, beside the wheels' looks
+_MODES: tuple[Look, ...] = ("quiet", "fifth", "sixth")
 #: frequencies of a Bode diagram, and the lowest [rad/s]
 _POINTS, _LOWEST = 400, 0.1
 #: steps of the reference [m, rad]
@@ -86,31 +76,26 @@ def step_series(loop: RobotLoop, name: str) -> TimeSeries:
     size = STEPS[name]
     step = step_response(loop, name=name, size=size)
     late = f" Torques act {1e3 * loop.delay:g} ms late, as predicted." if loop.delay else ""
-    what = f"{1e3 * size:g} mm in x" if name == "x" else f"{math.degrees(size):g}° of the heading"
+    if name == "psi":
+        what, degrees = f"{math.degrees(size):g}° of the heading", np.degrees(step.states[:, 4])
+        line = Line("heading", degrees, "measured")
+        panels = [Panel(label="heading [deg]", lines=(line,), levels=(math.degrees(size),))]
+    else:
+        what, degrees = f"{1e3 * size:g} mm in x", np.degrees(step.states[:, 3])
+        line = Line("x", 1e3 * step.states[:, 0], "measured")
+        panels = [
+            Panel(label="x [mm]", lines=(line,), levels=(1e3 * size,)),
+            Panel(label="lean φ [deg]", lines=(Line("lean", degrees, "measured"),)),
+        ]
     return TimeSeries(
         t=step.t,
-        panels=(
-            *_pose_panels(step, name),
-            Panel(label="torques [N m]", lines=wheel_lines(list(step.torques.T))),
-        ),
+        panels=[*panels, Panel(label="torques [N m]", lines=wheel_lines(list(step.torques.T)))],
         caption=(
             f"Response of the linear loop to a step of the reference by {what}, without reference shaping, "
             f"feed-forward, limits and friction.{late}"
         ),
         level="reference",
     )
-
-
-def _pose_panels(step: StepResponse, name: str) -> list[Panel]:
-    if name == "psi":
-        heading = Line(name="heading", values=np.degrees(step.states[:, 4]), look="measured")
-        return [Panel(label="heading [deg]", lines=(heading,), levels=(math.degrees(STEPS[name]),))]
-    x = Line(name="x", values=1e3 * step.states[:, 0], look="measured")
-    lean = Line(name="lean", values=np.degrees(step.states[:, 3]), look="measured")
-    return [
-        Panel(label="x [mm]", lines=(x,), levels=(1e3 * STEPS[name],)),
-        Panel(label="lean φ [deg]", lines=(lean,)),
-    ]
 
 
 def bode_figure(margins: Margins) -> Figure:
@@ -122,13 +107,12 @@ def bode_figure(margins: Margins) -> Figure:
     alike = len(margins.rows()) == 2  # one row of each wheel, one of all
     wheels, names = loop.wheel_responses(omega), ("one wheel",) if alike else loop.wheels
     modes = zip(("lean 1", "lean 2", "heading"), loop.mode_responses(omega).T, _MODES, strict=True)
-    lines = [*zip(names, wheels.T, _LOOKS, strict=False), *modes]
-    for name, response, style in lines:
-        gain.plot(omega, 20.0 * np.log10(np.abs(response)), label=name, **style)
+    for name, response, look in (*zip(names, wheels.T, IN_TURN, strict=False), *modes):
+        gain.plot(omega, 20.0 * np.log10(np.abs(response)), label=name, **LOOKS[look])
         degrees = np.degrees(np.unwrap(np.angle(response)))
         # a stable loop crosses 0 dB about -180 degrees; whole turns are only the unwrapping's
         crossing = np.argmin(np.abs(np.log(np.abs(response))))
-        phase.plot(omega, degrees - 360.0 * np.round((degrees[crossing] + 180.0) / 360.0), **style)
+        phase.plot(omega, degrees - 360.0 * np.round((degrees[crossing] + 180.0) / 360.0), **LOOKS[look])
     for axes, level in ((gain, 0.0), (phase, -180.0)):
         axes.axhline(level, color=MUTED, linewidth=0.9)
         axes.set_xscale("log")

@@ -33,6 +33,7 @@ def page_of(report: Report) -> str:
     contents = list(zip(anchors, (one.heading for one in report.sections), strict=True))
     contents += [("undecided", "What the data cannot decide")]
     contents += [("checks", "Checks of the inputs")] if report.findings is not None else []
+    contents += [("reproduce", "How to reproduce this")] if report.made else []
     blocks = [block for one in report.sections for block in one.blocks]
     films = [block.part for block in blocks if isinstance(block, Film)][:1]
     charts = any(isinstance(block, TimeSeries) for block in blocks)
@@ -54,7 +55,7 @@ def page_of(report: Report) -> str:
         title=report.title,
         lead=report.lead,
         verdict=[(heading, with_symbols(words)) for heading, words in report.verdict],
-        contents=[*contents, ("reproduce", "How to reproduce this")],
+        contents=contents,
         sections=report.sections,
         anchors=anchors,
         undecided=[with_symbols(words) for words in report.undecided],

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller
@@ -15,31 +14,19 @@ from ballbot.control.margins import loop_margins
 from ballbot.errors import InputError
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
-from ballbot.log.columns import unit_of
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
 from ballbot.report.comparison import overview_figure, paths_figure
-from ballbot.report.design import robust_figure
 from ballbot.report.driveline import curve_figure
 from ballbot.report.identification import friction_figure
 from ballbot.report.limits import planes_figure
 from ballbot.report.loop import bode_figure, poles_figure
-from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.style import label_of, thinned
+from ballbot.report.run import over_time
+from ballbot.report.series import IN_TURN, TimeSeries
+from ballbot.report.style import LOOKS, thinned
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.robot.figure import robot_figure
 
-#: panels of a log over time: columns drawn together, with what they are
-_PANELS = (
-    (("x", "y", "ref_x", "ref_y"), "position [m]"),
-    (("theta", "phi"), "lean [rad]"),
-    (("psi", "ref_psi"), "heading [rad]"),
-    (("u1", "u2", "u3", "u4"), "wheel torques [N m]"),
-)
-#: of lines in one panel, the first first
-_LOOKS = ((BLUE, "-"), (ORANGE, "--"), (INK, ":"), (MUTED, "-."))
-#: columns of a log that has none of the above
-_MOST_COLUMNS = 6
 #: wheel speeds shown reach this many Stribeck speeds
 _SHOWN_SPEEDS = 8.0
 #: absolute value below which a sampled pole has no continuous one: it settles within a sample
@@ -47,34 +34,21 @@ _DEADBEAT = 1e-6
 
 
 def log_figure(log: Log) -> Figure:
-    """Return position, lean, heading and torques over time, as far as the log has them, else its first columns."""
-    panels = [
-        (found, label)
-        for names, label in _PANELS
-        if (found := [name for name in names if name in log]) and not found[0].startswith("ref_")
-    ]
-    if not panels:
-        others = [name for name in log.names if name != "t"][:_MOST_COLUMNS]
-        if not others:
-            raise InputError("The log has only its time; there is nothing to plot.")
-        panels = [([name], f"{name} [{unit_of(name) or '?'}]") for name in others]
-    figure = Figure(figsize=(7.4, 0.6 + 1.4 * len(panels)), layout="constrained")
-    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, (names, label) in zip(axes, panels, strict=True):
-        _draw_columns(panel, log, names)
-        panel.set_ylabel(label_of(label))
-    axes[-1].set_xlabel("time [s]")
+    """Return position, lean, heading, torques and wheel speeds over time, as far as the log has them."""
+    series = next((one for one in over_time(log, None) if isinstance(one, TimeSeries)), None)
+    if series is None:
+        raise InputError("The log has no position, lean, heading, torques or wheel speeds to plot.")
+    figure = Figure(figsize=(7.4, 0.6 + 1.4 * len(series.panels)), layout="constrained")
+    rows = figure.subplots(len(series.panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, panel in zip(rows, series.panels, strict=True):
+        for line in panel.lines:
+            axes.plot(*thinned(log.t, line.values), label=line.name, **LOOKS[line.look])
+        axes.set_ylabel(panel.label)
+        axes.margins(x=0.01)
+        if len(panel.lines) > 1:
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(panel.lines), borderpad=0.0)
+    rows[-1].set_xlabel("time [s]")
     return figure
-
-
-def _draw_columns(axes: Axes, log: Log, names: Sequence[str]) -> None:
-    for name, (color, style) in zip(names, _LOOKS * len(names), strict=False):
-        axes.plot(
-            *thinned(log.t, log[name]), color=color, linestyle=style, linewidth=1.1, label=label_of(name)
-        )
-    axes.margins(x=0.01)
-    if len(names) > 1:
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(names), borderpad=0.0)
 
 
 def controller_figure(controller: Controller) -> Figure:
@@ -95,8 +69,8 @@ def upside_down_figure(found: UpsideDown) -> Figure:
     torques = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)
     figure = Figure(figsize=(7.4, 2.8), layout="constrained")
     axes = figure.subplots()
-    for wheel, (torque, (color, dash)) in enumerate(zip(torques.T, _LOOKS, strict=False), start=1):
-        axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.3, label=f"wheel {wheel}")
+    for wheel, (torque, look) in enumerate(zip(torques.T, IN_TURN, strict=False), start=1):
+        axes.plot(speed, torque, label=f"wheel {wheel}", **LOOKS[look])
     axes.set_xlabel("wheel speed [rad/s]")
     axes.set_ylabel("friction torque [N m]")
     axes.set_ylim(bottom=0.0)
@@ -117,7 +91,7 @@ FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "Margins": bode_figure,
     "Robot": robot_figure,
     "RobotLimits": lambda limits: planes_figure({"limits": limits}),
-    "RobustDesign": robust_figure,
+    "RobustDesign": lambda design: controller_figure(design.controller),
     "Study": lambda study: paths_figure(study.choice.runs),
     "UpsideDown": upside_down_figure,
     "Validation": lambda validation: horizon_figure(validation.horizon, validation.models.names),

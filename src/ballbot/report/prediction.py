@@ -1,18 +1,15 @@
-"""The verdict of `ballbot validate --prediction` on a controller: the terminal, the page, and the next steps."""
+"""The verdict of `ballbot validate --prediction` on a controller: its page and the next steps."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.findings import Finding
 from ballbot.printable import shell_line
 from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
-from ballbot.report.provenance import Provenance
 from ballbot.results import to_results
 from ballbot.rounding import unit_heading
 from ballbot.workflows.controller_choice import CANDIDATES
@@ -45,7 +42,6 @@ def prediction_report(
     steps: Sequence[str],
     series: Sequence[Block],
     findings: Sequence[Finding],
-    made: Provenance,
 ) -> Report:
     """Return the page of a verdict; `series` shows the run over time."""
     course, differences = prediction.course, verdict.differences
@@ -56,7 +52,7 @@ def prediction_report(
             f"study that predicted it from {prediction.draws} simulated robots (scenario "
             f"{prediction.scenario})."
         ),
-        verdict=[("", headline(verdict))],
+        verdict=[("", f"{verdict.reason} {verdict.recommendation.capitalize()} this controller.")],
         sections=[
             section("Predicted and measured", _quantities(verdict)),
             *(
@@ -71,24 +67,8 @@ def prediction_report(
             "Whether another run of the same controller would be inside: one log is one run.",
             "What caused a difference: several faults move one number alike, and several may act at once.",
         ],
-        made=made,
         findings=findings,
     )
-
-
-def verdict_parts(verdict: ControllerVerdict, steps: Sequence[str]) -> Iterator[RenderableType]:
-    """Yield the verdict, the predicted and measured quantities, what differs, and the next steps."""
-    yield Text(headline(verdict), style="bold")
-    yield _quantities(verdict)
-    for one in verdict.differences:
-        yield Text(f"Not so in the study's logs: {one}")
-    for line in steps:
-        yield Text(line)
-
-
-def headline(verdict: ControllerVerdict) -> str:
-    """Return the verdict in one line."""
-    return f"{verdict.reason} {verdict.recommendation.capitalize()} this controller."
 
 
 def _quantities(verdict: ControllerVerdict) -> Sheet:

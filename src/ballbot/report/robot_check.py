@@ -7,18 +7,17 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.control.presets import PRESETS
 from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, Verbatim, section
 from ballbot.report.console import matrix_text
 from ballbot.report.loop import linear_section, loop_section
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
+from ballbot.report.words import capital
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import unit_heading
-from ballbot.summary import counted
+from ballbot.summary import counted, pole_words
 from ballbot.workflows.reference_check import MARGIN_HEADINGS, margin_rows, reference_verdict
 from ballbot.workflows.robot_check import (
     MATRICES,
@@ -29,7 +28,7 @@ from ballbot.workflows.robot_check import (
 )
 
 
-def robot_check_report(checked: CheckedRobot, made: Provenance | None) -> Report:
+def robot_check_report(checked: CheckedRobot) -> Report:
     """Return the page."""
     robot = checked.robot
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
@@ -40,13 +39,8 @@ def robot_check_report(checked: CheckedRobot, made: Provenance | None) -> Report
         verdict=_verdict(checked),
         sections=list(_sections(checked)),
         undecided=_undecided(checked),
-        made=made,
         findings=checked.findings,
     )
-
-
-def _capital(sentence: str) -> str:
-    return f"{sentence[0].upper()}{sentence[1:]}"
 
 
 def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
@@ -64,7 +58,7 @@ def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
     ]
     if checked.swing:
         quantity, value, unit = checked.swing.rows()[0]
-        verdict.append(("Swing", _capital(f"{quantity}: {value} {unit}.")))
+        verdict.append(("Swing", capital(f"{quantity}: {value} {unit}.")))
     if checked.following:
         verdict.append(
             (f"Following {checked.following.name}", " ".join(reference_verdict(checked.following)))
@@ -99,7 +93,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
             headings=("quantity", "value", "unit"),
             rows=[(one.meaning, f"{one.value:.5g}", one.unit.removeprefix("1")) for one in checked.derived],
         ),
-        Verbatim(text=f"Poles about upright, exact model [rad/s]: {_poles_text(checked.poles)}"),
+        Verbatim(text=f"Poles about upright, exact model [rad/s]: {pole_words(checked.poles)}"),
     )
     of = f"the {loop.controller} controller" if loop.controller in PRESETS else loop.controller
     if loop.margins is None:
@@ -126,22 +120,13 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
     yield section(
         "Transformation matrices",
         *(
-            Verbatim(text=matrix_text(name, checked.matrices[name]), caption=_matrix_caption(name))
-            for name in MATRICES
+            Verbatim(
+                text=matrix_text(name, checked.matrices[name]),
+                caption=f"{capital(words)} {MATRIX_EQUATIONS.get(name, '')}".rstrip() + ".",
+            )
+            for name, words in MATRICES.items()
         ),
     )
-
-
-def _poles_text(poles: NDArray[np.complex128]) -> str:
-    """Return poles with three decimals, separated by commas."""
-    # adding zero keeps a minus sign off what prints as nothing
-    rounded = np.round(poles, 3) + 0.0
-    return ", ".join(f"{pole.real:g}{f'{pole.imag:+g}j' if pole.imag else ''}" for pole in rounded)
-
-
-def _matrix_caption(name: str) -> str:
-    caption = f"{_capital(MATRICES[name])} {MATRIX_EQUATIONS.get(name, '')}".rstrip()
-    return f"{caption}."
 
 
 def _swing_series(swing: CheckedSwing) -> TimeSeries:
@@ -149,11 +134,8 @@ def _swing_series(swing: CheckedSwing) -> TimeSeries:
     fit = swing.fit
     what, unit = ("angle", "deg") if fit.swing.kind == "angle" else ("rate", "deg/s")
     measured, fitted = (np.degrees(one - fit.values[5]) for one in (fit.swing.values, fit.predicted))
-    lines = (
-        Line(name="measured", values=measured, look="measured"),
-        Line(name="pendulum fitted", values=fitted, look="second"),
-    )
-    difference = Line(name="difference", values=measured - fitted, look="first")
+    lines = (Line("measured", measured, "measured"), Line("pendulum fitted", fitted, "second"))
+    difference = Line("difference", measured - fitted, "first")
     return TimeSeries(
         t=fit.swing.t - fit.swing.t[0],
         panels=(

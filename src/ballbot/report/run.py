@@ -13,8 +13,7 @@ from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.blocks import Block, Film, Paragraph, Report, Section, Sheet, section
-from ballbot.report.provenance import Provenance
+from ballbot.report.blocks import Block, Film, Paragraph, Report, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent
@@ -47,14 +46,11 @@ def simulation_report(
     reference: str,
     formulation: Formulation,
     scenario: str | None,
-    made: Provenance,
     findings: Sequence[Finding],
 ) -> Report:
     """Return the page of a run of the equations of motion; without a scenario its sensors are perfect."""
     sensors = "perfect sensors" if scenario is None else f"the sensors and faults of the scenario {scenario}"
-    equations = (
-        "the exact equations of motion" if formulation == "exact" else "the thesis's equations of motion"
-    )
+    equations = "exact" if formulation == "exact" else "thesis's"
     undecided = [
         "How a real robot runs: the equations of motion have point contacts that do not slip, and a rigid body. "
         "`ballbot record` runs a physics engine with rollers and play.",
@@ -64,13 +60,40 @@ def simulation_report(
         undecided.insert(
             0, "What noise, delay and quantisation do: the sensors are perfect; give --scenario nominal."
         )
-    return Report(
+    return run_report(
+        log,
+        robot,
         title=f"{robot.name}: a simulated run",
-        lead=f"The reference {reference}, {float(log.t[-1] - log.t[0]):.1f} s, by {equations} with {sensors}.",
-        verdict=run_verdict(log),
-        sections=run_sections(log, robot),
+        lead=(
+            f"The reference {reference}, {float(log.t[-1] - log.t[0]):.1f} s, by the {equations} equations of motion "
+            f"with {sensors}."
+        ),
         undecided=undecided,
-        made=made,
+        findings=findings,
+    )
+
+
+def run_report(
+    log: Log,
+    robot: Robot | None,
+    *,
+    title: str,
+    lead: str,
+    undecided: Sequence[str],
+    held: bool = False,
+    ending: str = "",
+    findings: Sequence[Finding] | None = None,
+) -> Report:
+    """Return the page of a run; of a `held` robot, which does not balance, it has the time series only."""
+    return Report(
+        title=title,
+        lead=lead,
+        verdict=[*([] if held else run_verdict(log)), *([("Ending", ending)] if ending else [])],
+        sections=[
+            *([] if held else [section("The run", _replay(log, robot), _numbers(log, robot))]),
+            section("Over time", *over_time(log, robot)),
+        ],
+        undecided=undecided,
         findings=findings,
     )
 
@@ -82,14 +105,9 @@ def run_verdict(log: Log) -> list[tuple[str, str]]:
         return [("Run", f"It ended early, after {length:.1f} s: {log.ended}.")]
     if not _has_lean(log):
         return [("Run", f"{length:.1f} s were recorded.")]
-    verdict = [
-        (
-            "Run",
-            f"The robot balances for {length:.1f} s and leans by {_rounded(_largest_lean(log))}° at most.",
-        )
-    ]
+    leaned = f"The robot balances for {length:.1f} s and leans by {_rounded(_largest_lean(log))}° at most."
     if not _has_reference(log):
-        return verdict
+        return [("Run", leaned)]
     counted, error = settled(log, SETTLE), position_error(log)
     if counted.any():
         text = (
@@ -102,13 +120,7 @@ def run_verdict(log: Log) -> list[tuple[str, str]]:
             f"Not rated, as the {short} shorter than the {SETTLE:g} s that it needs to settle; "
             f"{_mm(error[-1])} mm at the end."
         )
-    return [*verdict, ("Distance from the reference", text)]
-
-
-def run_sections(log: Log, robot: Robot | None) -> list[Section]:
-    """Return the sections on a run: its replay if the robot is known, its numbers, and its time series."""
-    sections = [section("The run", _replay(log, robot), *_numbers(log, robot))]
-    return [*sections, section("Over time", *over_time(log, robot))]
+    return [("Run", leaned), ("Distance from the reference", text)]
 
 
 def over_time(log: Log, robot: Robot | None) -> list[Block]:
@@ -116,7 +128,7 @@ def over_time(log: Log, robot: Robot | None) -> list[Block]:
     limit = () if robot is None else (-robot.drive.torque_limit, robot.drive.torque_limit)
     torques = _columns(log, torque_names(MAX_WHEELS))
     speeds = _columns(log, wheel_speed_names(MAX_WHEELS))
-    panels = [*_pose_panels(log), *_error_panels(log)]
+    panels = [*pose_panels(log), *_error_panels(log)]
     if torques:
         reached = robot is not None and _largest(torques) > 0.5 * robot.drive.torque_limit
         panels.append(
@@ -135,35 +147,30 @@ def over_time(log: Log, robot: Robot | None) -> list[Block]:
     return [TimeSeries(t=log.t, panels=panels, caption=caption)]
 
 
-def _pose_panels(log: Log) -> list[Panel]:
+def pose_panels(log: Log) -> list[Panel]:
     panels = []
     for name, label, unit in (("x", "x [m]", 1.0), ("y", "y [m]", 1.0), ("psi", "heading ψ [deg]", _DEGREES)):
         reference, true = f"ref_{name}", TRUE_PREFIX + name
-        lines = (
-            [Line(name="reference", values=unit * log[reference], look="reference")]
-            if reference in log
-            else []
-        )
+        lines = [Line("reference", unit * log[reference], "reference")] if reference in log else []
         if true in log:
-            lines.append(Line(name=_TRUE, values=unit * log[true], look="measured"))
+            lines.append(Line(_TRUE, unit * log[true], "measured"))
         if name in log and not (true in log and np.array_equal(log[name], log[true])):  # perfect sensors
-            line = Line(name=_ON_BOARD, values=unit * log[name], look="fifth" if true in log else "measured")
-            lines.append(line)
+            lines.append(Line(_ON_BOARD, unit * log[name], "fifth" if true in log else "measured"))
         if lines:
             panels.append(Panel(label=label, lines=lines))
     return panels
 
 
 def _error_panels(log: Log) -> list[Panel]:
-    panels = []
+    found = []
     if _has_reference(log):
-        distance = 1e3 * position_error(log)
-        line = Line(name="distance", values=distance, look="measured")
-        panels.append(Panel(label="distance from the reference [mm]", lines=[line], from_zero=True))
+        found.append(("distance from the reference [mm]", "distance", 1e3 * position_error(log)))
     if _has_lean(log):
-        line = Line(name="lean", values=_DEGREES * leans(log), look="measured")
-        panels.append(Panel(label="lean [deg]", lines=[line], from_zero=True))
-    return panels
+        found.append(("lean [deg]", "lean", _DEGREES * leans(log)))
+    return [
+        Panel(label=label, lines=[Line(name, values, "measured")], from_zero=True)
+        for label, name, values in found
+    ]
 
 
 def _columns(log: Log, names: Sequence[str]) -> list[NDArray[np.float64]]:
@@ -174,21 +181,18 @@ def _largest(columns: Sequence[NDArray[np.float64]]) -> float:
     return max((float(np.nanmax(np.abs(one))) for one in columns if np.isfinite(one).any()), default=0.0)
 
 
-def _numbers(log: Log, robot: Robot | None) -> list[Block]:
+def _numbers(log: Log, robot: Robot | None) -> Sheet:
     """Return the table of a run's numbers; errors count once the robot has settled."""
     rows = [("length", f"{float(log.t[-1] - log.t[0]):.2f} s", f"{len(log)} rows")]
     if _has_reference(log) and (counted := settled(log, SETTLE)).any():
         error, heading = position_error(log)[counted], _DEGREES * heading_error(log)[counted]
         arriving, always = settling_time(log)
+        within = f"until it stays within {1e3 * BAND:g} mm; the longest of the run"
         rows += [
             ("largest distance from the reference", f"{_mm(error.max())} mm", "once settled"),
             ("distance from the reference, RMS", f"{_mm(rms(error))} mm", "once settled"),
             ("largest error of the heading", f"{_rounded(float(heading.max()))}°", "once settled"),
-            (
-                "settling time",
-                f"{'' if always else '≥ '}{arriving:.2f} s",
-                f"until it stays within {1e3 * BAND:g} mm; the longest of the run",
-            ),
+            ("settling time", f"{'' if always else '≥ '}{arriving:.2f} s", within),
         ]
     if _has_lean(log):
         rows.append(("largest lean", f"{_rounded(_largest_lean(log))}°", "whole run"))
@@ -200,11 +204,12 @@ def _numbers(log: Log, robot: Robot | None) -> list[Block]:
             ("torque, RMS", f"{digits(rms_torque(log))} N m", "all wheels, whole run"),
             ("change of torque from row to row, RMS", f"{digits(rms_torque_change(log))} N m", "roughness"),
         ]
+    has_truth = all(f"{TRUE_PREFIX}{name}" in log for name in STATE_NAMES)
     caption = (
-        f"Errors are of the {'true' if _has_truth(log) else 'logged'} position. “Once settled” leaves out the "
+        f"Errors are of the {'true' if has_truth else 'logged'} position. “Once settled” leaves out the "
         f"{SETTLE:g} s after the start and after each jump of the reference, however far off the robot then is."
     )
-    return [Sheet(headings=("quantity", "value", ""), rows=rows, caption=caption)]
+    return Sheet(headings=("quantity", "value", ""), rows=rows, caption=caption)
 
 
 def _replay(log: Log, robot: Robot | None) -> Film | None:
@@ -228,10 +233,6 @@ def _largest_lean(log: Log) -> float:
 
 def _has_reference(log: Log) -> bool:
     return all(name in log for name in (*_REFERENCES, "x", "y", "psi"))
-
-
-def _has_truth(log: Log) -> bool:
-    return all(f"{TRUE_PREFIX}{name}" in log for name in STATE_NAMES)
 
 
 def _mm(metres: float) -> str:

@@ -28,9 +28,9 @@ IN_TURN: tuple[Look, ...] = ("first", "second", "third", "fourth", "fifth", "six
 _MOST_ROWS = 4000
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Line:
-    """One line of a panel."""
+    """One line of a panel: `Line("measured", log["x"], "measured")`."""
 
     name: str  #: for the legend; lines of one name and look share an entry
     values: NDArray[np.float64]  #: (n,), NaN where there is none
@@ -123,10 +123,7 @@ def _extremes(values: NDArray[np.float64], starts: NDArray[np.intp], size: int) 
 
 def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
     """Return a line for each wheel."""
-    return [
-        Line(name=f"wheel {k + 1}", values=values, look=IN_TURN[k % len(IN_TURN)])
-        for k, values in enumerate(columns)
-    ]
+    return [Line(f"wheel {k + 1}", one, IN_TURN[k % len(IN_TURN)]) for k, one in enumerate(columns)]
 
 
 def together(

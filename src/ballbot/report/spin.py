@@ -13,7 +13,6 @@ import numpy as np
 from ballbot.findings import Finding, finding_results
 from ballbot.report.blocks import Bullets, Picture, Report, Sheet, section
 from ballbot.report.page import picture_data
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries, true_spans
 from ballbot.report.words import signed_with_error, with_error
 from ballbot.vision.spin import Spin, WheelComparison, spin_findings
@@ -83,7 +82,6 @@ def spin_report(
     *,
     video: str,
     picture: bytes,
-    made: Provenance,
     log_findings: Sequence[Finding],
 ) -> Report:
     """Return the page; `picture` is the overlay as PNG."""
@@ -108,20 +106,9 @@ def spin_report(
                 _view_sheet(spin),
             ),
             section("Angular velocity", _velocity_series(spin, comparison)),
-            *(
-                [
-                    section(
-                        "Video and wheels",
-                        _comparison_sheet(comparison),
-                        _difference_series(spin, comparison),
-                    )
-                ]
-                if comparison
-                else []
-            ),
+            *([section("Video and wheels", _comparison_sheet(comparison))] if comparison else []),
         ],
         undecided=undecided,
-        made=made,
         findings=log_findings if comparison else None,
     )
 
@@ -141,54 +128,38 @@ def _view_sheet(spin: Spin) -> Sheet:
 
 
 def _comparison_sheet(comparison: WheelComparison) -> Sheet:
-    share = 100.0 * comparison.rms_share
+    clock = signed_with_error(comparison.clock.offset, comparison.offset_half_width)
     rows = [
-        (
-            "clock of the video after the log's",
-            signed_with_error(comparison.clock.offset, comparison.offset_half_width),
-            "s",
-        ),
+        ("clock of the video after the log's", clock, "s"),
         *(
             (f"gain about {axis}, video over wheels", with_error(float(gain), float(half)), "")
             for axis, gain, half in zip(_AXES, comparison.gain, comparison.gain_half_width, strict=True)
         ),
-        ("RMS difference, of the peak", f"{share:.2g}", "%"),
+        ("RMS difference, of the peak", f"{100.0 * comparison.rms_share:.2g}", "%"),
     ]
     return Sheet(headings=("quantity", "value", "unit"), rows=rows, caption="±: half widths of 95 %.")
 
 
 def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeries:
-    panels = []
+    """Return the ball's velocity by the video and by the wheels, and the difference beside the video's error."""
+    panels, differences = [], []
     for axis, name in enumerate(_AXES):
-        lines = [Line(name="video", values=spin.omega[:, axis], look="measured")]
+        lines = [Line("video", spin.omega[:, axis], "measured")]
         if comparison is not None:
-            lines.append(Line(name="wheel speeds by T_obw", values=comparison.wheels[:, axis], look="second"))
+            lines.append(Line("wheel speeds by T_obw", comparison.wheels[:, axis], "second"))
+            error = 2.0 * spin.errors[:, axis]
+            less = (
+                Line("video less wheels", comparison.difference[:, axis], "first"),
+                Line("± 2 standard errors of the video", error, "third"),
+                Line("± 2 standard errors of the video", -error, "third"),
+            )
+            differences.append(Panel(label=f"difference about {name} [rad/s]", lines=less))
         panels.append(Panel(label=f"Ω about {name} [rad/s]", lines=lines))
-    source = " and by the wheels" if comparison else ""
+    beside = " and by the wheels, and their difference beside twice the video's standard error"
     return TimeSeries(
         t=spin.t,
-        panels=panels,
-        caption=f"The ball's angular velocity by the video{source}.",
-        across="time of the video [s]",
-        shaded=true_spans(spin.t, ~spin.known),
-        shade="lost",
-    )
-
-
-def _difference_series(spin: Spin, comparison: WheelComparison) -> TimeSeries:
-    panels = []
-    for axis, name in enumerate(_AXES):
-        error = 2.0 * spin.errors[:, axis]
-        lines = (
-            Line(name="video less wheels", values=comparison.difference[:, axis], look="measured"),
-            Line(name="± 2 standard errors of the video", values=error, look="third"),
-            Line(name="± 2 standard errors of the video", values=-error, look="third"),
-        )
-        panels.append(Panel(label=f"Ω about {name} [rad/s]", lines=lines))
-    return TimeSeries(
-        t=spin.t,
-        panels=panels,
-        caption="Video less wheels, beside twice the standard error of the video.",
+        panels=[*panels, *differences],
+        caption=f"The ball's angular velocity by the video{beside if comparison else ''}.",
         across="time of the video [s]",
         shaded=true_spans(spin.t, ~spin.known),
         shade="lost",

@@ -10,28 +10,32 @@ import numpy as np
 from ballbot.control.controller import torque_limit_words
 from ballbot.errors import InputError, every
 from ballbot.findings import texts
-from ballbot.log import STATE_NAMES
-from ballbot.mechanics.model import Model
 from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, section
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
+from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, log_blocks, open_labels, parameter_blocks
 from ballbot.report.prediction import predicted_rows
-from ballbot.report.provenance import Provenance
-from ballbot.report.stiffness import interval_words, stiffness_section, stiffness_sentences, too_few
 from ballbot.report.style import drawn_picture
 from ballbot.report.validation import undecided_by, validation_sections
-from ballbot.report.words import logs_words, millimetres, state_mark, with_symbols
-from ballbot.robot import Robot
+from ballbot.report.words import capital, logs_words, millimetres, with_symbols
 from ballbot.rounding import digits
 from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
 from ballbot.validation.result import better_in, model_findings, weak_states
 from ballbot.viewer import replay_part
-from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, Step, Trial
+from ballbot.workflows.comparison import MedianEstimate
+from ballbot.workflows.controller_choice import ControllerChoice, Step, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
+from ballbot.workflows.stiffness import (
+    LARGEST_SENSITIVITY,
+    VARIANTS,
+    FrictionByStiffness,
+    Stiffness,
+    Variant,
+)
 from ballbot.workflows.study import Study
-from ballbot.workflows.twin_confirmation import Confirmation, TwinRolling
+from ballbot.workflows.twin_confirmation import Confirmation
 
 #: candidates and on-board states in words
 _CANDIDATE_NAMES = {
@@ -41,7 +45,7 @@ _CANDIDATE_NAMES = {
     "precise": "precise",
     "precise_without_compensation": "precise without compensation",
 }
-_STATE_WORDS = {"onboard": "the on-board state by integration", "kalman": "the Kalman filter's state"}
+_STATE_WORDS = {"onboard": "integration", "kalman": "Kalman filter"}
 #: the status of a result that is not measured yet
 _PREDICTION = "This is a prediction until a log of the robot confirms it."
 
@@ -60,32 +64,15 @@ def summary(study: Study) -> list[tuple[str, str]]:
     ]
 
 
-def confirmation_sentence(confirmation: Confirmation | None) -> str:
-    """Return what the candidates did on the twin, beside the loop."""
-    if confirmation is None:
-        return "The choice was not confirmed on the physics-engine twin."
-    course = confirmation.course
-    words = []
-    for name, twin in confirmation.on_twin.items():
-        loop = confirmation.on_loop[name]
-        words.append(f"{_CANDIDATE_NAMES[name]} {_reached(twin)} ({_reached(loop)} on the compiled loop)")
-    runs = counted(len(next(iter(confirmation.on_twin.values())).scores), "run")
-    return (
-        f"On the physics-engine twin, {course.duration:g} s of the {course.name}, median peak error over {runs} each: "
-        f"{every(words)}."
-    )
-
-
 def model_sentence(study: Study) -> str:
     """Return how much better the model with friction predicts the held-out data."""
     validation = study.validation
     if validation.no_evidence is not None:
         return validation.no_evidence
     horizon = validation.horizon.errors
-    at_end = np.median(horizon.ratio[-1])
     sentence = (
-        f"On {validation.duration:.0f} s of held-out logs, predicted {horizon.horizons[-1]:.2g} s ahead, "
-        f"the error of the model with this friction is {_compared(float(at_end))} of the one without (median of "
+        f"On {validation.duration:.0f} s of held-out logs, predicted {horizon.horizons[-1]:.2g} s ahead, the error of "
+        f"the model without friction is {np.median(horizon.ratio[-1]):.2g} times that of the one with it (median of "
         "the states)"
     )
     if validation.open_loop is None:
@@ -98,81 +85,68 @@ def model_sentence(study: Study) -> str:
 
 def controller_sentence(study: Study) -> str:
     """Return the chosen controller, its gain, its plants, and that this is a prediction."""
-    choice, where = study.choice, _plants_words(study)
+    choice, count = study.choice, len(study.choice.plants)
+    falls = every(
+        [f"{_CANDIDATE_NAMES[name]} in {trial.falls}" for name, trial in choice.trials.items() if trial.falls]
+        or ["none"]
+    )
     chosen, gain = choice.chosen, choice.gain
     if chosen is None or gain is None:
-        falls = ", ".join(f"{name} in {trial.falls}" for name, trial in choice.trials.items())
         return (
-            f"Every candidate falls on some of {where} ({falls} of {len(choice.plants)}), so that no controller.toml "
+            f"Every candidate falls on some of {_plants_words(study)} ({falls} of {count}), so that no controller.toml "
             "is written. Check the robot file's masses, torque limit and delay, or try ballbot design --robust."
         )
-    best = choice.trials[chosen]
-    others = [_CANDIDATE_NAMES[name] for name in choice.equals if name != chosen]
-    equal = f" It is the smoothest of those that count as equal ({', '.join(others)})." if others else ""
-    few = (
-        f" {too_few(len(choice.plants))} how certain this choice is." if len(choice.plants) < MIN_RUNS else ""
-    )
-    more = f"{_falls_words(study)}{equal}{few}{_compensated_words(choice)} {_PREDICTION}"
+    best, name = choice.trials[chosen], _CANDIDATE_NAMES[chosen]
     if chosen == "none":
-        return (
-            f"The nominal gain without compensation: on {where}, no other candidate that never falls has a clearly "
-            f"smaller peak error. {more}"
+        compared = "; no other candidate that never falls has a clearly smaller peak error"
+    elif gain.runs:
+        compared = (
+            f", {digits(gain.median)} times smaller than with the soft gain alone ({interval_words(gain)})"
         )
-    none = choice.trials["none"]
-    compared = (
-        f" instead of {millimetres(none.peak.median)} mm with the soft gain alone (medians), "
-        f"{digits(gain.median)} times smaller ({interval_words(gain)})"
-        if gain.runs
-        else " (median)"
-    )
-    return (
-        f"{_CANDIDATE_NAMES[chosen][0].upper()}{_CANDIDATE_NAMES[chosen][1:]}, "
-        f"with {_STATE_WORDS[best.controller.estimator]}: "
-        f"around a 0.5 m square on {where}, the largest distance from the reference after settling is "
-        f"{millimetres(best.peak.median)} mm{compared}.{_soft_words(choice)} {more}"
-    )
-
-
-def _soft_words(choice: ControllerChoice) -> str:
-    """Return what compensation alone makes of the soft gain's error, beside a precise controller; empty if it falls."""
-    if CANDIDATES[choice.chosen or "none"][0] == "nominal":
-        return ""
-    reached = [
-        f"{millimetres(choice.trials[name].peak.median)} mm with {name} compensation"
-        for name in ("full", "partial")
-        if choice.trials[name].falls == 0
+    else:
+        compared = ""
+    sentences = [
+        f"{capital(name)}, with the state by {_STATE_WORDS[best.controller.estimator]}: around a 0.5 m "
+        f"square on {_plants_words(study)}, the largest distance from the reference after settling is "
+        f"{millimetres(best.peak.median)} mm (median){compared}.",
+        "No run fell." if falls == "none" else f"Excluded because they fall: {falls} of {count} runs.",
     ]
-    if not reached:
-        return ""
-    return f" The soft gain reaches {' and '.join(reached)}; the rest is the precise controller's."
-
-
-def _compensated_words(choice: ControllerChoice) -> str:
-    """Return the best candidate that compensates beside a chosen one that does not; empty if there is no such."""
-    chosen, other = choice.chosen, choice.compensated
-    if chosen is None or other is None or choice.trials[chosen].controller.compensation != "none":
-        return ""
-    own, with_it = choice.trials[chosen], choice.trials[other]
-    return (
-        f" The best that compensates friction, {_CANDIDATE_NAMES[other]}, is compensated_controller.toml: "
-        f"{millimetres(with_it.peak.median)} mm, its torques {_rougher(own, with_it)}."
-    )
+    if others := [_CANDIDATE_NAMES[one] for one in choice.equals if one != chosen]:
+        sentences.append(f"It is the smoothest of those that count as equal ({', '.join(others)}).")
+    if count < MIN_RUNS:
+        sentences.append(f"{too_few(count)} how certain this choice is.")
+    if choice.compensated is not None and best.controller.compensation == "none":
+        compensated, peak = (
+            _CANDIDATE_NAMES[choice.compensated],
+            choice.trials[choice.compensated].peak.median,
+        )
+        sentences.append(
+            f"The best that compensates friction, {compensated}, is compensated_controller.toml (median "
+            f"{millimetres(peak)} mm)."
+        )
+    return " ".join([*sentences, _PREDICTION])
 
 
 def _plants_words(study: Study) -> str:
-    """Return the robots on which the candidates were compared."""
     return (
         f"{len(study.choice.plants)} simulated robots drawn from the identified uncertainty, with the delay, play, "
         f"noise and floor of the scenario {study.scenario.name}"
     )
 
 
-def _falls_words(study: Study) -> str:
-    falls = {name: trial.falls for name, trial in study.choice.trials.items() if trial.falls}
-    if not falls:
-        return "No run fell."
-    named = ", ".join(f"{_CANDIDATE_NAMES[name]} in {count}" for name, count in falls.items())
-    return f"Excluded because they fall: {named} of {len(study.choice.plants)} runs."
+def confirmation_sentence(confirmation: Confirmation | None) -> str:
+    """Return what the candidates did on the twin, beside the loop."""
+    if confirmation is None:
+        return "The choice was not confirmed on the physics-engine twin."
+    words = [
+        f"{_CANDIDATE_NAMES[name]} {_reached(twin)} ({_reached(confirmation.on_loop[name])} on the compiled loop)"
+        for name, twin in confirmation.on_twin.items()
+    ]
+    runs = counted(len(next(iter(confirmation.on_twin.values())).scores), "run")
+    return (
+        f"On the physics-engine twin, {confirmation.course.duration:g} s of the {confirmation.course.name}, median "
+        f"peak error over {runs} each: {every(words)}."
+    )
 
 
 def _reached(trial: Trial) -> str:
@@ -181,45 +155,43 @@ def _reached(trial: Trial) -> str:
     return f"{peak} with {counted(trial.falls, 'fall')}" if trial.falls else peak
 
 
-def _rougher(one: Trial, other: Trial) -> str:
-    """Return how rough the other's torques are, compared with one's."""
-    ratio = other.roughness.median / one.roughness.median
-    if 0.95 < ratio < 1.05:  # 1.0 in two digits
-        return "as rough"
-    return f"{digits(1.0 / ratio, 2)} times smoother" if ratio < 1.0 else f"{digits(ratio, 2)} times rougher"
-
-
 def doubts_sentence(study: Study) -> str:
     """Return the first of the identification's findings and their number, or what is least certain without any."""
-    warnings = study.found.findings
-    if warnings:
-        more = len(warnings) - 1
-        return warnings[0].text + (
+    found = study.found
+    if found.findings:
+        more = len(found.findings) - 1
+        return found.findings[0].text + (
             f" {more} more are listed under what the data do not determine." if more else ""
         )
-    correlation = np.nan_to_num(np.triu(study.found.correlation, 1))
+    correlation = np.nan_to_num(np.triu(found.correlation, 1))
     first, second = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
-    labels = study.found.labels
-    unlimited = ", ".join(open_labels(study.found.another_log))
+    unlimited = ", ".join(open_labels(found.another_log))
     other_log = f" From another log, any value of {unlimited} must be expected." if unlimited else ""
     return (
-        f"No parameter is at a bound.{other_log} The two that the logs separate least are "
-        f"{labels[first]} and {labels[second]} (correlation {correlation[first, second]:+.2f})."
+        f"No parameter is at a bound.{other_log} The two that the logs separate least are {found.labels[first]} and "
+        f"{found.labels[second]} (correlation {correlation[first, second]:+.2f})."
     )
 
 
-def _compared(ratio: float) -> str:
-    """Return an error by the ratio of the other's to it: 2.0 times smaller than that, the same as that, ..."""
-    if f"{ratio:.1f}" == "1.0":
-        return "about the same as that"
-    return (
-        f"{ratio:.1f} times smaller than that" if ratio > 1.0 else f"{1.0 / ratio:.1f} times larger than that"
-    )
+def too_few(robots: int) -> str:
+    """Return that these are too few for an interval of 95 %."""
+    return f"{counted(robots, 'robot')} {'is' if robots == 1 else 'are'} too few to tell"
 
 
-def study_report(study: Study, made: Provenance) -> Report:
+def interval_words(estimate: MedianEstimate) -> str:
+    """Return a median's interval in words; of fewer than six values the range, which is no 95 % interval."""
+    bounds = f"{digits(estimate.low)} to {digits(estimate.high)}"
+    return f"95 % interval {bounds}" if estimate.runs >= MIN_RUNS else f"{bounds} in {estimate.runs} draws"
+
+
+def study_report(study: Study) -> Report:
     """Return the page of a study."""
-    warnings = texts(study.found.findings)
+    undecided = texts(study.found.findings) or [doubts_sentence(study)]
+    if study.confirmation:
+        undecided.append(
+            "How far too large the twin's errors are: the identified rolling friction contains what rollers take, "
+            "which the twin has as well."
+        )
     found = [with_symbols(text) for text in texts(model_findings(study.validation))]
     return Report(
         title=f"{study.robot.name}: friction, model and controller",
@@ -227,8 +199,8 @@ def study_report(study: Study, made: Provenance) -> Report:
         verdict=summary(study),
         sections=[
             section(
-                "The robot and its logs",
-                Paragraph(text=f"{_robot_words(study.robot)} {_log_words(study)}"),
+                "The logs",
+                Paragraph(text=_log_words(study)),
                 *log_blocks(study.logs),
             ),
             section("Friction found", *parameter_blocks(study.found, study.logs)),
@@ -236,21 +208,8 @@ def study_report(study: Study, made: Provenance) -> Report:
             *validation_sections(study.validation),
             *_controller_sections(study),
         ],
-        undecided=[*(warnings or [doubts_sentence(study)]), *undecided_by(study.validation), _PREDICTION],
-        made=made,
+        undecided=[*undecided, *undecided_by(study.validation), _PREDICTION],
         findings=study.log_findings,
-    )
-
-
-def _robot_words(robot: Robot) -> str:
-    """Return the robot in a sentence or two."""
-    body, ball, wheels = robot.body, robot.ball, robot.wheels
-    pole = float(Model(robot).linearize().poles()[0].real)
-    return (
-        f"{robot.name} has {robot.wheel_count} omni-wheels of {1e3 * wheels.radius:.0f} mm radius on a ball of "
-        f"{1e3 * ball.radius:.0f} mm radius and {digits(ball.mass)} kg; its body weighs {digits(body.mass)} kg with "
-        f"the centre of mass {1e3 * body.center_of_mass:.0f} mm above the ball's centre. Without control its "
-        f"lean doubles every {1e3 * np.log(2.0) / pole:.0f} ms (unstable pole {pole:.2f} rad/s)."
     )
 
 
@@ -268,90 +227,58 @@ def _controller_sections(study: Study) -> Iterator[Section]:
     """Yield the controller, why it was chosen, and what its next log should show."""
     choice = study.choice
     controller = choice.controller or choice.trials["none"].controller
-    gain = (np.round(controller.gain, 3) + 0.0).tolist()
     yield section(
         "The controller",
-        Sheet(
-            headings=("wheel", *(state_mark(name) for name in STATE_NAMES)),
-            rows=[
-                (str(wheel), *(f"{value:.3f}" for value in row)) for wheel, row in enumerate(gain, start=1)
-            ],
-            caption=(
-                "Gain K of u = K S(ψ) (r − x) [N m per m, rad, m/s, rad/s]. Torque limit of each wheel: "
-                f"{torque_limit_words(controller)}."
-            ),
-        ),
-        _recovered_paragraph(study),
+        gain_sheet(controller.gain),
+        Bullets(items=[f"Torque limit of each wheel: {torque_limit_words(controller)}."]),
     )
+    words = (
+        f"Each candidate drives {_plants_words(study)}, once around a square of 0.5 m by steps in "
+        f"{choice.course.duration:.0f} s, all with the same seeds. A candidate that falls on any robot is excluded; of "
+        "those whose intervals overlap the best one's, the smoothest is chosen. The loop leaves out: "
+        f"{every(left_out(study.scenario, identified=True))}."
+    )
+    path = "Path over the floor on the first robot. Dot: start. Broad: the reference."
     yield section(
         "Why this controller",
-        Paragraph(text=_comparison_words(study)),
+        Paragraph(text=words),
         _candidate_sheet(choice),
         _replay(study),
-        drawn_picture(
-            "paths",
-            partial(paths_figure, choice.runs),
-            "Path over the floor on the first robot. Dot: start. Broad: the reference.",
-        ),
+        drawn_picture("paths", partial(paths_figure, choice.runs), path),
         position_error_series(choice.runs, "Distance from the reference over time on the first robot."),
     )
-    if study.confirmation:
-        yield section(
-            "A second opinion: the physics-engine twin",
-            _confirmation_sheet(study.confirmation),
-            Paragraph(text=_rolling_words(study.confirmation.rolling)),
-        )
     if study.steps:
         yield section("Where the gain comes from", _step_sheet(study.steps, choice.course.name))
     if study.stiffness:
-        yield stiffness_section(study.stiffness)
-    if study.prediction is not None:
         yield section(
-            "What the next log should show",
-            Paragraph(text=_prediction_words(study)),
-            Sheet(
-                headings=("quantity", "predicted", "95 % interval", "soft gain, no compensation"),
-                rows=predicted_rows(study.prediction),
-                caption="Each interval holds the value of one new run with 95 % probability.",
-            ),
+            "Where friction matters for this robot",
+            Paragraph(text=stiffness_sentences(study.stiffness)),
+            _stiffness_sheet(study.stiffness),
         )
+    if study.prediction is not None:
+        words = (
+            f"Record {choice.course.duration:g} s of the {choice.course.name} with this controller and run `ballbot "
+            "validate --prediction results.json LOG`: it says whether the prediction is confirmed, what else differs "
+            "from the logs, and whether to keep the controller, weaken it, or go back to previous_controller.toml."
+        )
+        sheet = Sheet(
+            headings=("quantity", "predicted", "95 % interval", "soft gain, no compensation"),
+            rows=predicted_rows(study.prediction),
+            caption="Each interval holds the value of one new run with 95 % probability.",
+        )
+        yield section("What the next log should show", Paragraph(text=words), sheet)
     elif choice.chosen is not None:
         need = f"A prediction needs {MIN_RUNS} simulated robots or more; these were {len(choice.plants)}."
         yield section("What the next log should show", Paragraph(text=need))
 
 
-def _recovered_paragraph(study: Study) -> Paragraph | None:
-    """Return how the gain that the first log was recorded with differs from the nominal one, if it is known."""
-    recovered = study.validation.recovered
-    if recovered is None:
-        return None
-    far = float(np.abs(recovered.gain - study.design.gain).max() / np.abs(study.design.gain).max())
-    same = (
-        "is the nominal one"
-        if far < 0.01
-        else f"differs from the nominal one by up to {100 * far:.0f} % of its largest entry"
-    )
-    return Paragraph(text=f"The gain that “{study.logs[0].name}” was recorded with {same}.")
-
-
-def _comparison_words(study: Study) -> str:
-    return (
-        f"Each candidate drives {_plants_words(study)}, once around a square of 0.5 m by steps in "
-        f"{study.choice.course.duration:.0f} s, all with the same seeds. A candidate that falls on any robot is "
-        "excluded; of those whose intervals overlap the best one's, the smoothest is chosen. The loop leaves "
-        f"out: {every(left_out(study.scenario, identified=True))}."
-    )
-
-
 def _candidate_sheet(choice: ControllerChoice) -> Sheet:
-    """Return the candidates' errors, roughness and falls."""
     first, rows = choice.trials["none"], []
     for name, trial in choice.trials.items():
         worst = float(np.nan_to_num(trial.peaks, nan=-np.inf).max())
         rows.append(
             (
-                _CANDIDATE_NAMES[name],
-                {"onboard": "integration", "kalman": "Kalman filter"}[trial.controller.estimator],
+                *(_CANDIDATE_NAMES[name], _STATE_WORDS[trial.controller.estimator]),
                 millimetres(trial.peak.median),
                 f"{millimetres(trial.peak.low)} – {millimetres(trial.peak.high)}",
                 *(millimetres(worst), millimetres(trial.rms.median)),
@@ -370,28 +297,6 @@ def _candidate_sheet(choice: ControllerChoice) -> Sheet:
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
-def _confirmation_sheet(confirmation: Confirmation) -> Sheet:
-    rows = []
-    for name, twin in confirmation.on_twin.items():
-        for on, trial in (("twin", twin), ("loop", confirmation.on_loop[name])):
-            peaks = trial.peaks[np.isfinite(trial.peaks)]
-            spread = f" ({millimetres(peaks.min())} – {millimetres(peaks.max())})" if len(peaks) else ""
-            rows.append(
-                (
-                    *(_CANDIDATE_NAMES[name], on, str(len(trial.scores))),
-                    f"{millimetres(trial.peak.median)}{spread}",
-                    millimetres(trial.rms.median),
-                    *(digits(trial.roughness.median), str(trial.falls)),
-                )
-            )
-    headings = ("controller", "on the", "runs", "peak [mm]", "rms [mm]", "roughness [N m]", "falls")
-    caption = (
-        "The twin has rollers, contacts and slip, which the loop lacks. Medians, in brackets the smallest and the "
-        "largest."
-    )
-    return Sheet(headings=headings, rows=rows, caption=caption)
-
-
 def _step_sheet(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> Sheet:
     """Return what each step from the soft gain to the precise controller does; the candidates ran on `course`."""
     rows = []
@@ -400,7 +305,7 @@ def _step_sheet(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> Sheet
         rows.append(
             (
                 *(step.adds, step.to, step.course.name if step.course else course),
-                *(millimetres(one.peak.median) if one.peak.runs else "–" for one in (before, after)),
+                *(millimetres(one.peak.median) for one in (before, after)),
                 f"{digits(ratio.median)} ({digits(ratio.low)} – {digits(ratio.high)})" if ratio.runs else "–",
                 f"{digits(before.roughness.median)} and {digits(after.roughness.median)}",
                 f"{before.falls} and {after.falls} of {len(before.scores)}",
@@ -446,27 +351,87 @@ def _replay(study: Study) -> Film | None:
     return Film(part=part, caption=caption)
 
 
-def _prediction_words(study: Study) -> str:
-    course = study.choice.course
-    return (
-        f"Record {course.duration:g} s of the {course.name} with this controller and run `ballbot validate "
-        "--prediction results.json LOG`: it says whether the prediction is confirmed, by how much not and what "
-        "else differs from the logs, and recommends to keep the controller, to weaken it, or to go back to "
-        "previous_controller.toml."
+_PLAIN = VARIANTS[0]
+
+
+def stiffness_sentences(found: FrictionByStiffness) -> str:
+    """Return how stiff the robot may be, and up to which stiffness compensation pays."""
+    runs = len(found.gains[0].trials[_PLAIN].scores)
+    if runs < MIN_RUNS:
+        return f"{too_few(runs)} where friction matters."
+    pays = [
+        f"{words} {_paying(found, observer)}"
+        for observer, words in ((False, "without the observer"), (True, "with it"))
+    ]
+    return f"{_stiffest_sentence(found)} Compensating the friction pays {', and '.join(pays)}."
+
+
+def _stiffest_sentence(found: FrictionByStiffness) -> str:
+    one, softest, last = found.stiffest(_PLAIN), found.gains[0], found.gains[-1]
+    if one is None:
+        return f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
+    words = (
+        f"This robot may be as stiff as {_gain(one)}, {digits(one.position_gain / softest.position_gain, 2)} times the "
+        "soft gain: without compensation and observer the peak error is "
+        f"{millimetres(one.trials[_PLAIN].peak.median)} mm there"
     )
-
-
-def _rolling_words(rolling: TwinRolling) -> str:
-    if rolling.added == 0.0:
-        return "The floor of the twins has the identified rolling friction."
-    if np.isnan(rolling.added):
+    if one is last:
         return (
-            f"The floor of the twins has the identified C_rr {rolling.identified:.3g}. It contains losses of the "
-            "rollers, which the twins have as well, so the errors may be too large: the twin's own losses could not "
-            "be identified from its log."
+            f"{words}; {'beyond, the margins end' if found.margins_end else 'stiffer gains were not tried'}."
         )
-    return (
-        f"The identified C_rr {rolling.identified:.3g} contains losses of the rollers, play and noise. The twins "
-        f"have these as well, and they add {rolling.added:.2g} to the C_rr of a twin's log. The floor of the twins "
-        "therefore has the remainder."
+    beyond = found.gains[found.gains.index(one) + 1]
+    trial = beyond.trials[_PLAIN]
+    if trial.falls:
+        failure = f"it falls in {trial.falls} of {len(trial.scores)} runs"
+    elif beyond.sensitivity > LARGEST_SENSITIVITY:
+        failure = "the margins have ended"
+    else:
+        failure = f"the error grows again, to {millimetres(trial.peak.median)} mm"
+    return f"{words}; at {_gain(beyond)} {failure}."
+
+
+def _paying(found: FrictionByStiffness, observer: bool) -> str:
+    paying = found.pays_over(observer=observer)
+    if not paying:
+        return "at none of these gains"
+    without, with_it = (
+        paying[-1].trials[Variant(compensation=has, observer=observer)] for has in (False, True)
     )
+    ratio = without.ratio_to(with_it)
+    from_on = "" if paying[0] is found.gains[0] else f"from {_gain(paying[0])} on "
+    return (
+        f"{from_on}up to {_gain(paying[-1])} (there it makes the peak error {digits(ratio.median, 2)} times smaller, "
+        f"{interval_words(ratio)})"
+    )
+
+
+def _gain(one: Stiffness) -> str:
+    return f"{digits(one.position_gain, 2)} N m/m"
+
+
+def _stiffness_sheet(found: FrictionByStiffness) -> Sheet:
+    """Return the peak error of each gain, softest first, with and without compensation and observer."""
+
+    def cell(trial: Trial) -> str:
+        peaks = 1e3 * trial.peaks[np.isfinite(trial.peaks)]
+        if not len(peaks):
+            return "falls"
+        low, middle, high = np.quantile(peaks, (0.1, 0.5, 0.9)).tolist()
+        fell = f", {trial.falls} fell" if trial.falls else ""
+        return f"{digits(middle)} ({digits(low, 2)} – {digits(high, 2)}){fell}"
+
+    names = [
+        f"{'full' if one.compensation else 'no'} compensation{', observer' if one.observer else ''}"
+        for one in VARIANTS
+    ]
+    caption = (
+        f"Peak error [mm] on {found.course.duration:g} s of the {found.course.name} by the torque that a metre of "
+        f"error asks of the wheels: medians over {len(found.gains[0].trials[_PLAIN].scores)} of the simulated robots, "
+        "in brackets eight of ten. All have the Kalman filter, shaped references with feed-forward and the lean limit; "
+        f"with the observer, integral action. The precise controller has {digits(found.precise_gain)} N m/m."
+    )
+    rows = [
+        (digits(one.position_gain), *(cell(one.trials[variant]) for variant in VARIANTS))
+        for one in found.gains
+    ]
+    return Sheet(headings=("position gain [N m/m]", *names), rows=rows, caption=caption)

@@ -8,6 +8,7 @@ before stays beside the new one, as previous_controller.toml.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,16 +27,18 @@ from ballbot.robot.file import write_robot
 from ballbot.workflows.controller_choice import Trial
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness
 from ballbot.workflows.study import Study
+from ballbot.workflows.twin_confirmation import Confirmation
 
 
 def study_results(study: Study, made: Provenance) -> dict[str, object]:
-    """Return what a study's results.json holds."""
+    """Return what a study's results.json holds; the controller's kind is None if every candidate falls."""
     identification = study.found.to_dict()
     validation = validation_results(study.validation)
     validation["by_log"] = {
         one.name: validation_results(part) for one, part in zip(study.logs, study.by_log, strict=True)
     }
     validation["held_out"] = {one.name: one.held_out for one in study.logs}
+    chosen = study.choice.controller
     return {
         "robot": study.robot.name,
         "parameters": identification.pop("parameters"),
@@ -43,40 +46,32 @@ def study_results(study: Study, made: Provenance) -> dict[str, object]:
         "findings": identification.pop("findings"),
         "identification": identification,
         "validation": validation,
-        "controller": _controller(study),
+        "controller": {
+            "kind": study.choice.chosen,
+            "compensation": chosen and chosen.compensation,
+            "estimator": chosen and chosen.estimator,
+            "gain": chosen and chosen.gain,
+            "sample_time": study.design.sample_time,
+            "nominal_gain": study.design.gain,
+            "nominal_poles": study.design.poles,
+        },
         "comparison": _comparison(study),
         "prediction": study.prediction,
         "provenance": to_results(made),
     }
 
 
-def _controller(study: Study) -> dict[str, object]:
-    """Return the chosen controller; its kind is None if every candidate falls on some plant."""
-    poles = study.design.poles
-    chosen = study.choice.controller
-    return {
-        "kind": study.choice.chosen,
-        "compensation": None if chosen is None else chosen.compensation,
-        "estimator": None if chosen is None else chosen.estimator,
-        "gain": None if chosen is None else chosen.gain,
-        "sample_time": study.design.sample_time,
-        "nominal_gain": study.design.gain,
-        "nominal_poles": [[pole.real, pole.imag] for pole in poles.tolist()],
-    }
-
-
 def _comparison(study: Study) -> dict[str, object]:
     choice = study.choice
-    entries: dict[str, object] = {name: _trial(trial) for name, trial in choice.trials.items()}
-    gain = choice.gain
-    return entries | {
+    return {
+        **{name: _trial(trial) for name, trial in choice.trials.items()},
         "scenario": study.scenario.name,
-        "confirmation": _confirmation(study),
+        "confirmation": study.confirmation and _confirmation(study.confirmation),
         "draws": len(choice.plants),
         "course": choice.course,
         "chosen": choice.chosen,
-        "counted_as_equal": list(choice.equals),
-        "gain": gain,
+        "counted_as_equal": choice.equals,
+        "gain": choice.gain,
         "compensated": choice.compensated,
         "steps": [
             {
@@ -89,55 +84,44 @@ def _comparison(study: Study) -> dict[str, object]:
             }
             for step, (before, after) in study.steps.items()
         ],
-        "stiffness": _stiffness(study.stiffness),
+        "stiffness": study.stiffness and _stiffness(study.stiffness),
     }
 
 
-def _stiffness(found: FrictionByStiffness | None) -> dict[str, object] | None:
-    """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
-    if found is None:
-        return None
-    return {
-        "course": found.course,
-        "gains": [
-            {
-                "position_gain": one.position_gain,
-                "compensation": variant.compensation,
-                "observer": variant.observer,
-                "sensitivity": one.sensitivities[variant.observer],
-                **_trial(trial),
-            }
-            for one in found.gains
-            for variant, trial in one.trials.items()
-        ],
-        "verdicts": [
-            {
-                "observer": plain.observer,
-                "stiffest": None if (one := found.stiffest(plain)) is None else one.position_gain,
-                "compensation_pays_over": [
-                    one.position_gain for one in found.pays_over(observer=plain.observer)
-                ],
-            }
-            for plain in VARIANTS
-            if not plain.compensation
-        ],
-    }
-
-
-def _confirmation(study: Study) -> dict[str, object] | None:
-    """Return what the chosen controller and the soft gain did on the twin and on the loop."""
-    made = study.confirmation
-    if made is None:
-        return None
+def _confirmation(made: Confirmation) -> dict[str, object]:
     return {
         "course": made.course,
-        "twin_rolling": made.rolling,
         "contradiction": made.contradiction,
         **{
             name: {"twin": _trial(twin), "loop": _trial(made.on_loop[name])}
             for name, twin in made.on_twin.items()
         },
     }
+
+
+def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
+    """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
+    gains = [
+        {
+            "position_gain": one.position_gain,
+            "compensation": variant.compensation,
+            "observer": variant.observer,
+            "sensitivity": one.sensitivity,
+            **_trial(trial),
+        }
+        for one in found.gains
+        for variant, trial in one.trials.items()
+    ]
+    verdicts = [
+        {
+            "observer": plain.observer,
+            "stiffest": None if (one := found.stiffest(plain)) is None else one.position_gain,
+            "compensation_pays_over": [one.position_gain for one in found.pays_over(observer=plain.observer)],
+        }
+        for plain in VARIANTS
+        if not plain.compensation
+    ]
+    return {"course": found.course, "gains": gains, "verdicts": verdicts}
 
 
 def _trial(trial: Trial) -> dict[str, object]:
@@ -179,24 +163,23 @@ def write_study(study: Study, out: str | Path, *, made: Provenance, before: Path
     before : Path, optional
         The folder that holds the files of an earlier study; `out` if not given.
     """
-    folder = Path(out)
-    chosen = study.choice.controller
+    folder, choice = Path(out), study.choice
+    chosen = choice.controller
     previous = previous_controller_text(
-        folder if before is None else before, new=chosen, baseline=study.choice.trials["none"].controller
+        before or folder, new=chosen, baseline=choice.trials["none"].controller
     )
     write_robot(study.found.robot, folder / "robot.toml")
     write_text(folder / "previous_controller.toml", previous)
     if chosen is not None:
         write_controller(chosen, folder / "controller.toml")
-    compensated = study.choice.compensated
-    if compensated is not None and chosen is not None and chosen.compensation == "none":
-        write_controller(study.choice.trials[compensated].controller, folder / "compensated_controller.toml")
-    results = folder / "results.json"
+        if choice.compensated is not None and chosen.compensation == "none":
+            compensated = choice.trials[choice.compensated].controller
+            write_controller(compensated, folder / "compensated_controller.toml")
+    results, report = folder / "results.json", folder / "report.html"
     write_text(results, results_text(study_results(study, made)))
     if study.options.quick:
         return results
-    report = folder / "report.html"
-    write_text(report, page_of(study_report(study, made)))
+    write_text(report, page_of(replace(study_report(study), made=made)))
     return report
 
 
@@ -204,16 +187,8 @@ def previous_controller_text(folder: Path, *, new: Controller | None, baseline: 
     """Return the text of the previous_controller.toml that a study writes.
 
     It is the controller.toml that an earlier study left in the folder. If the folder has no such file, or its file is
-    the new controller itself, the folder's previous_controller.toml is kept; without either it is the baseline.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the study, with the files of the earlier one.
-    new : Controller, optional
-        None if the study recommends none.
-    baseline : Controller
-        Without compensation.
+    the new controller itself (None if the study recommends none), the folder's previous_controller.toml is kept;
+    without either it is the baseline, which compensates nothing.
     """
     held = _text(folder / "controller.toml")
     if held is not None and (new is None or without_format(held) != without_format(controller_text(new))):

@@ -8,7 +8,8 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypedDict, TypeVar, cast
@@ -25,7 +26,10 @@ from ballbot.log import STATE_NAMES
 from ballbot.log.columns import unit_of
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
-from ballbot.report.palette import AXIS, BLUE, GRID, INK, MUTED, ORANGE, PALE
+from ballbot.report.palette import AXIS, BLUE, GREEN, GRID, INK, MUTED, ORANGE, PALE, VIOLET, YELLOW
+from ballbot.report.series import Line, Look, Panel
+from ballbot.report.words import state_mark
+from ballbot.rounding import unit_heading
 
 if TYPE_CHECKING:  # of matplotlib 3.10
     from matplotlib.typing import RcKeyType
@@ -39,11 +43,24 @@ class LineStyle(TypedDict):
     linewidth: float
 
 
-MEASURED: LineStyle = {"color": INK, "linestyle": "-", "linewidth": 1.6}
-WITH_FRICTION: LineStyle = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
-WITHOUT_FRICTION: LineStyle = {"color": ORANGE, "linestyle": "--", "linewidth": 1.3}
-NOISE: LineStyle = {"color": MUTED, "linestyle": ":", "linewidth": 1.2}
-REFERENCE: LineStyle = {"color": PALE, "linestyle": "-", "linewidth": 2.4}
+#: lines of figures, as `web/charts.js` draws those of time series
+LOOKS: Mapping[Look, LineStyle] = MappingProxyType(
+    {
+        "measured": {"color": INK, "linestyle": "-", "linewidth": 1.6},
+        "first": {"color": BLUE, "linestyle": "-", "linewidth": 1.3},
+        "second": {"color": ORANGE, "linestyle": "--", "linewidth": 1.3},
+        "third": {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
+        "fourth": {"color": VIOLET, "linestyle": ":", "linewidth": 1.4},
+        "fifth": {"color": YELLOW, "linestyle": "-", "linewidth": 1.1},
+        "sixth": {"color": INK, "linestyle": "--", "linewidth": 1.1},
+        "reference": {"color": PALE, "linestyle": "-", "linewidth": 2.4},
+        "quiet": {"color": MUTED, "linestyle": "-", "linewidth": 0.7},
+    }
+)
+#: marks of looks `IN_TURN`
+MARKS = ("o", "s", "^", "D", "v", "P")
+MEASURED, REFERENCE = LOOKS["measured"], LOOKS["reference"]
+WITH_FRICTION, WITHOUT_FRICTION = LOOKS["first"], LOOKS["second"]
 
 T = TypeVar("T")
 
@@ -100,15 +117,7 @@ _RC: dict[RcKeyType, object] = {
 
 
 def drawn(draw: Callable[[], Figure], *, name: str) -> str:
-    """Draw a figure in the report's style and return it as an SVG element for a page.
-
-    Parameters
-    ----------
-    draw : function
-        Makes the figure; it belongs to no window.
-    name : str
-        Different for each figure of a page; it keeps the figures' inner names apart.
-    """
+    """Return a figure, which belongs to no window, as an SVG element; `name` keeps the inner names of figures apart."""
     with mpl.rc_context(_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
         figure = draw()
@@ -181,27 +190,12 @@ def thinned(*columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     return tuple(column[::step] for column in columns)
 
 
-def with_peaks(
-    t: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a line (k,), (k,) as short as a thinned one in which every peak is kept, however thin.
-
-    Of each piece of rows it has the least and the greatest value, in their order; NaN where the piece has none.
-
-    Parameters
-    ----------
-    t : ndarray (n,)
-    values : ndarray (n,)
-        NaN where not known.
-    """
-    rows = 2 * -(-len(t) // _MOST_POINTS)  # of a piece, which becomes two points
-    if rows == 2:
-        return t, values
-    count = -(-len(t) // rows)
-    filled = np.full(count * rows, np.nan)
-    filled[: len(values)] = values
-    pieces = filled.reshape(count, rows)
-    least = np.where(np.isnan(pieces), np.inf, pieces).argmin(axis=1)
-    greatest = np.where(np.isnan(pieces), -np.inf, pieces).argmax(axis=1)
-    places = (rows * np.arange(count)[:, None] + np.sort([least, greatest], axis=0).T).ravel()
-    return t[places], values[places]
+def state_panels(names: Sequence[str], lines: Sequence[Line]) -> list[Panel]:
+    """Return a panel for each of the states `names`, of lines that have all ten, (n, 10)."""
+    return [
+        Panel(
+            label=unit_heading(state_mark(name), STATE_UNITS[name]),
+            lines=[replace(one, values=one.values[:, STATE_NAMES.index(name)]) for one in lines],
+        )
+        for name in names
+    ]

@@ -16,19 +16,17 @@ from ballbot.findings import finding_results
 from ballbot.fitting.comparison import LEAST_RUNS, verdicts
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Section, Sheet, section
-from ballbot.report.provenance import Provenance
-from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.style import STATE_UNITS, drawn_picture
+from ballbot.report.series import Line, TimeSeries
+from ballbot.report.style import STATE_UNITS, drawn_picture, state_panels
 from ballbot.report.validation_figures import (
     correlation_figure,
     horizon_figure,
-    ratio_figure,
-    spectrum_figure,
     symbols,
     wheels_figure,
     whole_log_figure,
 )
 from ballbot.report.words import state_mark, with_symbols
+from ballbot.results import to_results
 from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
 from ballbot.validation import ErrorPair, ModelPair, StateErrors, Validation, findings
@@ -49,18 +47,16 @@ def validation_results(validation: Validation) -> dict[str, object]:
         ],
         "findings": finding_results(findings(validation)),
         "duration": validation.duration,
-        "open_loop": None
-        if loop is None
-        else {
+        "open_loop": loop
+        and {
             **_error_results(loop.errors, models),
-            "noise_floor_rmse": by_state(loop.noise_floor),
+            "noise_floor_rmse": _by_state(loop.noise_floor),
             "past_recovery": loop.past_recovery,
             "recoverable_lean": loop.recoverable_lean,
         },
         "no_open_loop": validation.no_open_loop,
-        "closed_loop": None
-        if closed is None
-        else {
+        "closed_loop": closed
+        and {
             **_error_results(closed.restarted, models),
             "restart_every": closed.restart_every,
             "whole_logs": [_whole_log_results(one, models) for one in closed.whole],
@@ -68,19 +64,13 @@ def validation_results(validation: Validation) -> dict[str, object]:
         "no_closed_loop": validation.no_closed_loop,
         "prediction": _prediction_results(validation.prediction, validation.residuals, models),
         "horizon": _horizon_results(validation.horizon, models),
-        "recovered_gain": None
-        if validation.recovered is None
-        else {
-            "gain": validation.recovered.gain,
-            "delay_samples": validation.recovered.delay,
-            "r_squared": validation.recovered.r_squared,
-        },
+        "recovered_gain": validation.recovered,
     }
 
 
-def by_state(values: NDArray[np.float64]) -> dict[str, float]:
-    """Return ten values by the states' names."""
-    return dict(zip(STATE_NAMES, values.tolist(), strict=True))
+def _by_state(values: NDArray[np.generic]) -> dict[str, object]:
+    """Return values (.., 10) by the states' names."""
+    return {name: values[..., place] for place, name in enumerate(STATE_NAMES)}
 
 
 def key_of(name: str) -> str:
@@ -88,42 +78,36 @@ def key_of(name: str) -> str:
     return re.sub(r"\W+", "_", name).strip("_")
 
 
+def _by_model(
+    prefix: str, models: ModelPair, first: NDArray[np.float64], second: NDArray[np.float64]
+) -> dict[str, object]:
+    names = (f"{prefix}{key_of(name)}" for name in models.names)
+    return dict(zip(names, map(_by_state, (first, second)), strict=True))
+
+
 def _error_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
-    first, second = (key_of(name) for name in models.names)
-    lower, upper = pair.ratio_interval()
-    normalised = pair.normalised_rmse
     return {
-        first: by_state(pair.first.error),
-        second: by_state(pair.second.error),
-        f"rmse_{first}": by_state(pair.first.rmse),
-        f"rmse_{second}": by_state(pair.second.rmse),
-        f"normalised_rmse_{first}": by_state(normalised[0]),
-        f"normalised_rmse_{second}": by_state(normalised[1]),
-        "ratio": by_state(pair.ratio),
-        "ratio_interval": {name: [lower[i], upper[i]] for i, name in enumerate(STATE_NAMES)},
-        "verdict": dict(zip(STATE_NAMES, pair.verdicts(), strict=True)),
+        **_by_model("", models, pair.first.error, pair.second.error),
+        **_by_model("rmse_", models, pair.first.rmse, pair.second.rmse),
+        **_by_model("normalised_rmse_", models, *pair.normalised_rmse),
+        "ratio": _by_state(pair.ratio),
+        "ratio_interval": _by_state(np.array(pair.ratio_interval())),
+        "verdict": _by_state(np.array(pair.verdicts())),
         "runs": pair.runs,
         "samples": int(pair.first.samples.sum()),
     }
 
 
 def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
-    """Return RMS, amplitude and period of the log, and least, median and largest of each model's runs."""
-    log_is = np.array(["below", "inside", "above"])[whole.places + 1]  # the range of each model's runs
+    """Return RMS, amplitude and period of the log, and median and range of each model's runs."""
     return {
         "duration": whole.duration,
         "runs": RUNS,
         **{
             quantity: {
-                "log": by_state(whole.measured[k]),
-                **{
-                    key_of(name): {
-                        "range_95": dict(zip(STATE_NAMES, whole.ranges[::2, model, k].T, strict=True)),
-                        "median": by_state(whole.ranges[1, model, k]),
-                        "log_is": dict(zip(STATE_NAMES, log_is[model, k].tolist(), strict=True)),
-                    }
-                    for model, name in enumerate(models.names)
-                },
+                "log": _by_state(whole.measured[k]),
+                **_by_model("median_", models, *whole.ranges[1, :, k]),
+                **_by_model("range_95_", models, *whole.ranges[::2, :, k].swapaxes(0, 1)),
             }
             for k, quantity in enumerate(QUANTITIES)
         },
@@ -132,71 +116,51 @@ def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
 
 
 def _horizon_results(horizon: HorizonComparison, models: ModelPair) -> dict[str, object]:
-    first, second = (key_of(name) for name in models.names)
     errors = horizon.errors
     # a state that did not move has no scale
     spread = np.where(horizon.spread > FINEST, horizon.spread, np.nan)
-    first_rmse, second_rmse = errors.rmse
-    intervals = errors.ratio_interval()
+    intervals = errors.ratio_interval().swapaxes(0, 1)  # (horizons, 2, 10)
     return {
         "seconds": errors.horizons,
-        f"rmse_{first}": _columns(first_rmse),
-        f"rmse_{second}": _columns(second_rmse),
-        f"normalised_rmse_{first}": _columns(first_rmse / spread),
-        f"normalised_rmse_{second}": _columns(second_rmse / spread),
-        "ratio": _columns(errors.ratio),
-        "ratio_interval": {name: intervals[:, :, i].T for i, name in enumerate(STATE_NAMES)},
-        "verdict": [verdicts(interval) for interval in intervals.swapaxes(0, 1)],
-        "noise_floor_rmse": _columns(horizon.noise_floor),
+        **_by_model("rmse_", models, *errors.rmse),
+        **_by_model("normalised_rmse_", models, *(errors.rmse / spread)),
+        "ratio": _by_state(errors.ratio),
+        "ratio_interval": _by_state(intervals),
+        "verdict": [verdicts(interval) for interval in intervals],
+        "noise_floor_rmse": _by_state(horizon.noise_floor),
     }
 
 
 def _prediction_results(
     prediction: Prediction, found: ResidualAnalysis, models: ModelPair
 ) -> dict[str, object]:
+    whiteness, spectrum = found.whiteness, found.spectrum
     return {
         "labels": prediction.labels,
         "correlation": found.correlations.matrix,
         "significant": found.correlations.significant,
         "effective_samples": found.correlations.counts,
         **_error_results(prediction.errors, models),
-        "whiteness": None
-        if found.whiteness is None
-        else {
-            "verdict": dict(zip(STATE_NAMES, found.whiteness.colours, strict=True)),
-            "p_value": by_state(found.whiteness.p_value),
-            "predicted_share": by_state(found.whiteness.predicted_share),
-            "autocorrelation": _columns(found.whiteness.autocorrelation),
+        "whiteness": whiteness
+        and {
+            "verdict": _by_state(np.array(whiteness.colours)),
+            "p_value": _by_state(whiteness.p_value),
+            "predicted_share": _by_state(whiteness.predicted_share),
+            "autocorrelation": _by_state(whiteness.autocorrelation),
         },
-        "spectrum": None
-        if found.spectrum is None
-        else {
-            "resolution": found.spectrum.resolution,
-            "peaks": [
-                {"frequency": peak.frequency, "state": STATE_NAMES[peak.state], "ratio": peak.ratio}
-                for peak in found.spectrum.peaks
-            ],
+        "spectrum": spectrum
+        and {
+            "resolution": spectrum.resolution,
+            "peaks": [to_results(peak) | {"state": STATE_NAMES[peak.state]} for peak in spectrum.peaks],
         },
         "wheels": {
             "refused": found.no_wheels,
-            "by_speed": [
-                {
-                    "speed": effect.speeds,
-                    "torque": effect.torques,
-                    "half_width": effect.half_widths,
-                    "p_value": effect.p_value,
-                }
-                for effect in found.by_speed or ()
-            ],
+            "by_speed": found.by_speed or (),
         },
     }
 
 
-def _columns(values: NDArray[np.float64]) -> dict[str, list[float]]:
-    return {name: values[:, index].tolist() for index, name in enumerate(STATE_NAMES)}
-
-
-def validation_report(validation: Validation, *, title: str, lead: str, made: Provenance) -> Report:
+def validation_report(validation: Validation, *, title: str, lead: str) -> Report:
     """Return a validation's own page."""
     verdict, *others = (finding.text for finding in model_findings(validation))
     found = (
@@ -208,7 +172,6 @@ def validation_report(validation: Validation, *, title: str, lead: str, made: Pr
         verdict=[("", verdict)],
         sections=[*found, *validation_sections(validation)],
         undecided=undecided_by(validation),
-        made=made,
         findings=validation.log_findings,
     )
 
@@ -226,19 +189,15 @@ def undecided_by(validation: Validation) -> list[str]:
     ):
         if errors is None:
             sentences.append(f"Which model is better in {where}: {refused}")
-        elif not np.isfinite(errors.ratio_interval()).any():
+            continue
+        verdicts_of = zip(STATE_NAMES, errors.verdicts(), strict=True)
+        open_ones = ", ".join(state_mark(name) for name, verdict in verdicts_of if verdict == "undecided")
+        few = f" or there are fewer than {LEAST_RUNS} runs" if errors.runs < LEAST_RUNS else ""
+        if open_ones:
             sentences.append(
-                f"Which model is better in {where}: intervals need {LEAST_RUNS} runs, and there "
-                f"{'is one' if errors.runs == 1 else f'are {errors.runs}'}."
+                f"Whether the model {first} predicts {open_ones} better than the one {second} in {where}: the interval "
+                f"of the ratio of errors contains one{few}."
             )
-        else:
-            verdicts_of = zip(STATE_NAMES, errors.verdicts(), strict=True)
-            open_ones = [state_mark(name) for name, verdict in verdicts_of if verdict == "undecided"]
-            if open_ones:
-                sentences.append(
-                    f"Whether the model {first} predicts {', '.join(open_ones)} better than the one {second} in "
-                    f"{where}: the interval of the ratio of errors contains one."
-                )
     found = validation.residuals
     if found.no_wheels:
         sentences.append(f"Whether the wheels' residual torques depend on their speeds: {found.no_wheels}.")
@@ -248,28 +207,20 @@ def undecided_by(validation: Validation) -> list[str]:
 def validation_sections(validation: Validation) -> list[Section]:
     """Return the sections on a validation."""
     if validation.no_evidence is not None:
-        return [section("Which model is better where", Paragraph(text=validation.no_evidence))]
+        return [section("Which model is better", Paragraph(text=validation.no_evidence))]
+    names = validation.models.names
+    horizon = (
+        "Root mean square error of the forecast against how far ahead it looks. Dotted: the error that noise of the "
+        "measured start alone causes in a perfect model. A filled dot: the interval of the ratio is wholly above one, "
+        f"the model {names[0]} is better."
+    )
+    draw = partial(horizon_figure, validation.horizon, names)
     return [
-        _ratio_section(validation),
         section("Open loop", *_open_loop_blocks(validation)),
         section("Closed loop", *_closed_loop_blocks(validation)),
-        _horizon_section(validation),
+        section("Error against horizon", drawn_picture("horizon", draw, horizon)),
         section("Residuals of the next sample", *_residual_blocks(validation)),
     ]
-
-
-def _ratio_section(validation: Validation) -> Section:
-    first, second = validation.models.names
-    loop, closed = validation.open_loop, validation.closed_loop
-    heading = "Which model is better where"
-    if loop is None and closed is None:
-        return section(heading, Paragraph(text="Neither loop could be compared; the sections below say why."))
-    caption = (
-        f"Error of the model {second} over the error of the one {first}. Bars: 95 % intervals, from a bootstrap of "
-        f"blocks of runs; below {LEAST_RUNS} runs there are none."
-    )
-    draw = partial(ratio_figure, loop, closed, (first, second))
-    return section(heading, drawn_picture("ratios", draw, caption))
 
 
 def _open_loop_blocks(validation: Validation) -> Iterator[Block]:
@@ -301,32 +252,16 @@ def _closed_loop_blocks(validation: Validation) -> Iterator[Block]:
     )
     yield error_sheet(validation, closed.restarted, caption)
     for place, whole in enumerate(closed.whole, start=1):
-        yield from _whole_log_blocks(validation, whole, place)
-
-
-def _whole_log_blocks(validation: Validation, whole: WholeLog, place: int) -> Iterator[Block]:
-    """Yield what is shown of both models' runs over a whole log."""
-    yield Paragraph(text=whole_log_verdict(whole, validation.models))
-    caption = (
-        f"{RUNS} runs of each model over the {whole.duration:.3g} s of log {place}, with the noise of a measured state "
-        "drawn: RMS of the deviation from the reference, mean amplitude and period of its swings, over the log's own. "
-        "Dot: the median, bar: 95 % of the runs. A bar that contains one contains the log."
-    )
-    draw = partial(whole_log_figure, whole, validation.models.names)
-    yield drawn_picture(f"whole_log_{place}", draw, caption)
-    if place == 1:
-        yield _trajectories(whole.example, validation, "The first seconds without a restart.")
-
-
-def _horizon_section(validation: Validation) -> Section:
-    names = validation.models.names
-    caption = (
-        "Root mean square error of the forecast against how far ahead it looks. Dotted: the error that noise of the "
-        "measured start alone causes in a perfect model. A filled dot: the interval of the ratio is wholly above one, "
-        f"the model {names[0]} is better."
-    )
-    draw = partial(horizon_figure, validation.horizon, names)
-    return section("Error against horizon", drawn_picture("horizon", draw, caption))
+        yield Paragraph(text=whole_log_verdict(whole, validation.models))
+        caption = (
+            f"{RUNS} runs of each model over the {whole.duration:.3g} s of log {place}, with the noise of a measured "
+            "state drawn: RMS of the deviation from the reference, mean amplitude and period of its swings, over the "
+            "log's own. Dot: the median, bar: 95 % of the runs. A bar that contains one contains the log."
+        )
+        draw = partial(whole_log_figure, whole, validation.models.names)
+        yield drawn_picture(f"whole_log_{place}", draw, caption)
+        if place == 1:
+            yield _trajectories(whole.example, validation, "The first seconds without a restart.")
 
 
 def _residual_blocks(validation: Validation) -> Iterator[Block]:
@@ -340,12 +275,9 @@ def _residual_blocks(validation: Validation) -> Iterator[Block]:
         "the chance of any false frame 5 %."
     )
     yield drawn_picture("residuals", draw, caption)
-    if found.spectrum:
-        caption = "Power spectral densities of the residuals; arrows and numbers: peaks [Hz]."
-        yield drawn_picture("spectrum", partial(spectrum_figure, found), caption)
     if found.by_speed:
         caption = "The residuals as torques that each wheel would have had to push more, against its speed; bars: 95 %."
-        yield drawn_picture("wheels", partial(wheels_figure, found), caption)
+        yield drawn_picture("wheels", partial(wheels_figure, found.by_speed), caption)
 
 
 def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
@@ -392,13 +324,10 @@ _SHOWN = ("x", "y", "theta", "phi", "psi", "psi_dot")
 def _trajectories(shown: Trajectories, validation: Validation, caption: str) -> TimeSeries:
     """Return the measured states beside those of both models."""
     first, second = validation.models.names
-    panels = []
-    for name in _SHOWN:
-        place = STATE_NAMES.index(name)
-        lines = (
-            Line(name="measured", values=shown.measured[:, place], look="measured"),
-            Line(name=f"model {first}", values=shown.first[:, place], look="first"),
-            Line(name=f"model {second}", values=shown.second[:, place], look="second"),
-        )
-        panels.append(Panel(label=unit_heading(state_mark(name), STATE_UNITS[name]), lines=lines))
+    lines = (
+        Line("measured", shown.measured, "measured"),
+        Line(f"model {first}", shown.first, "first"),
+        Line(f"model {second}", shown.second, "second"),
+    )
+    panels = state_panels(_SHOWN, lines)
     return TimeSeries(t=shown.t, panels=panels, caption=caption, across="time of the log [s]")

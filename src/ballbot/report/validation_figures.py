@@ -1,14 +1,10 @@
-"""Figures of a validation: ratios of errors, the error against the horizon, and the residuals.
-
-Of the residuals: their spectra, and the wheels' residual torques.
-"""
+"""Figures of a validation: runs over whole logs, the error against the horizon, and the residuals."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
@@ -16,61 +12,24 @@ from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
-from ballbot.report.palette import BLUE, GREEN, INK, MUTED, ORANGE
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
+from ballbot.report.series import IN_TURN
 from ballbot.report.style import (
-    NOISE,
+    LOOKS,
+    MARKS,
     STATE_SYMBOLS,
     STATE_UNITS,
     WITH_FRICTION,
     WITHOUT_FRICTION,
     label_of,
-    plain_log_ticks,
 )
-from ballbot.validation.closed_loop import ClosedLoop
-from ballbot.validation.models import FINEST, ErrorPair
-from ballbot.validation.open_loop import OpenLoop
+from ballbot.validation.models import FINEST
 from ballbot.validation.prediction import HorizonComparison
-from ballbot.validation.residuals import ResidualAnalysis
+from ballbot.validation.residuals import SpeedEffect
 from ballbot.validation.whole_log import WholeLog
 
 #: ends of the ratios drawn for whole logs
 _DRAWN = (0.03, 30.0)
-
-
-def ratio_figure(
-    open_loop: OpenLoop | None, closed_loop: ClosedLoop | None, names: tuple[str, str]
-) -> Figure:
-    """Return the second model's error over the first's, state by state, with bootstrap intervals."""
-    figure = Figure(figsize=(7.4, 2.7), layout="constrained")
-    axes = figure.subplots()
-    places = np.arange(len(STATE_NAMES), dtype=np.float64)
-    if open_loop is not None:
-        _draw_ratios(axes, places - 0.14, open_loop.errors, color=BLUE, marker="o", label="open loop")
-    if closed_loop is not None:
-        label = f"closed loop, restarted every {closed_loop.restart_every:.2g} s"
-        _draw_ratios(axes, places + 0.14, closed_loop.restarted, color=ORANGE, marker="s", label=label)
-    axes.axhline(1.0, color=INK, linewidth=0.9)
-    axes.set_yscale("log")
-    axes.set_xticks(places, [STATE_SYMBOLS[name] for name in STATE_NAMES], fontsize=10)
-    axes.set_ylabel(f"error {label_of(names[1])}\nover error {label_of(names[0])}")
-    lower, upper = axes.get_ylim()
-    axes.set_ylim(min(lower, 0.7), max(upper, 2.0))
-    plain_log_ticks(axes.yaxis)
-    better = f"above the line: better {label_of(names[0])}"
-    axes.annotate(better, (places[-1] + 0.5, 1.0), (0, -3), textcoords="offset points",
-                  ha="right", va="top", fontsize=7, color=MUTED)  # fmt: skip
-    axes.tick_params(axis="x", length=0, pad=5, labelcolor=INK)
-    figure.legend(loc="outside upper left", ncols=2)
-    axes.grid(axis="x", visible=False)
-    return figure
-
-
-def _draw_ratios(
-    axes: Axes, places: NDArray[np.float64], errors: ErrorPair, *, color: str, marker: str, label: str
-) -> None:
-    lower, upper = errors.ratio_interval()
-    axes.vlines(places, lower, upper, color=color, linewidth=1.2)
-    axes.plot(places, errors.ratio, marker, color=color, markersize=5, label=label)
 
 
 def whole_log_figure(whole: WholeLog, names: tuple[str, str]) -> Figure:
@@ -118,7 +77,9 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
         first = first_model[:, index]
         axes.loglog(ahead, first, label=label_of(names[0]), **WITH_FRICTION)
         axes.loglog(ahead, second_model[:, index], label=label_of(names[1]), **WITHOUT_FRICTION)
-        axes.loglog(ahead, horizon.noise_floor[:, index], label="noise of the start alone", **NOISE)
+        axes.loglog(
+            ahead, horizon.noise_floor[:, index], label="noise of the start alone", color=MUTED, linestyle=":"
+        )
         for which, face in ((better[:, index], BLUE), (~better[:, index], "white")):
             axes.loglog(ahead[which], first[which], "o", color=BLUE, markerfacecolor=face, markersize=3)
         axes.set_title(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
@@ -200,48 +161,15 @@ def symbols(labels: Sequence[str]) -> list[str]:
     ]
 
 
-#: styles of the wheels, distinct in grey too
-_WHEELS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (INK, "D"))
-#: from a peak's number to the peak
-_ARROW = {"arrowstyle": "-|>", "color": INK, "lw": 0.6}
-
-
-def spectrum_figure(found: ResidualAnalysis) -> Figure:
-    """Return the residuals' densities against frequency, a panel for each state, the peaks marked."""
-    spectrum = found.spectrum
-    assert spectrum is not None
-    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
-    panels = figure.subplots(2, 5, sharex=True)
-    for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
-        # at zero and at half the sampling rate a density is another thing
-        frequencies, density = spectrum.frequencies[1:-1], spectrum.densities[1:-1, index]
-        axes.semilogy(frequencies, density, color=BLUE, linewidth=0.9)
-        for peak in (one for one in spectrum.peaks if one.state == index):
-            height = np.interp(peak.frequency, frequencies, density)
-            axes.annotate(f"{peak.frequency:.1f}", (peak.frequency, height), (0, 9), textcoords="offset points",
-                          ha="center", fontsize=6.5, arrowprops=_ARROW)  # fmt: skip
-        axes.set_title(rf"$\varepsilon$({STATE_SYMBOLS[name]})")
-        axes.yaxis.set_minor_locator(NullLocator())
-        axes.tick_params(labelsize=7)
-        axes.margins(y=0.18)
-    for axes in panels[-1]:
-        axes.set_xlabel("frequency [Hz]")
-    for axes in panels[:, 0]:
-        axes.set_ylabel("unit²/Hz")
-    return figure
-
-
-def wheels_figure(found: ResidualAnalysis) -> Figure:
+def wheels_figure(by_speed: Sequence[SpeedEffect]) -> Figure:
     """Return the wheels' residual torques against their speed."""
-    assert found.by_speed is not None
     figure = Figure(figsize=(7.4, 2.7), layout="constrained")
     axes = figure.subplots()
     axes.axhline(0.0, color=INK, linewidth=0.8)
-    for wheel, effect in enumerate(found.by_speed):
-        color, marker = _WHEELS[wheel]
-        axes.errorbar(effect.speeds, effect.torques, yerr=effect.half_widths, fmt=marker, color=color,
-                      markersize=3.2, linewidth=0.9, label=f"wheel {wheel + 1}")  # fmt: skip
+    for wheel, (effect, look, mark) in enumerate(zip(by_speed, IN_TURN, MARKS, strict=False), start=1):
+        axes.errorbar(effect.speeds, effect.torques, yerr=effect.half_widths, fmt=mark, color=LOOKS[look]["color"],
+                      markersize=3.2, linewidth=0.9, label=f"wheel {wheel}")  # fmt: skip
     axes.set_xlabel("wheel speed [rad/s]")
     axes.set_ylabel("residual torque [N m]")
-    figure.legend(loc="outside upper left", ncols=len(found.by_speed))
+    figure.legend(loc="outside upper left", ncols=len(by_speed))
     return figure

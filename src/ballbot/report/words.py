@@ -63,17 +63,7 @@ def millimetres(metres: float) -> str:
     return digits(1e3 * metres)
 
 
-#: a ratio of a controller that fails, or from few seeds, may be farther from one than this: then a power of ten is read
-_PLAIN_RATIO = 1e4
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def ratio_digits(ratio: float) -> str:
-    """Return a positive ratio to three digits: 0.912, or 2.54·10⁻⁵ if it is far from one."""
-    if not 0.0 < ratio < math.inf or 1.0 / _PLAIN_RATIO <= ratio < _PLAIN_RATIO:
-        return digits(ratio)
-    mantissa, exponent = f"{ratio:.2e}".split("e")
-    return f"{mantissa}·10{str(int(exponent)).translate(RAISED)}"
 
 
 def with_powers(words: str) -> str:
@@ -109,3 +99,8 @@ def state_mark(name: str) -> str:
     """Return a state as the thesis prints it, in Unicode: a rate has a dot above."""
     base = name.removesuffix("_dot")
     return STATE_MARKS[base] + ("\u0307" if name.endswith("_dot") else "")
+
+
+def capital(sentence: str) -> str:
+    """Return a sentence whose first letter is a capital."""
+    return f"{sentence[:1].upper()}{sentence[1:]}"

@@ -29,9 +29,7 @@ from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of, over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model, ModelLike, as_model
-from ballbot.mechanics.parameters import selector
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
@@ -171,15 +169,14 @@ def simulate_batch(
     every = whole_number(every, "every", least=0) or samples
     records = samples // every
     out = empty_outcome(lanes, records, samples, n)
-    law = wheel_law(*(robot.friction for robot in robots))
-    selected = selector(models[0].formulation, n, pivoting=models[0].pivots, law=law)
+    selected = models[0].selected
     loops, filters = _loops(borne, robots, controllers, sample_time)
     inputs = Inputs(
         code=code_of(selected),
         play_code=play_code_of(selected) if any(one.backlash > 0.0 for one in borne) else 0,
         law_code=law_code(),
         filter_code=sample_code() if len(filters) else 0,
-        parameters=_rows(lambda one: one.packed_under(law), models),
+        parameters=_rows(lambda one: one.packed, models),
         lift_offs=_rows(lift_off, robots),
         laws=np.stack([one.packed for one in controllers]).view(LAW_TYPE)[:, 0],
         loops=loops.view(LOOP.dtype())[:, 0],
@@ -306,17 +303,19 @@ def _loops(
     if not borne:
         return _perfect(sample_time), np.empty((0, 0))
     many = max(len(borne), len(robots), len(controllers))
-    loops, filters, made = [], [], {}
+    loops, filters, made, known = [], [], {}, {}
     for k in range(many):
         one, robot = borne[k % len(borne)], robots[k % len(robots)]
         estimator = controllers[k % len(controllers)].estimator
         # a record does not depend on the seed, by which alone the lanes of a comparison differ
         key = (*(id(value) for name, value in vars(one).items() if name != "seed"), id(robot), estimator)
         if key not in made:
-            row = loop_record(one, robot, estimator=estimator, sample_time=sample_time)
-            made[key] = row, filter_row(one.known or robot, sample_time=sample_time)
-        loops.append(made[key][0])
-        filters.append(made[key][1])
+            made[key] = loop_record(one, robot, estimator=estimator, sample_time=sample_time)
+        knows = one.known or robot
+        if id(knows) not in known:
+            known[id(knows)] = filter_row(knows, sample_time=sample_time)
+        loops.append(made[key])
+        filters.append(known[id(knows)])
     needed = any(one.sensors is not None for one in borne) and any(
         c.estimator == "kalman" for c in controllers
     )

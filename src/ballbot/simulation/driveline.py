@@ -1,4 +1,4 @@
-"""One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w), under any friction law (thesis 3.1 to 3.4).
+"""One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w), tau the classical law (thesis 3.1 to 3.4).
 
 Many drivelines run at once, each with its own inertia, friction, speed limit and torques. Torques are held over a
 sample. The supply's speed limit is a torque-speed curve, or the thesis's clamp (3.2) as it stands, for comparison:
@@ -18,28 +18,18 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.friction import WheelTerms, friction_terms
-from ballbot.mechanics.friction_laws.classical import Classical
-from ballbot.mechanics.friction_laws.interface import (
-    UNLIMITED,
-    FrictionLaw,
-    Inertia,
-    clamped,
-    move,
-)
-from ballbot.mechanics.friction_laws.smoothed import Smoothed
+from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, Inertia, clamped, move
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 
 
 @compiled
-def run_lane(law, inertia, state, speed, torques, sample_time, steps, out):
+def run_lane(law, inertia, speed, torques, sample_time, steps, out):
     """Turn one driveline; `out` (3, samples) takes speed, angle and integrated speed.
 
     Parameters
     ----------
     law, inertia : named tuple
-    state : ndarray (m,)
-        The law's; it is changed.
     speed : float
         At the start [rad/s].
     torques : ndarray (samples,)
@@ -51,7 +41,7 @@ def run_lane(law, inertia, state, speed, torques, sample_time, steps, out):
     h, angle = sample_time / steps, 0.0
     for sample in range(len(torques)):
         for _ in range(steps):
-            speed, travel = move(law, inertia, torques[sample], state, speed, h)
+            speed, travel = move(law, inertia, torques[sample], speed, h)
             angle += travel
         out[0, sample] = clamped(inertia, speed)
         out[1, sample] = angle
@@ -104,22 +94,16 @@ class Driveline:
     Raises
     ------
     InputError
-        If the inertia is not above zero, or the thesis's clamp meets a friction law that has a state or a dead
-        zone.
+        If the inertia is not above zero.
     """
 
     inertia: float  #: j_w + j_r [kg m^2]
-    friction: FrictionLaw
+    friction: Classical
     speed_limit: TorqueSpeedCurve | SpeedClamp | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.inertia < np.inf:
             raise InputError(f"The driveline's inertia is {self.inertia:g} kg m^2; it must be above zero.")
-        if isinstance(self.speed_limit, SpeedClamp) and not isinstance(self.friction, Classical | Smoothed):
-            raise InputError(
-                f"The thesis's speed clamp needs the classical friction law, not {type(self.friction).__name__}; "
-                "use a torque-speed curve instead."
-            )
 
     @staticmethod
     def of_wheel(
@@ -200,7 +184,7 @@ def simulate_drivelines(
     step : float
         Longest inner step [s]; a lane takes shorter ones where its fastest rate asks for that.
     initial_speeds : array_like () or (lanes,)
-        [rad/s]; the friction starts as after a long rest.
+        [rad/s]
 
     Raises
     ------
@@ -217,10 +201,7 @@ def simulate_drivelines(
     out = np.empty((lanes, 3, inputs.shape[1]))
     for line, speed, held, found in zip(lines * (lanes // len(lines)), starts, inputs, out, strict=True):
         steps = _steps(line, sample_time, step)
-        state = line.friction.initial_state(sample_time / steps)
-        run_lane(
-            line.friction.numbers(), line.numbers(), state, speed, held.copy(), sample_time, steps, found
-        )
+        run_lane(line.friction.numbers(), line.numbers(), speed, held.copy(), sample_time, steps, found)
     speeds, angles, integrated = np.swapaxes(out, 0, 1)
     t = np.arange(1.0, inputs.shape[1] + 1.0) * sample_time
     return DrivelineMotion(t=t, speeds=speeds, angles=angles, integrated_speeds=integrated)

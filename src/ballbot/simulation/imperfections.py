@@ -222,7 +222,7 @@ def rest_on_slope(
     weight = robot.weight
     torque = robot.ball.radius * weight * np.array([-slope[1], slope[0], 0.0])
     lean = torque[:2] / (robot.body.mass * robot.gravity * robot.body.center_of_mass)
-    return lean, np.linalg.pinv(transforms(robot).T_owb.T) @ torque
+    return lean, transforms(robot).T_obw.T @ torque
 
 
 def off_axis(robot: Robot, imbalance: tuple[float, float]) -> NDArray[np.float64]:

@@ -66,9 +66,12 @@ from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_sta
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import add, dot, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, terms
-from ballbot.mechanics.parameters import RIGID_SIZE, TERMS_SIZE, WHEEL_SIZE
+from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_PLACES, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking, wheel_forces
+
+#: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
+_DRY = WHEEL_PLACES["c"]
 
 
 class Inputs(NamedTuple):
@@ -478,15 +481,10 @@ def _press(selected, work, lane, inputs, own, block, number):
     pressing = block.rolled
     fill(pressing, pressed)
     numbers = inputs.parameters[_row_of(inputs.parameters, number)]
-    terms = RIGID_SIZE + WHEEL_SIZE * n
     for i in range(n):
         share = max(0.0, 1.0 + own.load_dependence * (pressing[i] / own.pressure - 1.0))
-        first = RIGID_SIZE + WHEEL_SIZE * i + WHEEL_SIZE - 2  # c and s
-        for place in range(first, first + 2):
+        for place in range(RIGID_SIZE + WHEEL_SIZE * i + _DRY, RIGID_SIZE + WHEEL_SIZE * (i + 1)):
             work[place * LANES + lane] = share * numbers[place]
-        if len(numbers) > terms:
-            for place in range(terms + TERMS_SIZE * i, terms + TERMS_SIZE * (i + 1)):
-                work[place * LANES + lane] = share * numbers[place]
 
 
 @inlined

@@ -26,21 +26,22 @@ from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.contacts import free_torque
 from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined
+from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import from_array
 from ballbot.mechanics.friction import (
     FrictionTerms,
+    WheelTerms,
     directed_friction,
     dry_friction,
     friction_terms,
-    loaded_coulomb,
     sign,
     terms_of_wheel,
+    under_load,
 )
-from ballbot.mechanics.friction_laws.classical import ClassicalNumbers, DirectedNumbers
+from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.stick_slip import minimiser
 from ballbot.robot import Friction, Robot
@@ -58,42 +59,15 @@ class BallNumbers(NamedTuple):
     push: NDArray[np.float64]  #: M^-1 A^T (3, n)
     friction: NDArray[np.float64]  #: b, c, s of each wheel, v_s and delta (3 n + 2,)
     wheels: tuple[int, ...]  #: as many as there are wheels
-
-
-class DirectedBallNumbers(NamedTuple):
-    """The same with friction that differs with direction and follows the motors' torques."""
-
-    A: NDArray[np.float64]
-    M: NDArray[np.float64]
-    push: NDArray[np.float64]
-    friction: NDArray[np.float64]
-    wheels: tuple[int, ...]
     terms: NDArray[np.float64]  #: `FrictionTerms.columns` (n, k)
 
 
 @inlined
-def _plain_wheel(ball, i):
-    n, friction = len(ball.A), ball.friction
-    b, c, s = friction[i], friction[n + i], friction[2 * n + i]
-    return ClassicalNumbers(b, c, s, 1.0 / friction[3 * n], friction[3 * n + 1])
-
-
-def _wheel(ball, i, torque) -> ClassicalNumbers:  # pragma: no cover (compiled form below)
+def _wheel(ball, i, torque):
     """Return the numbers of a wheel's friction under its motor's torque."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(_wheel)
-def _wheel_of(ball, i, torque):  # noqa: ARG001 (read by type)
-    if ball.instance_class is BallNumbers:
-        return lambda ball, i, torque: _plain_wheel(ball, i)  # noqa: ARG005
-
-    def directed(ball, i, torque):
-        plain, terms = _plain_wheel(ball, i), terms_of_wheel(ball.terms, i)
-        c = loaded_coulomb(plain.c, terms, torque)
-        return DirectedNumbers(plain.b, c, plain.s, plain.inv_vs, plain.delta, terms)
-
-    return directed
+    n, friction = len(ball.A), ball.friction
+    b, c, s, terms = friction[i], friction[n + i], friction[2 * n + i], terms_of_wheel(ball.terms, i)
+    return under_load(ClassicalNumbers(b, c, s, 1.0 / friction[3 * n], friction[3 * n + 1], terms), torque)
 
 
 @inlined
@@ -175,7 +149,7 @@ def run_ball(ball, omega, torques, sample_time, steps, every, out):
 
     Parameters
     ----------
-    ball : BallNumbers or DirectedBallNumbers
+    ball : BallNumbers
     omega : ndarray (3,)
         At the start [rad/s]; it is changed.
     torques : ndarray (samples, n)
@@ -307,14 +281,13 @@ def simulate_balls(
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))
     out = np.empty((len(sets), len(starts), inputs.shape[1] // every, 3))
     push, count = ball.push(), len(starts)
-    columns = None if terms is None else terms.columns()
+    columns = np.zeros((len(ball.A), len(WheelTerms._fields))) if terms is None else terms.columns()
 
     def run(first: int) -> None:
         for lane in range(first, min(first + LANES, len(sets) * count)):
             chosen, window = divmod(lane, count)
-            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen], tuple(range(len(ball.A))))
-            if columns is not None:
-                numbers = DirectedBallNumbers(*numbers, columns)
+            wheels = tuple(range(len(ball.A)))
+            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen], wheels, columns)
             omega = starts[window].copy()
             run_ball(numbers, omega, inputs[window], sample_time, steps, every, out[chosen, window])
 

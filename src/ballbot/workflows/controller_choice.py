@@ -19,9 +19,10 @@ controller by pairs of controllers that differ in one thing, on the same robots 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,7 +182,8 @@ class Trial:
 
     controller: Controller
     scores: tuple[Score, ...]  #: by the true position
-    performances: tuple[Performance, ...]  #: as the robot's own log shows them
+    performances: tuple[Performance, ...] = ()  #: as the robot's own log shows them
+    log: Log | None = None  #: of the first run, if it is kept
 
     @staticmethod
     def of(controller: Controller, results: Sequence[RunResult]) -> Trial:
@@ -190,6 +192,7 @@ class Trial:
             controller=controller,
             scores=tuple(one.score for one in results),
             performances=tuple(Performance.from_array(one.measured) for one in results),
+            log=results[0].log,
         )
 
     @property
@@ -233,7 +236,11 @@ class ControllerChoice:
     trials: Mapping[str, Trial]  #: by candidate
     equals: tuple[str, ...]  #: candidates that count as the best, the best one first; none if all fall
     chosen: str | None  #: None if every candidate falls on some plant
-    runs: Mapping[str, Log]  #: by candidate, on the first plant
+
+    @property
+    def runs(self) -> dict[str, Log]:
+        """The candidates' runs on the first plant."""
+        return {name: one.log for name, one in self.trials.items() if one.log is not None}
 
     @property
     def controller(self) -> Controller | None:
@@ -318,23 +325,14 @@ def choose_controller(
     InputError
         If a robot cannot be run or a run cannot be scored.
     """
-    found = run_comparison(
-        [
-            loop_run(name, controller, plant, course, logged=plant is plants[0])
-            for name, controller in controllers.items()
-            for plant in plants
-        ],
-        run=run,
-    )
-    trials = {name: Trial.of(one, found.of(name, course.name)) for name, one in controllers.items()}
-    logs = {name: found.of(name, course.name)[0].log for name in controllers}
+    asked = {name: (controller, course) for name, controller in controllers.items()}
+    trials = run_trials(asked, plants, logged=True, run=run)
     return ControllerChoice(
         plants=tuple(plants),
         course=course,
         trials=trials,
         equals=equal_best(trials),
         chosen=smoothest_of_best(trials),
-        runs={name: log for name, log in logs.items() if log is not None},
     )
 
 
@@ -349,20 +347,52 @@ def measure_steps(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Mappin
     controllers = {name: trial.controller for name, trial in choice.trials.items()}
     controllers |= variants(controllers)
     needed = dict.fromkeys((name, step.course) for step in STEPS for name in (step.before, step.after))
-    new = [(name, course) for name, course in needed if course is not None or name not in choice.trials]
-    found = run_comparison(
-        [
-            loop_run(name, controllers[name], plant, course or choice.course)
-            for name, course in new
-            for plant in choice.plants
-        ],
-        run=run,
-    )
-    trials = {(name, None): trial for name, trial in choice.trials.items()} | {
-        (name, course): Trial.of(controllers[name], found.of(name, (course or choice.course).name))
-        for name, course in new
+    known = {(name, None): trial for name, trial in choice.trials.items()}
+    asked = {
+        (name, course): (controllers[name], course or choice.course)
+        for name, course in needed
+        if (name, course) not in known
     }
+    trials = known | run_trials(asked, choice.plants, run=run)
     return {step: (trials[step.before, step.course], trials[step.after, step.course]) for step in STEPS}
+
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+def run_trials(
+    asked: Mapping[Key, tuple[Controller, NamedCourse]],
+    plants: Sequence[PlantDraw],
+    *,
+    logged: bool = False,
+    run: Run = DEFAULT_RUN,
+) -> dict[Key, Trial]:
+    """Run controllers, each on its course and on every robot.
+
+    Parameters
+    ----------
+    asked : mapping
+        Controller and course of each trial, by any key.
+    plants : sequence of PlantDraw
+    logged : bool
+        Whether each trial keeps the log of its first run.
+    run : Run, optional
+
+    Raises
+    ------
+    InputError
+        If a robot cannot be run or a run cannot be scored.
+    """
+    runs = [
+        loop_run(str(place), controller, plant, course, logged=logged and plant is plants[0])
+        for place, (controller, course) in enumerate(asked.values())
+        for plant in plants
+    ]
+    results = run_comparison(runs, run=run).results
+    return {
+        key: Trial.of(controller, results[place * len(plants) :][: len(plants)])
+        for place, (key, (controller, _)) in enumerate(asked.items())
+    }
 
 
 def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:

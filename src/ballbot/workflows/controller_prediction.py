@@ -275,7 +275,7 @@ EXPLAINED_CODES = frozenset(
             "swapped",
             "wheels",
         ),
-        *("torque-order", "torque-scale", "torque-sign", "torque-unrelated", "torque-clipped", "dead-motor"),
+        *("torque-order", "torque-scale", "torque-sign", "torque-unrelated", "dead-motor"),
         *("constant", "held", "lean-offset", "reset", "spike", "stuck", "torque-delay"),
         *("fall", "hands", "saturation", "disturbance"),
     }

@@ -6,8 +6,7 @@ outermost. The standings are means over the seeds, and every controller against 
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +22,7 @@ from ballbot.log import Log
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, plotted, summarized
-from ballbot.workflows.candidates import Candidate, UserController
+from ballbot.workflows.candidates import Candidate
 from ballbot.workflows.comparison import (
     ComparedRun,
     Comparison,
@@ -42,21 +41,18 @@ from ballbot.workflows.metrics import Score, score_results, true_place
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: what a track has, its points in a second, and the decimals they are kept with [m, rad]
-_TRACKED = ("t", "x", "y", "theta", "phi", "psi")
+#: what a track has, its points in a second, and the decimals they are kept with [m]
+_TRACKED = ("t", "x", "y")
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
-    """How the robot really stood in a run, ten times a second, to a tenth of a millimetre and of a milliradian."""
+    """Where the robot really was in a run, ten times a second, to a tenth of a millimetre."""
 
     t: NDArray[np.float64]  #: (N,) [s]
     x: NDArray[np.float64]  #: (N,) [m]
     y: NDArray[np.float64]  #: (N,) [m]
-    theta: NDArray[np.float64]  #: (N,) [rad]
-    phi: NDArray[np.float64]  #: (N,) [rad]
-    psi: NDArray[np.float64]  #: (N,) [rad]
     ended: str | None  #: why the run stopped early
 
     @staticmethod
@@ -186,7 +182,7 @@ def kept_runs(folder: Path, made_from: Mapping[str, str]) -> RunFolder[RunResult
 
 
 def _track(log: Log) -> NDArray[np.float64]:
-    """Return how the robot really stood (6, N), as a `Track` has it."""
+    """Return where the robot really was (3, N), as a `Track` has it."""
     step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
     place = true_place(log)
     return np.round(np.array([place[name][::step] for name in _TRACKED]), _TRACK_DECIMALS)
@@ -284,7 +280,11 @@ def overall(league: League, controller: str) -> Overall:
         runs=len(everything),
         falls=falls,
         fall_interval=fraction_with_interval(falls, len(everything)),
-        ratios={name: _ratio(mine, first, name) for name in RATIOS if controller != league.controllers[0]},
+        ratios={
+            name: Paired.of(*([_values(scores, name) for scores in part] for part in (mine, first))).ratio
+            for name in RATIOS
+            if controller != league.controllers[0]
+        },
     )
 
 
@@ -319,21 +319,6 @@ def _values(scores: Sequence[Score], name: str) -> list[float]:
 
 def _falls(scores: Sequence[Score]) -> int:
     return sum(score.ended is not None for score in scores)
-
-
-def _ratio(mine: Sequence[Sequence[Score]], first: Sequence[Sequence[Score]], name: str) -> Estimate:
-    own, others = (np.array([_values(scores, name) for scores in part]) for part in (mine, first))
-    return Paired(own, others).ratio
-
-
-def user_files(controllers: Iterable[Feedback]) -> dict[Path, str]:
-    """Return the checksums of the files that users' controllers consist of, by their paths from here."""
-    return {
-        Path(os.path.relpath(path)): checksum
-        for one in controllers
-        if isinstance(one, UserController)
-        for path, checksum in one.checksums.items()
-    }
 
 
 def league_identity(

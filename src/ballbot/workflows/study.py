@@ -223,7 +223,7 @@ def study(
         course=NamedCourse(name=SQUARE.name, duration=options.duration),
         run=_named(run, "comparing controllers"),
     )
-    confirmation = confirm(found, choice, run=_named(run, "confirming on the twin")) if confirmed else None
+    confirmation = confirm(choice, run=_named(run, "confirming on the twin")) if confirmed else None
     steps = {} if options.quick else measure_steps(choice, run=_named(run, "measuring what brings the gain"))
     stiffness = (
         None

@@ -33,8 +33,7 @@ from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Parameter, RelativeSpace, Scale
 from ballbot.identification.axis.record import GAP, AxisRecord
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.friction_laws.classical import Classical, ClassicalNumbers
-from ballbot.mechanics.friction_laws.interface import UNLIMITED, Inertia, move
+from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, ClassicalNumbers, Inertia, move
 
 Values = Mapping[str, float]
 #: the highest harmonic of a force over position
@@ -230,11 +229,11 @@ class _Drive(NamedTuple):
 
 @inlined
 def _loaded(law, more):
-    return ClassicalNumbers(law.b, law.c + more, law.s, law.inv_vs, law.delta)
+    return ClassicalNumbers(law.b, law.c + more, law.s, law.inv_vs, law.delta, law.terms)
 
 
 @inlined
-def _step(axis, state, position, speed, force, h) -> tuple[float, float]:
+def _step(axis, position, speed, force, h) -> tuple[float, float]:
     """Return position and speed after h [s] under a force, less that of the position halfway."""
     halfway = position + 0.5 * h * speed
     over_position = axis.field[0, 1] * halfway
@@ -244,16 +243,15 @@ def _step(axis, state, position, speed, force, h) -> tuple[float, float]:
     more = 0.5 * axis.mu * abs(force + over_position)
     force -= over_position
     if speed > 0.0 or (speed == 0.0 and force > 0.0):
-        speed, travel = move(_loaded(axis.plus, more), axis.inertia, force, state, speed, h)
+        speed, travel = move(_loaded(axis.plus, more), axis.inertia, force, speed, h)
     else:
-        speed, travel = move(_loaded(axis.minus, more), axis.inertia, force, state, speed, h)
+        speed, travel = move(_loaded(axis.minus, more), axis.inertia, force, speed, h)
     return position + travel, speed
 
 
 @compiled
 def follow_windows(axis, windows, drive, steps, positions):
     """Move in windows under a drive; `positions` takes, one window after another, the position at each row's end."""
-    state = np.empty(0)
     place = 0
     for w in range(len(windows.firsts)):
         position, speed = windows.starts[w, 0], windows.starts[w, 1]
@@ -261,7 +259,7 @@ def follow_windows(axis, windows, drive, steps, positions):
             part = drive.durations[k] / steps
             for i in range(steps):
                 force = drive.forces[k] + drive.rises[k] * (i + 0.5) / steps
-                position, speed = _step(axis, state, position, speed, force, part)
+                position, speed = _step(axis, position, speed, force, part)
             positions[place] = position
             place += 1
 
@@ -333,7 +331,7 @@ class Axis:
 
     def _numbers(self) -> _Numbers:
         """Return the axis as compiled code reads it."""
-        plus, minus = (ClassicalNumbers(*one.numbers()[:5]) for one in self.law.laws(self.values))
+        plus, minus = (one.numbers() for one in self.law.laws(self.values))
         return _Numbers(
             plus=plus,
             minus=minus,

@@ -1,15 +1,13 @@
 """Checks of a log: its faults, their likely causes, and the uses that it permits.
 
-values           what rows and columns show by themselves: gaps, spikes, jumps, limits, dead or coarse columns, falls
-repetition       values, rows or a whole log that froze or repeats
+values           what columns show by themselves: gaps, spikes, jumps, limits, dead, frozen or slow columns, falls
 rates            positions, angles and gyro against rates: units, signs, swapped columns, the unit of time
 stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
-torques          torques by themselves: dead, unrelated to the motion, late
+torques          torques that are late
 lean             lean axes against the ball's acceleration
-torque_balance   torques against those that the motion needs: order, sign
-torque_gains     how large each torque is against its need, and whether that changes within a log
-physics          the last four in their order, several logs against each other
+torque_balance   torques against those that the motion needs: how large each is, and whether that changes within a log
+physics          the last three in their order with order and sign of the torques, several logs against each other
 
 `check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` the input of
 an analysis: logs whose checks ran once, before any computation, and whose errors, if any, the user accepted. Findings
@@ -34,16 +32,16 @@ from ballbot.findings import (
 )
 from ballbot.log.checks.kinematics import ALIKE, check_disturbance, check_sampling, check_wheels
 from ballbot.log.checks.rates import check_gyro, check_rates
-from ballbot.log.checks.repetition import check_copied, check_held, check_stuck
 from ballbot.log.checks.stuck_encoders import check_stuck_encoders
-from ballbot.log.checks.torques import check_torques
 from ballbot.log.checks.values import (
     check_constant,
+    check_held,
     check_intervals,
     check_lean,
     check_missing_values,
     check_names,
     check_row_faults,
+    check_stuck,
 )
 from ballbot.log.collection import LogsLike, as_logs
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, similar_column, torque_names, wheel_speed_names
@@ -58,8 +56,8 @@ if TYPE_CHECKING:
 #: what a fault makes other checks find: its codes, theirs, and whether only on its own columns
 _FOLLOWS = (
     (("stuck", "dead-motor"), ("torque-",), True),
-    (("stuck",), ("dead-motor",), True),
     (("lean-axes",), ("sign", "swapped"), True),
+    (("degrees",), ("lean-scale",), True),
     # from the wrong axes of the ball, or the ball's path by wrong wheels
     (("ball-axes", "heading-sign", "encoders"), ("lean-", "torque-", "physics"), False),
 )
@@ -114,7 +112,6 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
         *check_constant(log),
         *check_stuck(log),
         *check_held(log),
-        *check_copied(log),
         *check_names(log),
         *check_uses(log, wheel_count=wheel_count),
     ]
@@ -123,7 +120,7 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
         findings.append(error("rows", text))
     if not any(one.code == "time-scale" for one in rates):  # in another unit of time no motion can be checked
         findings += check_stuck_encoders(log, wheel_count=wheel_count)
-        findings += examined.findings if examined else check_torques(log)
+        findings += examined.findings if examined else ()
         findings += [*check_sampling(log, robot), *check_wheels(log, robot)] if robot else []
     findings = _causes(findings, examined)
     # an error would be its cause, and it takes the longest

@@ -29,16 +29,17 @@ from ballbot.log import Log
 from ballbot.log.checks.lean import clarity, motion_of, usable_rows
 from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, driving_of, gravity_need
 from ballbot.log.mapping_search.evidence import (
-    ERRORS_WEIGHT,
     MOST,
+    behind,
+    correlations,
     jackknife_error,
     probabilities,
     solved,
     vertex_with_error,
 )
-from ballbot.log.mapping_search.frame import SensorFrame
 from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import INPUT_OF_UNIT, InputKind
+from ballbot.log.mapping_search.placement import SensorFrame
 from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
 from ballbot.robot import Robot
 
@@ -46,8 +47,7 @@ Floats = NDArray[np.float64]
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
 #: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
 SAME_TORQUES = 0.1
-#: logarithm of the ratio of two squared errors from which it counts, too, and its weight for each second;
-#: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
+#: logarithm of the ratio of two squared errors from which it counts, and its weight for each second (`behind`)
 LEAST_RATIO, EACH_SECOND = 0.15, 1.5
 #: share of the commands that must be explained, and from which on nothing is in doubt. Commands that are torques about
 #: axes are mixtures of all wheels': single ones leave 0.38 of them, and at most 0.18 on the development halves where
@@ -87,6 +87,11 @@ class CommandOrder:
     confidence: float
 
     @property
+    def description(self) -> str:
+        """The assignment in words."""
+        return f"for wheels {[wheel + 1 for wheel in self.wheels]}, signs {list(self.signs)}"
+
+    @property
     def evidence(self) -> str:
         """How well the motion explains the commands, in words."""
         better = f"{self.advantage:.1f} standard errors better than any other order or signs"
@@ -99,12 +104,17 @@ class CommandDrive:
 
     assigned: CommandOrder | None  #: None if the motion cannot be compared with them
     kind: InputKind | None  #: None if nobody states it
-    scale: float  #: what turns the file's number into N m, A, V or a duty
     scales: tuple[str, ...]  #: names of scales that fit alike, the likeliest first; empty if one is clear
-    #: by kind, the likeliest scale and how many times as large as the motion needs the torques then are
+    #: by kind, what most likely turns the file's number into N m, A, V or a duty, and how many times as large as the
+    #: motion needs the torques then are (nan if that is not known)
     ratios: dict[InputKind, tuple[float, float]]
     delay: float  #: [s]
     delay_error: float
+
+    @property
+    def scale(self) -> float:
+        """What turns the file's number into N m, A, V or a duty."""
+        return self.ratios[self.kind][0] if self.kind in self.ratios else 1.0
 
     @property
     def ratio(self) -> float:
@@ -135,25 +145,17 @@ def drive_of(base: Columned, motion: SensedMotion, frame: SensorFrame, needs: Ne
         driving, pulled = needs
         assigned = assign(driving, [frame.signs[place - 1] for place in frame.order])
         gain, error = _gain_of(driving, assigned, pulled)
-    kind, scale, scales, ratios = _scale_of(base, gain, error)
     delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
+    kind, ratios, alike = _scale_of(base, gain, error)
     return CommandDrive(
-        assigned=assigned,
-        kind=kind,
-        scale=scale,
-        scales=scales,
-        ratios=ratios,
-        delay=delay,
-        delay_error=delay_error,
+        assigned=assigned, kind=kind, scales=alike, ratios=ratios, delay=delay, delay_error=delay_error
     )
 
 
 def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
     """Return which command turns which free wheel, by their speeds; None if they do not follow the commands."""
     held = base.held_commands(motion.signals.rows)
-    x, y = (one - one.mean(axis=0) for one in (held, motion.signals.wheels.rate))
-    size = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
-    R = np.divide(x.T @ y, size, out=np.zeros_like(size), where=size > 1e-12)
+    R = correlations(held, motion.signals.wheels.rate)
     sums = {one: sum(abs(R[j, wheel]) for j, wheel in enumerate(one)) for one in permutations(range(len(R)))}
     # of commands that are alike, the file's own order
     best, other = sorted(sums, key=lambda one: (-round(sums[one], 6), one))[:2]
@@ -164,7 +166,7 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
         signs=tuple(1 if R[j, wheel] > 0.0 else -1 for j, wheel in enumerate(best)),
         explained=(sums[best] / len(R)) ** 2,
         advantage=sums[best] - sums[other],
-        next_best=f"commands for wheels {other}",
+        next_best=f"for wheels {[i + 1 for i in other]}",
         confidence=1.0,
     )
 
@@ -181,7 +183,7 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     """
     totals = _left(driving)
     least = min(totals.values(), key=lambda one: float(one.sum()))
-    found = probabilities({one: -_log_odds(total, least) for one, total in totals.items()})
+    found = probabilities({one: -_behind(total, least) for one, total in totals.items()})
     torques = {one: _by_wheel(driving.torque, one) for one, p in found.items() if p > 1e-3}
     likeliest = next(iter(torques.values()))
     size = SAME_TORQUES * float(np.std(likeliest))
@@ -200,7 +202,7 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
         signs=best[1],
         explained=explained,
         advantage=clarity(totals[other] - totals[best]),
-        next_best=f"commands for wheels {tuple(i + 1 for i in other[0])} with signs {other[1]}",
+        next_best=f"for wheels {[i + 1 for i in other[0]]}, signs {list(other[1])}",
         confidence=min(sum(found[one] for one in alike), MOST) * enough,
     )
 
@@ -210,14 +212,10 @@ def _by_wheel(commands: Floats, one: _Order) -> Floats:
     return (commands * np.asarray(signs, dtype=np.float64))[:, np.argsort(order)]
 
 
-def _log_odds(total: Floats, least: Floats) -> float:
-    """Return by how much (logarithm of odds) an assignment is less likely than the best, from what both leave.
-
-    Either the difference repeats in every block of a second, or it is so large that few blocks are enough.
-    """
-    z = ERRORS_WEIGHT * min(max(clarity(total - least), 0.0), 60.0)
+def _behind(total: Floats, least: Floats) -> float:
     ratio = math.log(max(float(total.sum()), 1e-12) / max(float(least.sum()), 1e-12))
-    return max(0.5 * z**2, EACH_SECOND * len(total) * max(ratio - LEAST_RATIO, 0.0))
+    z, seconds = clarity(total - least), len(total)
+    return behind(z, ratio, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
 
 
 def _left(driving: Driving) -> dict[_Order, Floats]:
@@ -285,9 +283,7 @@ def _delay(
 ) -> tuple[float, float]:
     """Return how late the wheels answer to the commands [s], and its standard error; nan, inf if unknown."""
     driven = np.zeros((len(frame.order), len(frame.order)))
-    for j, wheel in enumerate(
-        assigned.wheels
-    ):  # commands and wheels in the order of the log that was compared
+    for j, wheel in enumerate(assigned.wheels):  # in the order of the log that was compared
         place = frame.order[wheel] - 1
         driven[frame.order[j] - 1, place] = assigned.signs[j] * frame.signs[place]
     rows, kept = motion.signals.rows, new_messages(motion.sampled)
@@ -339,8 +335,8 @@ def _standstill(kind: InputKind, robot: Robot) -> float:
 
 def _scale_of(
     base: Columned, gain: float, error: float
-) -> tuple[InputKind | None, float, tuple[str, ...], dict[InputKind, tuple[float, float]]]:
-    """Return the kind that is stated, its scale, scales that fit alike, and the likeliest scale and ratio of each kind.
+) -> tuple[InputKind | None, dict[InputKind, tuple[float, float]], tuple[str, ...]]:
+    """Return the kind that is stated, the likeliest scale and ratio of each kind, and scales of it that fit alike.
 
     `gain` is the command that the motion needs for 1 N m, and `error` that of its logarithm.
     """
@@ -370,7 +366,7 @@ def _scale_of(
             fits = one != "duty" or off[ranked[0]] < FULL_SCALE_FITS
             if others and not (nearer > CLEARLY_NEARER + NEARER_ERRORS * error and fits):
                 alike = (ranked[0], *others[:3])
-    return kind, ratios[kind][0] if kind in ratios else 1.0, alike, ratios
+    return kind, ratios, alike
 
 
 def _scales(kind: InputKind, base: Columned) -> dict[str, float]:

@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
-from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.frame import HeadingTest, heading_test
-from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.mapping_search.placement import LeanTest, lean_test
-from ballbot.log.mapping_search.roles import Roles
+from ballbot.log.mapping_search.evidence import correlations
+from ballbot.log.mapping_search.names import InputKind, Roles
+from ballbot.log.mapping_search.placement import HeadingTest, LeanTest, heading_test, lean_test
 from ballbot.log.mapping_search.units import Unit, Units, fastest, lean_units, likeliest_units, wheel_units
 from ballbot.log.signals import (
     INTERVAL,
@@ -34,6 +32,8 @@ from ballbot.log.signals import (
     without_resets,
 )
 from ballbot.robot import Robot
+
+Floats = NDArray[np.float64]
 
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
 IMPOSSIBLE_SPEED = 3.0
@@ -76,21 +76,21 @@ class Columned:
     stated: Stated
 
     @property
-    def t(self) -> NDArray[np.float64]:
+    def t(self) -> Floats:
         """Times (M,) [s]."""
         return self.cut[self.roles.time] * self.time.factor
 
-    def stacked(self, names: Sequence[str]) -> NDArray[np.float64]:
+    def stacked(self, names: Sequence[str]) -> Floats:
         """Return columns (M, k) with missing values interpolated; counts stay whole numbers."""
         return np.column_stack([_filled(self.cut[name]) for name in names])
 
-    def held_commands(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    def held_commands(self, rows: Floats) -> Floats:
         """Return the latest command of each motor (N, n) at times (N,) [s]."""
         latest = np.searchsorted(self.t, rows, side="right") - 1
         return self.stacked(self.roles.commands)[np.maximum(latest, 0)]
 
     @property
-    def raw_attitude(self) -> NDArray[np.float64]:
+    def raw_attitude(self) -> Floats:
         """Roll, pitch and, if there is one, yaw (M, 2 or 3) in the file's units, upright."""
         values = self.stacked(self.roles.attitude)
         if self.roles.half_turn is not None:
@@ -102,7 +102,7 @@ class Columned:
         return [self.roles.unit((name,)) or lean for name in self.roles.attitude]
 
 
-def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _filled(values: Floats) -> Floats:
     known = np.isfinite(values)
     if known.all() or not known.any():
         return np.where(known, values, 0.0)
@@ -125,7 +125,7 @@ class Gyro:
 class Signals:
     """A file's signals on even rows."""
 
-    rows: NDArray[np.float64]  #: (N,) [s]
+    rows: Floats  #: (N,) [s]
     wheels: Smooth
     lean: Smooth | None
     heading: Smooth | None
@@ -138,8 +138,8 @@ class SensedMotion:
 
     units: Units
     likely: dict[Units, float]
-    angles: NDArray[np.float64]  #: (M, n) [rad]
-    sampled: NDArray[np.float64]  #: (M,) [s]
+    angles: Floats  #: (M, n) [rad]
+    sampled: Floats  #: (M,) [s]
     #: noise of the speeds [rad/s] with the file's times and with those of the encoders, if these are taken
     noise: tuple[float, float] | None
     largest_speed: float | None  #: [rad/s], if an encoder was reset
@@ -154,41 +154,30 @@ def motion_of_file(base: Columned) -> SensedMotion:
     """Return the likeliest units and what the sensors show with them."""
     roles, t = base.roles, base.t
     raw, wrap = _continued(base.stacked(roles.angles), of_speeds=roles.of_speeds)
-    wheels = wheel_units(
-        t,
-        raw,
-        base.robot,
-        roles.unit(roles.angles),
-        of_speeds=roles.of_speeds,
-        counts_per_turn=base.stated.counts_per_turn,
-    )
+    named, counts = roles.unit(roles.angles), base.stated.counts_per_turn
+    wheels = wheel_units(t, raw, base.robot, named, of_speeds=roles.of_speeds, counts_per_turn=counts)
     if roles.of_speeds:
         raw = np.column_stack([integral_of(t, speed) for speed in raw.T])
     leans = [Unit(name="rad", factor=1.0, reason="of a quaternion")]
     if roles.attitude and not roles.quaternion:
         leans = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))
-    likely = likeliest_units(leans, wheels)
-    units = next(iter(likely))
-    found = _with_units(base, raw, wrap, units)
-    for _ in range(3):
-        tested, heading = found.tested, found.heading
-        turns = heading is not None and abs(heading.correlation) > 0.9 and heading.confidence >= CONFIDENT
-        likely = likeliest_units(
-            leans,
-            wheels,
-            units,
-            gain=tested.gain if tested else None,
-            turning=heading.gain if heading and turns else None,
-            heading_named=roles.unit(roles.attitude[2:]) is not None,
-        )
-        if next(iter(likely)) == units:
-            break
+    likely, found = likeliest_units(leans, wheels), None
+    heading_named = roles.unit(roles.attitude[2:]) is not None
+    for _ in range(4):
         units = next(iter(likely))
+        if found is not None and found.units == units:
+            break
         found = _with_units(base, raw, wrap, units)
+        gain = found.tested.gain if found.tested else None
+        turning = found.heading.turning if found.heading else None
+        likely = likeliest_units(
+            leans, wheels, units, gain=gain, turning=turning, heading_named=heading_named
+        )
+    assert found is not None
     return replace(found, likely=likely)
 
 
-def _continued(angles: NDArray[np.float64], *, of_speeds: bool) -> tuple[NDArray[np.float64], float | None]:
+def _continued(angles: Floats, *, of_speeds: bool) -> tuple[Floats, float | None]:
     """Return whole-numbered angles (M, n) without the jumps of a full counter, and its period if there is one."""
     whole = bool(np.all(angles == np.round(angles)))
     jump, extent = float(np.abs(np.diff(angles, axis=0)).max(initial=0.0)), float(np.ptp(angles))
@@ -198,7 +187,7 @@ def _continued(angles: NDArray[np.float64], *, of_speeds: bool) -> tuple[NDArray
     return np.column_stack([unwrapped(column, period=period) for column in angles.T]), period
 
 
-def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, units: Units) -> SensedMotion:
+def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -> SensedMotion:
     roles, robot, t = base.roles, base.robot, base.t
     lean, wheel = units
     angles, limit = raw * wheel.factor, IMPOSSIBLE_SPEED * fastest(robot)
@@ -210,12 +199,13 @@ def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, un
         gyro = _gyro(base, sampled, attitude) if roles.gyro else None
     tried = [_signals(base, carried, sampled, attitude, gyro, width) for width in WIDTHS]
     tests = [
-        (one, lean_test(robot, one.lean, one.wheels, one.heading, one.usable))
-        for one in tried
-        if one.lean is not None
+        (one, lean_test(robot, one.lean, one.wheels, one.heading, one.usable)) for one in tried if one.lean
     ]
     known = [(one, test) for one, test in tests if test is not None]
     signals, tested = min(known, key=lambda one: _doubt(one[1])) if known else (tried[0], None)
+    heading = None
+    if tested is not None and signals.heading is not None:
+        heading = heading_test(robot, signals.wheels, signals.heading, tested)
     return SensedMotion(
         units=units,
         likely={},
@@ -227,9 +217,7 @@ def _with_units(base: Columned, raw: NDArray[np.float64], wrap: float | None, un
         signals=signals,
         gyro=gyro,
         tested=tested,
-        heading=heading_test(robot, signals.wheels, signals.heading, tested)
-        if tested is not None and signals.heading is not None
-        else None,
+        heading=heading,
     )
 
 
@@ -239,9 +227,7 @@ def _doubt(tested: LeanTest) -> float:
     return error / max(tested.confidence, 0.05)
 
 
-def _sampled(
-    t: NDArray[np.float64], angles: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], tuple[float, float] | None]:
+def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | None]:
     """Return when the rows were sampled [s], and the speeds' noise before and after if that was estimated."""
     judged = slice(0, REPAIR_ROWS)
     steps = np.diff(t[judged])
@@ -256,16 +242,16 @@ def _sampled(
 
 def _signals(
     base: Columned,
-    angles: NDArray[np.float64],
-    sampled: NDArray[np.float64],
-    attitude: NDArray[np.float64] | None,
+    angles: Floats,
+    sampled: Floats,
+    attitude: Floats | None,
     gyro: Gyro | None,
     width: float,
 ) -> Signals:
     """Return the signals on even rows; with a gyro, the lean's rates are the gyro's, and the heading without a yaw."""
     rows, kept = even_rows(base.t), new_messages(sampled)
 
-    def smoothed(values: NDArray[np.float64]) -> Smooth:
+    def smoothed(values: Floats) -> Smooth:
         return smooth(rows, sampled[kept], values[kept], width=width)
 
     wheels, tilt, heading = smoothed(angles), None, None
@@ -279,15 +265,13 @@ def _signals(
         found = smoothed(base.stacked(base.roles.gyro)[:, list(gyro.order)] * factors)
         tilt = Smooth(value=tilt.value, rate=found.value[:, :2], acceleration=found.rate[:, :2])
         if heading is None:
-            turning = found.value[:, 2:]
-            heading = Smooth(
-                value=INTERVAL * np.cumsum(turning, axis=0), rate=turning, acceleration=found.rate[:, 2:]
-            )
+            value = INTERVAL * np.cumsum(found.value[:, 2:], axis=0)
+            heading = Smooth(value=value, rate=found.value[:, 2:], acceleration=found.rate[:, 2:])
     usable = balancing_rows(tilt.value if tilt else None, wheels.rate, commands)
     return Signals(rows=rows, wheels=wheels, lean=tilt, heading=heading, usable=usable)
 
 
-def _gyro(base: Columned, sampled: NDArray[np.float64], attitude: NDArray[np.float64]) -> Gyro | None:
+def _gyro(base: Columned, sampled: Floats, attitude: Floats) -> Gyro | None:
     """Return which of the 48 ways of a cube a gyro's columns fit the rates of the angles; None if none fits them."""
     rows, kept, with_yaw = even_rows(base.t), new_messages(sampled), attitude.shape[1] > 2
     yaw = np.unwrap(attitude[:, 2]) if with_yaw else np.zeros(len(attitude))
@@ -301,13 +285,9 @@ def _gyro(base: Columned, sampled: NDArray[np.float64], attitude: NDArray[np.flo
     return max(found, key=lambda one: min(one.correlations[:2]), default=None)
 
 
-def _gyro_fit(
-    a: NDArray[np.float64], b: NDArray[np.float64], named: str | None, *, with_yaw: bool
-) -> Gyro | None:
+def _gyro_fit(a: Floats, b: Floats, named: str | None, *, with_yaw: bool) -> Gyro | None:
     """Return how a gyro (N, 3) fits rates (N, 3) [rad/s]; None if it does not."""
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
-    R = np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 1e-12)
+    R = correlations(a, b)
     axes = (0, 1, 2) if with_yaw else (0, 1)
     order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in axes))
     found = [abs(float(R[order[axis], axis])) for axis in axes]
@@ -318,7 +298,7 @@ def _gyro_fit(
         signs.append(signs[0] * signs[1] * (1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1))
     # noise makes a slope too small: least so on the axis that agrees best
     best = int(np.argmax(found))
-    gain = float(np.linalg.norm(a[:, order[best]]) / np.linalg.norm(b[:, best]))
+    gain = float(np.std(a[:, order[best]]) / np.std(b[:, best]))
     table = FACTORS["rad/s"]
     names = (named,) if named in table else ("rad/s", "deg/s")
     unit = min(names, key=lambda one: abs(math.log(gain * table[one])))
@@ -327,7 +307,7 @@ def _gyro_fit(
     return Gyro(order=order, signs=tuple(signs), unit=unit, correlations=tuple(found))
 
 
-def _body_rates(attitude: Smooth) -> NDArray[np.float64]:
+def _body_rates(attitude: Smooth) -> Floats:
     """Return the angular velocity (N, 3) about the IMU's axes from roll, pitch, yaw and their rates."""
     roll, pitch, _ = attitude.value.T
     roll_dot, pitch_dot, yaw_dot = attitude.rate.T

@@ -1,4 +1,4 @@
-"""Where the wheels sit, from a log of balancing, without its torques.
+"""How the file's wheels and IMU sit on the robot, from a log of balancing, without its torques.
 
 While a ball rolls, the torque between body and ball drops out of the sum of their equations. To first order, with the
 lean Theta = theta + j phi in the body's frame and wheel speeds w_i at azimuths beta_i,
@@ -26,12 +26,23 @@ robot that turns its heading while it rolls has a D W that is as large as W_dot,
 third, and off by 17 degrees, in the worst of the development logs.
 
 Where nothing measures the heading, the wheels give it, up to the direction in which all of them count: a ball that does
-not spin turns them by psi_dot alike (`ballbot.log.mapping_search.frame`). A mirrored IMU with mirrored wheels makes
+not spin turns them by psi_dot alike. A mirrored IMU with mirrored wheels makes
 the same log then, so that the lean counts as right-handed, and sigma = -1 says that all wheels count backwards.
 
 A placement is judged by the residual of the lean's acceleration, and by the part of the wheels' motion that is neither
 lean nor heading. Both come from sums over blocks of the log, so that every placement, with each block left out in turn,
 takes a small system of equations.
+
+The sign in which the wheels count comes from the heading, which turns all wheels alike:
+
+    sum_i w_i = n (r_b / r_w) sin(alpha) (spin of the ball - psi_dot)
+
+seen from the body. A ball spins less than the body that turns on it, or the other way, so that the sum goes against
+psi_dot. Without a heading, the frame in which the lean turns shows it. Nothing else separates a log whose wheels all
+count backwards from one whose IMU is turned by half a turn.
+
+Turned by minus the angle of gamma, the IMU's lean is the robot's. If lean and yaw have opposite handedness, one axis of
+the IMU is reversed: pitch, if the wheels are then in the robot's order, else yaw.
 """
 
 from __future__ import annotations
@@ -52,8 +63,11 @@ from ballbot.log.mapping_search.evidence import (
     ERRORS_WEIGHT,
     MOST,
     TINY,
+    advantage_confidence,
+    behind,
     jackknife_error,
     probabilities,
+    solved,
     vertex_with_error,
 )
 from ballbot.log.signals import INTERVAL, Smooth
@@ -75,8 +89,6 @@ PUSHED, PUSHED_SHARE = 3.0, 0.12
 FIT_ROUNDS, LEAST_SIZE = 4, 0.3
 #: over which disturbance and gravity are compared [s], about the time in which the robot falls
 SLOW = 0.25
-#: two explanations whose residuals differ by less than this part are one: the heading stands still
-ALIKE = 0.01
 #: the fewest seconds of balancing, and the rows at its ends, where the lag looks past the log, that are not used [s]
 LEAST_TIME, EDGE = 3.0, 0.3
 #: below this many seconds an order or a sign must fit `SHORT_MARGIN` times better than any other
@@ -93,14 +105,26 @@ OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: power of the prior in the confidence: a usual order is preferred among placements that fit alike, but does not make
 #: one certain
 PRIOR_POWER = 0.7
-#: logarithm of the ratio of two misfits from which it counts, too, and its weight for each second;
-#: chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence
+#: logarithm of the ratio of two misfits from which it counts, and its weight for each second (`behind`)
 LEAST_RATIO, EACH_SECOND = 0.2, 0.6
 #: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
 #: 0.03 is still right (campaigns/mapping_corpus.py). Less probable ones would add little to the confidence
 SAME_WHEELS, TINY_PROBABILITY = 0.028, 1e-3
 #: wheel speed (root of the sum of squares) below which the ball hardly rolls, and rolling friction has no sign [rad/s]
 ROLLING = 0.2
+
+
+#: lean and yaw are taken to be of the same handedness with this probability before the log is seen
+SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.95, 0.6
+#: weight of the standard errors of the handedness, and of a heading that turns by less than this [rad]
+HANDEDNESS_WEIGHT, STILL_HEADING, STILL_WEIGHT = 0.8, 0.02, 0.3
+#: correlation of the wheels' sum and the heading's rate at which their ratio is the wheels' unit
+FOLLOWS = 0.9
+#: a heading by the wheels that turns by less than this [rad]: both directions in which all wheels may count make nearly
+#: the same log, and this is the confidence in either
+TURNING_BY_WHEELS, EQUAL_DIRECTIONS = 0.1, 0.95
+#: people mount IMUs at multiples of this [rad]; a turn this near to one, within its errors, is taken for it
+GRID, ROUNDED, ROUNDED_ERRORS = np.pi / 6.0, np.deg2rad(6.0), 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,13 +152,7 @@ class Placement:
 
     @property
     def description(self) -> str:
-        """The placement in words."""
-        own = self.positions == tuple(range(1, len(self.positions) + 1))
-        order = "mirrored" if self.mirrored else "as the robot's" if own else f"order {self.positions}"
-        wheels = self.reversed_wheels
-        if not wheels:
-            return order
-        return f"{order}, wheel{'s' if len(wheels) > 1 else ''} {' and '.join(map(str, wheels))} reversed"
+        return f"places {list(self.positions)}, signs {list(self.signs)}"
 
 
 #: the wheels' motion that is neither lean nor heading is so small a share under the right signs, and so many times as
@@ -151,11 +169,8 @@ class LeanTest:
     phase_error: float | None  #: standard error of the best one's phase [rad]; None with too few blocks
     lag: float  #: lean later than wheels [s]
     lag_error: float  #: its standard error [s]
-    handedness: (
-        float  #: by how many standard errors sigma = 1 is better than -1, with the yaw or the wheels' heading
-    )
-    #: by how many standard errors lean about the body's axes fits better than about the world's
-    body_frame: float
+    #: by how many standard errors sigma = 1 is better than -1, with the yaw or the wheels' heading
+    handedness: float
     headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
     balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
@@ -209,20 +224,10 @@ def torque_free_gains(robot: Robot) -> tuple[float, float]:
 def lean_test(
     robot: Robot, lean: Smooth, wheels: Smooth, heading: Smooth | None, usable: NDArray[np.bool_]
 ) -> LeanTest | None:
-    """Find how the wheels sit; None if too little of the log is balancing.
+    """Find how three wheels or more sit; None if too little of the log is balancing.
 
-    Parameters
-    ----------
-    robot : Robot
-        Three wheels or more.
-    lean : Smooth (N, 2)
-        Roll and pitch [rad].
-    wheels : Smooth (N, n)
-        Angles [rad], in the file's order and with its signs.
-    heading : Smooth (N, 1), optional
-        Yaw [rad].
-    usable : ndarray (N,)
-        Rows of the robot moving on its ball, not falling.
+    On even rows: roll and pitch (N, 2), the wheels' angles (N, n) in the file's order and with its signs, the yaw
+    (N, 1) [rad], and which rows (N,) are those of the robot moving on its ball, not falling.
     """
     usable, edge = usable.copy(), round(EDGE / INTERVAL)
     usable[:edge] = usable[-edge:] = False
@@ -237,17 +242,16 @@ def lean_test(
         law, sigmas = replace(law, heading=_heading_of(robot, wheels, ranked[0])), (0.0, 1.0, -1.0)
     law = min((replace(law, sigma=sigma) for sigma in sigmas), key=lambda one: float(one.left(weights).sum()))
     weights, _ = _weights(law, usable)
-    by_lag = np.array([replace(law, lag=float(lag)).left(weights) for lag in LAGS])
-    lag, lag_error = vertex_with_error(LAGS, by_lag)
+    lag, lag_error = vertex_with_error(LAGS, np.array([replace(law, lag=one).left(weights) for one in LAGS]))
     law = replace(law, lag=lag)
     weights, pushed = _weights(law, usable)
-    balanced, usable = usable, usable & ~pushed
+    usable = usable & ~pushed
     placements, confidence = _ranked_placements(robot, law, heading, weights, gamma)
     best = placements[0]
     law = replace(law, way=_way(robot, best), heading=heading or _heading_of(robot, wheels, best))
     turning, driven = law.columns, law.driven
     sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
-    gains = [_solved(sums.sum(axis=0) - one)[0] for one in sums]
+    gains = [solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
     rest = driven - turning @ _solve(turning, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase)))
@@ -259,9 +263,7 @@ def lean_test(
         lag=lag,
         lag_error=lag_error,
         handedness=_advantage(same, opposite, weights),
-        body_frame=0.0 if heading is None else _body_frame(law, weights),
-        # with the rows of pushes: a lean about other axes looks like one where the heading is away from its mean
-        headings=float(np.std(law.heading.value[balanced])) if law.heading else 0.0,
+        headings=float(np.std(law.heading.value[usable])) if law.heading else 0.0,
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
         pushed=pushed,
@@ -278,9 +280,8 @@ class _Law:
     kappa: float  #: [1/s^2]
     lag: float  #: lean later than wheels [s]
     sigma: float  #: 1 if lean and yaw have one handedness, -1 if not, 0 for a frame that stands still
-    way: Complex | None = (
-        None  #: s_i e^{j beta} (n,) of the file's wheels; None gives each wheel gains of its own
-    )
+    #: s_i e^{j beta} (n,) of the file's wheels; None gives each wheel gains of its own
+    way: Complex | None = None
 
     def late(self, values: Floats) -> Floats:
         """Return columns (N, k), a lag later."""
@@ -317,9 +318,9 @@ class _Law:
             parts = [part @ self.way for part in parts]
         return np.column_stack([*parts, np.ones(len(speed))]).astype(np.complex128)
 
-    def left(self, weights: Floats, driven: Complex | None = None) -> Floats:
+    def left(self, weights: Floats) -> Floats:
         """Return the squares (B,) that a fit leaves of what is driven, weighted, by blocks."""
-        columns, driven = self.columns, self.driven if driven is None else driven
+        columns, driven = self.columns, self.driven
         rest = np.abs((driven - columns @ _solve(columns, driven, weights)) * weights) ** 2
         return block_sums(rest, _blocks(len(rest)))
 
@@ -349,41 +350,14 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
         return 0.0
     repeated = float(norm.isf(student.sf(abs(clarity(gained)), len(gained) - 1)))
     ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
-    large = math.sqrt(len(gained) * max(abs(ratio) - LEAST_RATIO, 0.0)) / ERRORS_WEIGHT
-    return math.copysign(max(repeated, large), ratio)
-
-
-def _body_frame(law: _Law, weights: Floats) -> float:
-    """Return by how many standard errors a lean about the body's axes fits better than one about the world's.
-
-    A lean about the world's axes is that about the body's, turned by the heading. Where the heading stands still, both
-    fit alike, and the IMU's turn contains the heading.
-    """
-    if law.heading is None:
-        return 0.0
-    body, still = law.left(weights), replace(law, sigma=0.0).driven
-    worlds = [
-        replace(law, sigma=sigma).left(weights, still * np.exp(-1j * sigma * law.heading.value[:, 0]))
-        for sigma in (1.0, -1.0)
-    ]
-    world = min(worlds, key=lambda one: float(one.sum()))
-    if abs(float(world.sum() / body.sum()) - 1.0) < ALIKE:
-        return 0.0
-    return _advantage(body, world, weights)
+    odds = behind(repeated, abs(ratio), len(gained), least_ratio=LEAST_RATIO, each_second=0.5)
+    return math.copysign(math.sqrt(2.0 * odds) / ERRORS_WEIGHT, ratio)
 
 
 def _solve(X: Complex, y: Complex, weights: Floats) -> Complex:
-    # by the normal equations, columns scaled: as there are few columns and many rows, much faster than by an SVD
+    # by the normal equations: as there are few columns and many rows, much faster than by an SVD
     weighted = X * weights[:, None]
-    scale = np.sqrt(np.maximum((weighted.real**2 + weighted.imag**2).sum(axis=0), np.finfo(float).tiny))
-    weighted /= scale
-    adjoint = weighted.conj().T
-    found = np.linalg.lstsq(adjoint @ weighted, adjoint @ (y * weights), rcond=1e-12)[0]
-    return (found / scale).astype(np.complex128)
-
-
-def _solved(sums: Complex) -> Complex:
-    return np.linalg.lstsq(sums[:-1, :-1], sums[:-1, -1], rcond=None)[0].astype(np.complex128)
+    return solved(weighted.conj().T @ np.column_stack([weighted, y * weights]))
 
 
 def _slow(values: Complex) -> Complex:
@@ -451,43 +425,35 @@ def _ranked_placements(
     table = np.column_stack([wheels.rate, rate])
     table = np.where(weights[:, None] > 0.0, table - table[weights > 0.0].mean(axis=0), 0.0)
     wheel_sums = _sums(table.astype(np.complex128), weights).real
-    total = _scores(every, lean_sums.sum(axis=0), wheel_sums.sum(axis=0), beta)
-    blocks = np.array(
-        [
-            _scores(every, lean_sums.sum(axis=0) - one, wheel_sums.sum(axis=0) - other, beta).score
-            for one, other in zip(lean_sums, wheel_sums, strict=True)
-        ]
-    )
-    likely, found = (_weighed(every, total.score, blocks, usual=part) for part in (1.0, PRIOR_POWER))
-    best = next(iter(likely))
-    ranked = [best, *sorted((h for h in likely if h != best), key=lambda h: (-likely[h], total.score[h]))]
-    same = [
-        h
-        for h in ranked[1:]
-        if found[h] > TINY_PROBABILITY and _same_wheels(wheels.value, every[best], every[h])
-    ]
-    explained = (LARGEST_REST - float(total.unexplained.min())) / (LARGEST_REST - USUAL_REST)
-    confidence = min(found[best] + sum(found[h] for h in same), MOST) * min(max(explained, 0.0), 1.0)
+    of_lean, of_wheels = lean_sums.sum(axis=0), wheel_sums.sum(axis=0)
+    gain, unexplained, together, score = _scores(every, of_lean, of_wheels, beta)
+    each = zip(lean_sums, wheel_sums, strict=True)
+    blocks = np.array([_scores(every, of_lean - a, of_wheels - b, beta)[-1] for a, b in each])
+    found = _weighed(every, score, blocks)
+    ranked = sorted(found, key=lambda h: (-found[h], score[h]))
+    likely, first = [h for h in ranked if found[h] > TINY_PROBABILITY], every[ranked[0]]
+    shown = sum(found[h] for h in likely if _same_wheels(wheels.value, first, every[h]))
+    explained = (LARGEST_REST - float(unexplained.min())) / (LARGEST_REST - USUAL_REST)
+    confidence = min(shown, MOST) * min(max(explained, 0.0), 1.0)
     placements = [
         Placement(
             positions=tuple(place + 1 for place in every[h][0]),
             signs=every[h][1],
-            phase=float(np.angle(total.gain[h])),
-            gain=float(abs(total.gain[h])) / gamma,
-            unexplained=float(total.unexplained[h]),
-            together=float(total.together[h]),
-            misfit=float(np.exp(total.score[h])),
+            phase=float(np.angle(gain[h])),
+            gain=float(abs(gain[h])) / gamma,
+            unexplained=float(unexplained[h]),
+            together=float(together[h]),
+            misfit=float(np.exp(score[h])),
         )
         for h in ranked
     ]
     return placements, confidence
 
 
-def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats, *, usual: float) -> dict[int, float]:
-    """Return the probability of each placement, by its place in `every`, the likeliest first.
+def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats) -> dict[int, float]:
+    """Return the probability of each placement, by its place in `every`.
 
-    `usual` is the power of the prior. A placement is behind the best by the jackknife of the best's gain, or by so much
-    that few seconds are enough.
+    A placement is behind the best by the jackknife of the best's gain, or by so much that few seconds are enough.
     """
     best, seconds, n = int(np.argmin(score)), len(blocks) * BLOCK, len(every[0][0])
     own, mirrored = tuple(range(n)), (0, *range(n - 1, 0, -1))
@@ -496,14 +462,14 @@ def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats, *, usual: flo
     for other, (order, signs) in enumerate(every):
         gained = float(score[other] - score[best])
         error = jackknife_error(blocks[:, other] - blocks[:, best])
-        z = ERRORS_WEIGHT * min(gained / error, 60.0) if error > 0.0 else 0.0
+        z = gained / error if error > 0.0 else 0.0
         if seconds < SHORT_TIME and gained < math.log(SHORT_MARGIN):
-            z = min(z, 1.0)
-        behind = max(0.5 * z**2, EACH_SECOND * seconds * max(gained - LEAST_RATIO, 0.0))
+            z = min(z, 1.0 / ERRORS_WEIGHT)
         rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / orders
         p = OWN_ORDER if order == own else MIRRORED_ORDER if order == mirrored else rare
         p *= EQUAL_SIGNS if len(set(signs)) == 1 else (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1)
-        weights[other] = usual * math.log(p) - behind
+        rest = behind(z, gained, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
+        weights[other] = PRIOR_POWER * math.log(p) - rest
     return probabilities(weights)
 
 
@@ -523,18 +489,13 @@ def _same_wheels(angles: Floats, one: _Way, other: _Way) -> bool:
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Scores:
-    """Of every placement (H,)."""
+def _scores(
+    every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats, beta: Floats
+) -> tuple[Complex, Floats, Floats, Floats]:
+    """Return gain, what is unexplained and together, and the score (H,) of every placement.
 
-    gain: Complex
-    unexplained: Floats
-    together: Floats
-    score: Floats
-
-
-def _scores(every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats, beta: Floats) -> _Scores:
-    """Return how well placements fit products of columns: each wheel's and the lean; the wheels and the heading."""
+    They are by products of columns: each wheel's and the lean's; the wheels' and the heading's.
+    """
     ways = np.array([np.array(signs) * np.exp(1j * beta[list(order)]) for order, signs in every])
     H, n = ways.shape
     C = np.zeros((H, 2 * n + 1, 3), dtype=np.complex128)
@@ -549,7 +510,7 @@ def _scores(every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats, beta:
     unexplained = np.maximum(rest, TINY) / max(y - offset, TINY)
     together = np.array([_together(one, wheel_sums, beta) for one in every])
     score = np.log(unexplained) + 0.5 * np.log(together + LEAST_TOGETHER)
-    return _Scores(gain=found[:, 0], unexplained=unexplained, together=together, score=score)
+    return found[:, 0], unexplained, together, score
 
 
 def _together(way: _Way, sums: Floats, beta: Floats) -> float:
@@ -567,3 +528,98 @@ def _together(way: _Way, sums: Floats, beta: Floats) -> float:
     elif n > 3:
         total *= UNKNOWN_HEADING
     return max(outside + total, 0.0) / max(float(np.trace(G)), TINY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadingTest:
+    """How the sum of the wheels' speeds follows the heading's rate."""
+
+    correlation: float  #: negative if the wheels count as the robot's do
+    gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
+    confidence: float  #: in the sign of the correlation
+
+    @property
+    def turning(self) -> float | None:
+        """The gain; None if the wheels do not plainly follow the heading."""
+        return self.gain if abs(self.correlation) > FOLLOWS and self.confidence >= CONFIDENT else None
+
+
+def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest) -> HeadingTest:
+    """Compare the sum of the wheels' speeds (N, n) with the heading's rate (N, 1), in the rows of balancing."""
+    rows = tested.balancing
+    total = (wheels.rate @ np.asarray(tested.placements[0].signs, dtype=np.float64))[rows]
+    rate = heading.rate[rows, 0]
+    total, rate = total - total.mean(), rate - rate.mean()
+    size = float(np.sqrt((total @ total) * (rate @ rate)))
+    correlation = float(total @ rate) / size if size > 0.0 else 0.0
+    wheel = robot.wheels
+    without_pivoting = robot.wheel_count * robot.ball.radius / wheel.radius * np.sin(wheel.tilt)
+    seconds = max(float(rows.sum()) * INTERVAL, 1.0)
+    # over the standard error sqrt((1 - r^2) / n) of a correlation r of n independent seconds
+    z = abs(correlation) * math.sqrt(seconds) / math.sqrt(max(1.0 - correlation**2, 0.01))
+    return HeadingTest(
+        correlation=correlation,
+        gain=abs(float(total @ rate)) / max(float(rate @ rate), TINY) / without_pivoting,
+        confidence=advantage_confidence(z),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorFrame:
+    """How the file's wheels and IMU sit on the robot."""
+
+    order: tuple[int, ...]  #: for the robot's wheels in turn, the file's wheel (from 1)
+    signs: tuple[int, ...]  #: of the file's wheels, in the file's order
+    turn: float  #: of the IMU's x axis from the robot's [rad], rounded to `GRID` if it is near
+    measured_turn: float  #: [rad], as the log has it
+    axis_signs: tuple[int, int, int] = (1, 1, 1)  #: of roll, pitch and yaw
+    direction: float = 0.5  #: confidence in the direction in which all wheels count
+    handedness: float = 1.0  #: confidence that no other axis of the IMU is reversed
+
+
+def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None) -> SensorFrame:
+    """Return the frame that the tests speak for; the robot's own if there is no lean to test."""
+    count = robot.wheel_count
+    own = tuple(range(1, count + 1))
+    if tested is None:
+        return SensorFrame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
+    best, beta = tested.placements[0], robot.wheels.azimuths
+    same = 0.0 if heading is None else tested.handedness
+    prior = SAME_IF_MIRRORED if best.mirrored else SAME_HANDEDNESS
+    weight = STILL_WEIGHT if tested.headings < STILL_HEADING else HANDEDNESS_WEIGHT
+    shown = max(advantage_confidence(same, weight=weight), 1.0 - MOST)
+    odds = prior / (1.0 - prior) * shown / (1.0 - shown)
+    same = odds / (1.0 + odds)
+    positions, phase, axes = best.positions, best.phase, (1, 1, 1)
+    if same < 0.5:
+        reflected = tuple((1 - place) % count + 1 for place in positions)
+        if best.positions == own or reflected != own:
+            axes = (1, 1, -1)
+        else:
+            positions, phase, axes = reflected, -phase - 2.0 * beta[0], (1, -1, 1)
+    known = heading is not None and heading.confidence >= CONFIDENT
+    seen = advantage_confidence(abs(tested.handedness)) if heading is None else 0.5
+    if heading is not None and known:
+        backwards = axes[2] * heading.correlation > 0.0
+    else:  # without a heading, the smaller turn is the likelier
+        backwards = tested.handedness < 0.0 if seen >= CONFIDENT else np.cos(phase) < 0.0
+    signs = np.asarray(best.signs) * (-1 if backwards else 1)
+    turn = -_within_half_a_turn(phase + (np.pi if backwards else 0.0))
+    near = GRID * round(turn / GRID)
+    error = tested.phase_error if tested.phase_error is not None else ROUNDED
+    rounded = abs(turn - near) <= min(ROUNDED, ROUNDED_ERRORS * error + np.deg2rad(1.0))
+    by_wheels = seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
+    return SensorFrame(
+        order=tuple(positions.index(place) + 1 for place in own),
+        signs=tuple(int(sign) for sign in signs),
+        turn=float(near if rounded else turn),
+        measured_turn=float(turn),
+        axis_signs=axes,
+        direction=by_wheels if heading is None else heading.confidence,
+        # without a heading that turns, the other handedness gives the same log
+        handedness=max(same, 1.0 - same) if known else 0.97,
+    )
+
+
+def _within_half_a_turn(angle: float) -> float:
+    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)

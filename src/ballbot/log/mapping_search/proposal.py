@@ -1,35 +1,52 @@
-"""What a foreign log is, and how it becomes one of Ballbot's: the search, its evidence, and what it leaves to ask.
+"""What a foreign log is: the search, what it leaves to ask, the mapping file, and the log that this makes.
 
 The user states the kind of the command, names say which columns there are and in which units; the search finds from the
-motion the order and signs of wheels and commands and how the IMU sits. Every question is asked at once.
+motion the order and signs of wheels and commands and how the IMU sits. Every question is asked at once, in the mapping
+file, whose comments are the evidence.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding, Place, Severity
+from ballbot.file_formats import format_line
+from ballbot.findings import Finding, by_severity, note, warning
+from ballbot.log.checks import check
+from ballbot.log.checks.kinematics import disturbance_findings
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.mapping_search.commands import KINDS, CommandDrive, drive_of, needs_of, turned_by
+from ballbot.log.log import Log
+from ballbot.log.mapping import apply_mapping, parse_mapping
+from ballbot.log.mapping_search.commands import (
+    KINDS,
+    CommandDrive,
+    CommandOrder,
+    drive_of,
+    needs_of,
+    turned_by,
+)
 from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.frame import frame_of
 from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, motion_of_file
-from ballbot.log.mapping_search.roles import Roles, roles_of
-from ballbot.log.mapping_search.text import Proposal, Question, What, mapped
-from ballbot.log.mapping_search.units import lean_units, other_encoder, time_unit
+from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
+from ballbot.log.mapping_search.placement import LeanTest, SensorFrame, frame_of
+from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
+from ballbot.log.pose import with_odometry
 from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows, rows_in_order
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
 from ballbot.log.wrapping import clock_note, continuous_clock
+from ballbot.printable import printable_line
 from ballbot.robot import Robot
+from ballbot.schema import toml_line
 
-#: standard errors by which a lean about the world's axes must fit better to be asked about, and of the IMU's turn [rad]
-WORLD_BETTER, CLEAR_TURN = 1.5, math.radians(8.0)
+#: standard error of the IMU's turn from which it is asked for [rad]
+CLEAR_TURN = math.radians(8.0)
 #: response of the lean to the wheels over the robot's beyond which it is another robot: 1.0 to 1.4 on real logs of one
 GAIN_RANGE = (0.5, 2.0)
 #: nothing explains the lean if the best placement leaves more of its acceleration
@@ -37,10 +54,69 @@ HELD = 0.8
 #: no robot on a ball leans further than this [rad] in a tenth of the time in which its wheels turn
 LARGEST_LEAN = 0.2
 #: the largest ratio of torques, in either direction, that friction which the law lacks explains in a weak motion (2.8
-#: on a real log)
-LARGEST_RATIO = 4.0
-#: a ratio of torques that is told: masses and torque constants of robot files are this uncertain
-NOTABLE_RATIO = 1.25
+#: on a real log), and one that is told: masses and torque constants of robot files are this uncertain
+LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
+#: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
+#: names them again, and not the mapping
+OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
+#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8
+#: rows a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
+MOST_CHANGE = 0.3
+#: a delay of the commands is written if it is this many standard errors from zero
+CLEAR_DELAY = 2.0
+What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
+#: what each log is usable for
+_USES: dict[What, str] = {
+    "balancing": "identify, simulate and validate",
+    "held by hand": "nothing but checks of its sensors",
+    "free wheels": "identify-driveline",
+    "IMU only": "align",
+}
+#: lines of an answer
+MOST_LINES = 30
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the log and its user leave open."""
+
+    key: str  #: where the answer stands: "[input] kind"
+    name: str  #: "kind of the command"
+    answers: tuple[str, ...]  #: the likeliest first
+    evidence: str
+
+    @property
+    def text(self) -> str:
+        """The question with its alternatives."""
+        return f"{self.name} ({' or '.join(self.answers)}): {self.evidence}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Proposal:
+    """What a foreign log is."""
+
+    base: Columned
+    lean: Unit | None
+    motion: SensedMotion | None  #: None without wheels
+    frame: SensorFrame
+    keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]
+    what: What
+    drive: CommandDrive | None = None
+    questions: tuple[Question, ...] = ()
+    contradiction: str = ""  #: why it is not this robot's log, in a sentence; empty if nothing says so
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def file(self) -> Path:
+        return self.base.path
+
+    @property
+    def roles(self) -> Roles:
+        return self.base.roles
+
+    @property
+    def tested(self) -> LeanTest | None:
+        return self.motion.tested if self.motion else None
 
 
 def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Proposal:
@@ -63,19 +139,20 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     base, notes = _columned(path, robot, stated or Stated())
     roles = base.roles
     motion = motion_of_file(base) if roles.angles else None
-    if motion and roles.commands and _what(roles, motion) != "free wheels" and _on_a_stand(base, motion):
+    if motion and roles.commands and roles.attitude and _on_a_stand(base, motion):
         base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
         motion = motion_of_file(base)
     tested = motion.tested if motion else None
+    spans = ()
+    if motion and tested:
+        spans = row_spans(motion.signals.rows, motion.signals.usable & ~tested.pushed)
     lean = motion.units[0] if motion else lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
     proposal = Proposal(
         base=base,
         lean=lean if base.roles.attitude else None,
         motion=motion,
         frame=frame_of(robot, tested, motion.heading if motion else None),
-        keep=row_spans(motion.signals.rows, motion.signals.usable & ~tested.pushed) or None
-        if motion and tested
-        else None,
+        keep=spans or None,
         what=_what(base.roles, motion),
     )
     if motion is None:
@@ -88,7 +165,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
     return replace(
         proposal,
-        questions=tuple(_questions(proposal, motion)),
+        questions=() if proposal.what == "held by hand" else tuple(_questions(proposal, motion)),
         contradiction=_contradiction(proposal, motion),
         findings=(*notes, *_findings(proposal, motion)),
     )
@@ -99,9 +176,9 @@ def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned,
     table, roles = roles_of(path, read_foreign_table(path, names=stated.columns), robot.wheel_count)
     clock, again = continuous_clock(table.columns[roles.time])
     table = replace(table, columns={**table.columns, roles.time: clock})
-    notes = [_finding("note", "file", note) for note in table.notes]
+    notes = [note("file", sentence) for sentence in table.notes]
     if again.size:
-        notes.append(_finding("warning", "time", clock_note(roles.time, again), (roles.time,)))
+        notes.append(warning("time", clock_note(roles.time, again), roles.time))
     time = time_unit(clock, roles.unit((roles.time,)))
     if time is None:
         raise InputError(
@@ -114,15 +191,14 @@ def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned,
     first, last = longest_run(t, repeated)
     part = {name: values[first:last] for name, values in table.columns.items()}
     unordered = not bool(increasing_rows(t[first:last][~repeated[first:last]]).all())
-    cut = rows_in_order(part, t[first:last], repeated=repeated[first:last], unordered=unordered)
     whole = (first, last) == (0, len(t))
     if not whole:
         sentence = f"The longest run is rows {first + 1} to {last}; others are left out."
-        notes.append(_finding("warning", "time", sentence))
+        notes.append(warning("time", sentence))
     base = Columned(
         path=Path(path),
         table=table,
-        cut=cut,
+        cut=rows_in_order(part, t[first:last], repeated=repeated[first:last], unordered=unordered),
         rows=None if whole else (first + 1, last),
         repeated=bool(repeated.any()),
         unordered=unordered,
@@ -136,12 +212,7 @@ def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned,
 
 def _contradiction(proposal: Proposal, motion: SensedMotion) -> str:
     """Return why it is not this robot's log; empty if nothing says so."""
-    base, tested = proposal.base, motion.tested
-    if not base.roles.of_speeds:
-        angles = base.stacked(base.roles.angles)
-        other = other_encoder(angles, motion.units[1], base.robot, base.stated.counts_per_turn)
-        if other:
-            return other
+    tested = motion.tested
     if proposal.what != "balancing" or tested is None or tested.confidence < CONFIDENT:
         return ""
     gain = tested.placements[0].gain
@@ -162,10 +233,9 @@ def _what(roles: Roles, motion: SensedMotion | None) -> What:
     moving = np.abs(motion.signals.wheels.rate).max(axis=1) > MOVING_SPEED
     if tested is None or lean is None or not moving.any():
         return "balancing"  # or standing: too little motion, which is asked for
-    if tested.placements[0].unexplained > HELD:
-        return "held by hand"
     away = np.abs(lean.value - np.median(lean.value, axis=0)).max(axis=1)[moving]
-    return "held by hand" if np.quantile(away, 0.9) > LARGEST_LEAN else "balancing"
+    held = tested.placements[0].unexplained > HELD or np.quantile(away, 0.9) > LARGEST_LEAN
+    return "held by hand" if held else "balancing"
 
 
 def _on_a_stand(base: Columned, motion: SensedMotion) -> bool:
@@ -177,61 +247,46 @@ def _on_a_stand(base: Columned, motion: SensedMotion) -> bool:
 
 def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
-    if proposal.what != "held by hand":
-        yield from _unit_questions(motion)
-        yield from _frame_questions(proposal)
-        if proposal.drive is not None:
-            yield from _command_questions(proposal, proposal.drive)
-
-
-def _question(key: str, name: str, answers: Sequence[str], evidence: str) -> Question:
-    return Question(key=key, name=name, answers=tuple(answers), evidence=evidence)
-
-
-def _unit_questions(motion: SensedMotion) -> Iterator[Question]:
     for place, (key, name) in enumerate((("[attitude] unit", "lean"), ("[wheels] angle", "wheels"))):
-        shares: dict[str, float] = {}
+        shares = Counter[str]()
         for units, share in motion.likely.items():
-            shares[units[place].name] = shares.get(units[place].name, 0.0) + share
-        ranked = sorted(shares, key=lambda one: -shares[one])[:3]
-        if shares[ranked[0]] < CONFIDENT:
-            shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
-            yield _question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
+            shares[units[place].name] += share
+        ranked = shares.most_common(3)
+        if ranked[0][1] < CONFIDENT:
+            shown = ", ".join(f"{100.0 * share:.0f} %" for _, share in ranked)
+            names = tuple(one for one, _ in ranked)
+            yield Question(key, f"unit of the {name}", names, f"probabilities {shown}")
+    yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
+    if proposal.drive is not None:
+        yield from _scale_questions(proposal.drive)
+        yield from _sign_questions(proposal, proposal.drive.assigned) if proposal.tested else ()
 
 
-def _frame_questions(proposal: Proposal) -> Iterator[Question]:
-    tested, frame = proposal.tested, proposal.frame
-    if tested is not None:
-        best, other = tested.placements[:2]
-        if tested.confidence < CONFIDENT:
-            words = best.description, other.description
-            evidence = f"the first fits {tested.margin:.2f} times better than the second"
-            yield _question("[wheels] order", "order and signs of the wheels", words, evidence)
-        elif frame.direction < CONFIDENT:
-            words = str(list(frame.signs)), str([-sign for sign in frame.signs])
-            evidence = (
-                "the heading turns too little; with the other signs the IMU is turned by half a turn more"
-            )
-            yield _question("[wheels] sign", "direction in which all wheels count", words, evidence)
-        elif frame.handedness < CONFIDENT:
-            evidence = f"the turning of the heading shows it by {abs(tested.handedness):.1f} standard errors"
-            words = str(list(frame.axis_signs)), "one axis reversed"
-            yield _question("[attitude] sign", "axes of the IMU", words, evidence)
-        if tested.body_frame < -WORLD_BETTER:
-            words = "about the world's axes", "about the IMU's axes"
-            evidence = f"the world's fit {-tested.body_frame:.1f} standard errors better"
-            yield _question("[attitude] from", "axes of the lean", words, evidence)
-        if tested.phase_error is None or tested.phase_error > CLEAR_TURN:
-            known, words = "unknown", (f"{math.degrees(frame.turn):.0f} deg",)
-            if tested.phase_error is not None:
-                known = f"known to {math.degrees(tested.phase_error):.0f} deg"
-            yield _question("[attitude] turn", "turn of the IMU", words, known)
-    elif proposal.roles.attitude:
-        words = "order and signs of the wheels"
-        yield _question("[wheels] order", words, ("as in the file",), "the robot hardly moves")
+def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Question]:
+    order = "[wheels] order", "order and signs of the wheels"
+    if tested is None:
+        yield Question(*order, ("as in the file",), "the robot hardly moves")
+        return
+    best, other = tested.placements[:2]
+    if tested.confidence < CONFIDENT:
+        evidence = f"the first fits {tested.margin:.2f} times better than the second"
+        yield Question(*order, (best.description, other.description), evidence)
+    elif frame.direction < CONFIDENT:
+        words = str(list(frame.signs)), str([-sign for sign in frame.signs])
+        evidence = "the heading turns too little; with the other signs the IMU is turned by half a turn more"
+        yield Question("[wheels] sign", "direction in which all wheels count", words, evidence)
+    elif frame.handedness < CONFIDENT:
+        words = str(list(frame.axis_signs)), "one axis reversed"
+        evidence = f"the turning of the heading shows it by {abs(tested.handedness):.1f} standard errors"
+        yield Question("[attitude] sign", "axes of the IMU", words, evidence)
+    error = tested.phase_error
+    if error is None or error > CLEAR_TURN:
+        known = "unknown" if error is None else f"known to {math.degrees(error):.0f} deg"
+        words = (f"{math.degrees(frame.turn):.0f} deg",)
+        yield Question("[attitude] turn", "turn of the IMU", words, known)
 
 
-def _command_questions(proposal: Proposal, drive: CommandDrive) -> Iterator[Question]:
+def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
     if drive.kind is None:
         shown = [
             f"as {one} the torques are {times:.2g} times those that the motion needs"
@@ -239,75 +294,57 @@ def _command_questions(proposal: Proposal, drive: CommandDrive) -> Iterator[Ques
             if math.isfinite(times)
         ]
         evidence = "; ".join(shown) or "state it with --command"
-        yield _question("[input] kind", "kind of the command", KINDS, evidence)
+        yield Question("[input] kind", "kind of the command", KINDS, evidence)
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
-        yield _question("[input] scale", name, drive.scales, "the motion fits both")
+        yield Question("[input] scale", name, drive.scales, "the motion fits both")
     elif math.isfinite(drive.ratio) and not 1.0 / LARGEST_RATIO < drive.ratio < LARGEST_RATIO:
         evidence = f"as it is stated the torques are {drive.ratio:.2g} times those that the motion needs"
-        yield _question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
-    if proposal.tested is None:
-        return
-    one, values = drive.assigned, np.array([proposal.base.cut[name] for name in proposal.roles.commands])
+        yield Question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
+
+
+def _sign_questions(proposal: Proposal, one: CommandOrder | None) -> Iterator[Question]:
+    values = np.array([proposal.base.cut[name] for name in proposal.roles.commands])
     if not np.nanmin(values) < 0.0:
-        evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
-        yield _question("[input] zero", "sign of the commands", words, evidence)
+        evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
+        yield Question("[input] zero", "sign of the commands", words, evidence)
     elif one is None or one.confidence < CONFIDENT:
         words, evidence = ("as numbered",), "too little motion"
         if one is not None:
-            words = (
-                f"for wheels {[wheel + 1 for wheel in one.wheels]}, signs {list(one.signs)}",
-                one.next_best,
-            )
+            words = one.description, one.next_best
             explained = f"the first explains {100.0 * one.explained:.0f} %"
             evidence = f"{explained}, {one.advantage:.1f} standard errors better"
-        yield _question("[input] sign", "order and signs of the commands", words, evidence)
-
-
-def _finding(severity: Severity, code: str, sentence: str, columns: tuple[str, ...] = ()) -> Finding:
-    return Finding(severity=severity, code=code, text=sentence, where=Place(columns=columns))
+        yield Question("[input] sign", "order and signs of the commands", words, evidence)
 
 
 def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     """Yield what was noticed and not changed."""
-    roles, tested, drive, cut = proposal.roles, motion.tested, proposal.drive, proposal.base.cut
+    roles, tested, cut = proposal.roles, motion.tested, proposal.base.cut
     used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in cut]
     holes = sum(int((~np.isfinite(cut[name])).sum()) for name in used)
     if holes:
-        yield _finding("warning", "missing", f"{holes} cells are missing; short gaps are filled.")
+        yield warning("missing", f"{holes} cells are missing; short gaps are filled.")
     if motion.largest_speed is not None or motion.wrap is not None:
-        sentence = (
-            "A wheel angle jumps by more than a wheel can turn: a reset or a full counter; it is continued."
-        )
-        yield _finding("warning", "reset", sentence, roles.angles)
+        sentence = "A wheel angle jumps by more than a wheel can turn, at a reset or a full counter: it is continued."
+        yield warning("reset", sentence, *roles.angles)
     if roles.gyro and motion.gyro is None and roles.attitude:
-        sentence = (
-            f"The gyro ({', '.join(roles.gyro)}) does not follow the rates of the angles, which are used."
-        )
-        yield _finding("warning", "columns", sentence, roles.gyro)
+        sentence = f"The gyro ({', '.join(roles.gyro)}) does not follow the angles, whose rates are used."
+        yield warning("columns", sentence, *roles.gyro)
     if not roles.commands:
-        sentence = (
-            "No column is named as a command of a motor, so that the log has no torques. If some are commands, name "
-            "them u1, u2, .. with --columns."
-        )
-        yield _finding("warning", "columns", sentence)
+        sentence = "No column is named as a motor's command. If there are any, name them u1, .. by --columns."
+        yield warning("columns", sentence)
     if tested is not None and tested.pushed.any():
         seconds = float(tested.pushed.sum()) * INTERVAL
         sentence = f"For {seconds:.1f} s something other than the wheels moves the robot; left out."
-        yield _finding("warning", "hands", sentence)
+        yield warning("hands", sentence)
     if tested is not None and tested.lag > 0.01 + tested.lag_error:
-        sentence = (
-            f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too: write [attitude] delay if the "
-            "IMU's data sheet gives one."
-        )
-        yield _finding("note", "timing", sentence, roles.attitude)
-    ratio = drive.ratio if drive is not None else math.nan
+        seems = f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too"
+        yield note("timing", f"{seems}: write [attitude] delay if the IMU has one.", *roles.attitude)
+    ratio = proposal.drive.ratio if proposal.drive is not None else math.nan
     if math.isfinite(ratio) and not 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO:
-        sentence = (
-            f"The torques are {ratio:.2f} times those that the motion and the robot file's masses need."
-        )
-        yield _finding("warning", "scale", sentence, roles.commands)
+        sentence = f"The torques are {ratio:.2f} times those that the motion and the robot's masses need."
+        yield warning("scale", sentence, *roles.commands)
 
 
 def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[tuple[Proposal, str]]:
@@ -331,3 +368,308 @@ def _answers(one: Proposal) -> dict[str, object]:
     if assigned is not None and assigned.confidence >= CONFIDENT:
         found["order and signs of the commands"] = (assigned.wheels, assigned.signs)
     return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """All that a proposal comes to."""
+
+    proposal: Proposal
+    findings: tuple[Finding, ...]
+    text: str  #: the mapping file
+    log: Log | None  #: made by the mapping; None if something is open, or it makes none
+    refusal: str  #: why the mapping cannot be used as it is: one sentence; empty if it can
+
+
+def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
+    """Return what shows most of several logs of one robot: fewest questions, then the surest order of the wheels."""
+
+    def order(one: Evaluation) -> tuple[int, float]:
+        tested = one.proposal.tested
+        return len(one.proposal.questions) + bool(one.refusal), -(tested.margin if tested else 0.0)
+
+    return min(evaluated, key=order)
+
+
+def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None) -> Evaluation:
+    """Return a proposal's mapping file, the log that it makes, and whether that agrees with the robot.
+
+    Parameters
+    ----------
+    proposal : Proposal
+    robot : Robot
+    common : Proposal, optional
+        The surest of several logs of the same robot: it answers what this log leaves open.
+    """
+    if common is not None:
+        proposal = _answered(proposal, common)
+    findings, log, refusal = proposal.findings, None, _refusal(proposal, robot)
+    if not refusal:
+        try:
+            log = mapped(proposal, robot)
+        except InputError as error:
+            refusal = f"the mapping makes no log: {error}"
+    if log is not None:
+        errors = [one for one in check(log, robot=robot) if one.severity == "error"]
+        wrong = [one.text for one in errors if one.code not in OF_THE_RECORDING]
+        findings = (*findings, *errors)
+        refusal = f"the log contradicts the robot {robot.name}: {wrong[0]}" if wrong else _too_coarse(log)
+    if proposal.tested is not None:
+        findings = (*findings, *disturbance_findings(proposal.tested.disturbance))
+    return Evaluation(
+        proposal=proposal,
+        findings=by_severity(findings),
+        text=mapping_text(proposal, robot),
+        log=log,
+        refusal=refusal,
+    )
+
+
+def mapped(proposal: Proposal, robot: Robot) -> Log:
+    """Return the log that a proposal makes; one without a drive takes the commands for torques."""
+    text = mapping_text(replace(proposal, questions=()), robot)
+    log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
+    return with_odometry(log, robot) if proposal.roles.attitude else log
+
+
+def _too_coarse(log: Log) -> str:
+    """Return why the rows of a log are too far apart for its torques; empty if they are not."""
+    u = log.torques if "u1" in log else np.zeros((2, 1))
+    power = 2.0 * float(np.var(u, axis=0).sum())
+    share = float(np.var(np.diff(u, axis=0), axis=0).sum()) / power if power > 0.0 else 0.0
+    if share <= MOST_CHANGE:
+        return ""
+    return (
+        f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
+        "ms apart, which is too coarse to show when they act. Log every control period."
+    )
+
+
+def _answered(proposal: Proposal, common: Proposal) -> Proposal:
+    """Return a proposal with the answers of another log of the same robot, and without its own times to keep."""
+    still = {one.key for one in common.questions}
+    questions = tuple(one for one in proposal.questions if one.key in still)
+    answered = replace(proposal, questions=questions, keep=None, base=replace(proposal.base, rows=None))
+    if proposal.questions and proposal.tested is not None and common.tested is not None:
+        answered = replace(answered, frame=common.frame)
+        if proposal.drive is not None and common.drive is not None:
+            drive = replace(proposal.drive, assigned=common.drive.assigned, ratios=common.drive.ratios)
+            answered = replace(answered, drive=drive)
+    return answered
+
+
+def _refusal(proposal: Proposal, robot: Robot) -> str:
+    if proposal.what == "IMU only":
+        return (
+            "it has no wheel angles, and shows no friction: with a mapping file it is usable for `ballbot align`; for "
+            "everything else, log the encoders too."
+        )
+    if proposal.what == "held by hand":
+        return (
+            "the wheels do not explain how the robot leans: it is held by hand, stands on a bench, or is not this "
+            "robot. Record it while it balances, with every wheel's angle."
+        )
+    if proposal.contradiction:
+        return f"the log contradicts the robot {robot.name}: {proposal.contradiction}"
+    if proposal.questions:
+        names = ", ".join(f"{one.name} ({one.key})" for one in proposal.questions)
+        return f"cannot determine: {names}; the lines to fill in are in the mapping file."
+    return ""
+
+
+#: the key of an entry, its value, which is left out if it is None, and the reason; or a line that begins with #
+_Entry = tuple[str, object, str]
+
+
+def mapping_text(proposal: Proposal, robot: Robot) -> str:
+    """Return the TOML of the mapping (see `ballbot.log.mapping`) that a proposal describes."""
+    lines = [
+        f"# {printable_line(proposal.file.name)} as a log of the robot {robot.name}, by `ballbot check-log`.",
+        format_line("mapping"),
+    ]
+    if proposal.questions:
+        reason = "answer the lines with cannot determine, then remove this line"
+        lines.append(toml_line("complete", False, reason))
+    asked = {" ".join(one.key.split()[:2]): one.text for one in proposal.questions}
+    tables = {
+        "[file]": _file_entries(proposal.base),
+        "[time]": _time_entries(proposal),
+        "[columns]": _column_entries(proposal),
+        "[attitude]": _attitude_entries(proposal),
+        "[wheels]": _wheel_entries(proposal),
+        "[input]": _input_entries(proposal, robot),
+    }
+    for table, entries in tables.items():
+        if entries:
+            lines += ["", table]
+        for entry in entries:
+            if f"{table} {entry[0]}" in asked:
+                lines.append(printable_line(f"# cannot determine: {asked[f'{table} {entry[0]}']}"))
+            if entry[0].startswith("#") or entry[1] is not None:
+                lines.append(_line(entry))
+    return "\n".join(lines) + "\n"
+
+
+def _line(entry: _Entry) -> str:
+    return entry[0] if entry[0].startswith("#") else toml_line(*entry)
+
+
+def _file_entries(base: Columned) -> list[_Entry]:
+    layout = base.table.layout
+    return [
+        ("separator", base.table.separator, ""),
+        ("header_lines", layout.header_lines, ""),
+        ("decimal", "comma" if layout.decimal_comma else None, ""),
+        ("names", layout.names, ""),
+        ("missing", layout.missing or None, ""),
+        ("damaged_rows", "drop" if layout.drop_damaged else None, ""),
+        ("repeated_rows", "drop" if base.repeated else None, ""),
+        ("unordered_rows", "drop" if base.unordered else None, ""),
+        ("rows", base.rows, "time starts again outside these rows"),
+    ]
+
+
+def _time_entries(proposal: Proposal) -> list[_Entry]:
+    noise, reason = proposal.motion.noise if proposal.motion else None, ""
+    if noise:
+        reason = f"noise of the wheel speeds {noise[0]:.2g} rad/s; with the times that the encoders give {noise[1]:.2g}"
+    # an even interval near the rows' own: 5 ms or a multiple, 1 ms if rows come faster
+    interval = max(0.005 * int(float(np.median(np.diff(proposal.base.t))) / 0.005 + 0.1), 0.001)
+    spans = [(round(start, 3), round(end, 3)) for start, end in proposal.keep or ()]
+    return [
+        ("repair", bool(noise) or None, reason),
+        ("sample_time", float(f"{interval:g}"), ""),
+        ("keep", spans or None, "balancing: neither at rest nor fallen nor held by hand"),
+    ]
+
+
+def _column_entries(proposal: Proposal) -> list[_Entry]:
+    roles, time = proposal.roles, proposal.base.time
+    source = roles.time if time.name == "s" else {"from": roles.time, "unit": time.name}
+    entries: list[_Entry] = [("t", source, time.reason)]
+    if roles.attitude and (proposal.motion is None or proposal.motion.gyro is None):
+        entries += [(f"{name}_dot", {"derivative_of": name}, "") for name in ("theta", "phi", "psi")]
+    return entries
+
+
+def _attitude_entries(proposal: Proposal) -> list[_Entry]:
+    roles, frame, tested, lean = proposal.roles, proposal.frame, proposal.tested, proposal.lean
+    gyro = proposal.motion.gyro if proposal.motion else None
+    if lean is None:
+        return []
+    units = proposal.base.angle_units(lean.name)
+    entries: list[_Entry] = [
+        ("from", roles.attitude, ""),
+        ("unit", units[0] if len(set(units)) == 1 else units, lean.reason),
+    ]
+    if roles.quaternion:
+        entries = [("from", roles.quaternion, "a quaternion w, x, y, z")]
+    entries.append(("upside_down", roles.half_turn and True, "the roll stays near half a turn"))
+    if -1 in frame.axis_signs or any(one.key == "[attitude] sign" for one in proposal.questions):
+        entries.append(("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
+    if tested is not None:
+        error = "" if tested.phase_error is None else f" +- {math.degrees(tested.phase_error):.1f}"
+        measured = f"measured {math.degrees(frame.measured_turn):.1f}{error}"
+        reason = f"{measured}; wheel 1 is where the robot file has it"
+        entries.append(("turn", round(math.degrees(frame.turn), 1), reason))
+    if gyro is not None:
+        rates = {
+            "from": [roles.gyro[place] for place in gyro.order],
+            "unit": gyro.unit,
+            "sign": [sign * axis for sign, axis in zip(gyro.signs, frame.axis_signs, strict=True)],
+        }
+        shown = ", ".join(f"{one:.2f}" for one in gyro.correlations)
+        entries.append(("rates", rates, f"correlations with the rates of the angles {shown}"))
+    return entries
+
+
+def _wheel_entries(proposal: Proposal) -> list[_Entry]:
+    roles, frame, tested, motion = proposal.roles, proposal.frame, proposal.tested, proposal.motion
+    if motion is None:
+        return []
+    shown = "with the smaller turn of the IMU; a log that turns its heading would show it"
+    if motion.heading is not None:
+        shown = f"the wheels' sum and the heading's rate correlate by {motion.heading.correlation:.2f}"
+    wheel = motion.units[1]
+    table: dict[str, object] = {"from": roles.angles, "unit": wheel.name}
+    if wheel.name.startswith("counts"):
+        table["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
+    if motion.wrap is not None:
+        table["wrap"] = motion.wrap
+    if motion.largest_speed is not None:
+        table["largest_speed"] = float(f"{motion.largest_speed:.4g}")
+    measured, derived = ("speed", "angle") if roles.of_speeds else ("angle", "speed")
+    made = {"integral_of" if roles.of_speeds else "derivative_of": measured}
+    return [
+        ("order", frame.order, tested.evidence if tested else "as in the file: nothing tests it"),
+        ("sign", frame.signs, shown if tested else "as in the file"),
+        (measured, table, wheel.reason),
+        (derived, made, ""),
+    ]
+
+
+def _input_entries(proposal: Proposal, robot: Robot) -> list[_Entry]:
+    names, drive, order = proposal.roles.commands, proposal.drive, proposal.frame.order
+    if not names:
+        return []
+    columns, signs, evidence = list(names), [1] * len(names), "nothing tests it"
+    if drive and drive.assigned:
+        # command j of the log that was compared is number order[j], by which [wheels] order takes the motors, too
+        evidence = drive.assigned.evidence
+        for j, (wheel, sign) in enumerate(zip(drive.assigned.wheels, drive.assigned.signs, strict=True)):
+            columns[order[wheel] - 1], signs[order[wheel] - 1] = names[order[j] - 1], sign
+    kind, scale, ratio = (drive.kind, drive.scale, drive.ratio) if drive else ("torque", 1.0, math.nan)
+    known = f"{ratio:.2f} times the torques that the motion needs" if math.isfinite(ratio) else ""
+    entries = _kind_entries(kind or "torque", scale, robot, known)
+    if drive and kind is None:
+        entries[0] = ("kind", "torque", "not stated")
+        for other, (other_scale, _) in drive.ratios.items():
+            lines = [f"#   {_line(one)}" for one in _kind_entries(other, other_scale, robot)]
+            alternative = f"# if it is a {other}, these lines in place of the three above:"
+            entries += [(line, None, "") for line in (alternative, *lines)]
+    if any(one.key == "[input] zero" for one in proposal.questions):
+        zero = "# zero = ..  # the number that stands for no command"
+        entries += [("zero", None, ""), (zero, None, ""), ("# direction = [..]", None, "")]
+    delay, reason = 0.0, ""
+    if drive:
+        delay = round(drive.delay, 4) if drive.delay > CLEAR_DELAY * drive.delay_error else 0.0
+        reason = f"by the wheels' accelerations {1e3 * drive.delay:.0f} +- {1e3 * drive.delay_error:.0f} ms"
+    return [*entries, ("from", columns, ""), ("sign", signs, evidence), ("delay", delay, reason)]
+
+
+def _kind_entries(kind: InputKind, scale: float, robot: Robot, known: str = "") -> list[_Entry]:
+    """Return the entries of [input] that depend on the kind of the command; `known` is the reason of the scale."""
+    drive, source = robot.drive, "from the robot file"
+    entries: list[_Entry] = [("kind", kind, ""), ("scale", scale, known)]
+    motor: list[_Entry] = [
+        ("torque_constant", drive.torque_constant, source),
+        ("gear_ratio", drive.gear_ratio, source),
+    ]
+    if kind in ("torque", "current"):
+        return entries + (motor if kind == "current" else [])
+    band = "# dead_band = 0.0  # what the firmware adds; not stated, it counts as less dry friction"
+    stall = drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
+    return [
+        *entries,
+        (band, None, "") if kind == "duty" else ("dead_band", 0.0, "a voltage has none"),
+        ("supply_voltage", drive.supply_voltage, source),
+        *motor,
+        ("back_emf_constant", 1.0 / drive.speed_constant, f"{source}: 1 / speed constant"),
+        ("resistance", float(f"{stall:.6g}"), "assumed: full duty at standstill gives the torque limit"),
+    ]
+
+
+def answer_lines(found: Evaluation) -> list[str]:
+    """Return what the log is, what the mapping says that is not usual, and what is open, in at most `MOST_LINES`."""
+    one = found.proposal
+    without = " (without torques)" if one.what == "balancing" and not one.roles.commands else ""
+    lines = [
+        f"{one.file.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}."
+    ]
+    shown = found.text.partition("\n\n[columns]")[2].splitlines()
+    usual = "derivative_of", "from the robot file"
+    lines += [one for one in shown if one and one[0] != "#" and not any(words in one for words in usual)]
+    lines += [f"cannot determine: {question.text}" for question in one.questions]
+    lines += [f"{finding.severity}: {finding.text}" for finding in found.findings]
+    more = len(lines) - MOST_LINES
+    return lines if more <= 0 else [*lines[: MOST_LINES - 1], f"{more + 1} more in the report."]

@@ -20,6 +20,8 @@ from ballbot.log.mapping_search.evidence import probabilities
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 
+Floats = NDArray[np.float64]
+
 #: intervals between rows that a log may have [s]
 INTERVALS = (2e-4, 0.2)
 #: a balancing robot's lean is within this in nine tenths of the rows [rad], and hardly ever within this [deg]
@@ -48,7 +50,7 @@ class Unit:
 Units = tuple[Unit, Unit]  #: of the lean and the wheels
 
 
-def time_unit(t: NDArray[np.float64], named: str | None) -> Unit | None:
+def time_unit(t: Floats, named: str | None) -> Unit | None:
     """Return the unit of a column of times (N,) by its intervals; None if none makes it a log's, or the name's."""
     steps = np.diff(t)
     usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
@@ -59,7 +61,7 @@ def time_unit(t: NDArray[np.float64], named: str | None) -> Unit | None:
     return None
 
 
-def _step_of(angles: NDArray[np.float64]) -> float | None:
+def _step_of(angles: Floats) -> float | None:
     """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
     found = []
     for column in angles.T:
@@ -75,36 +77,6 @@ def _step_of(angles: NDArray[np.float64]) -> float | None:
     return float(np.median(found)) if found else None
 
 
-def _counts_of(robot: Robot, given: float | None) -> float:
-    """Return the counts in a turn of a wheel."""
-    return given or robot.sensors.encoder_counts * robot.drive.gear_ratio
-
-
-#: a step over one count of the encoder that is no other step, other edges of its lines, and how near a step must be to
-#: a round decimal to be rounding
-OTHER_STEP, EDGES, ROUND = 1.4, (0.25, 0.5, 2.0, 4.0), 0.02
-
-
-def other_encoder(
-    angles: NDArray[np.float64], unit: Unit, robot: Robot, counts_per_turn: float | None
-) -> str:
-    """Return that angles (N, n) step as no encoder of the robot does; empty if they do, or show no steps."""
-    step, per_turn = _step_of(angles), _counts_of(robot, counts_per_turn)
-    if unit.name.startswith("counts") or step is None:
-        return ""
-    digits = step / 10.0 ** math.floor(math.log10(step))
-    ratio = step * unit.factor * per_turn / (2.0 * math.pi)
-    edges = any(abs(ratio / one - 1.0) < STEP_AGREEMENT for one in EDGES)
-    rounded = any(abs(digits / one - 1.0) < ROUND for one in (1.0, 2.0, 5.0, 10.0))
-    if rounded or edges or 1.0 / OTHER_STEP < ratio < OTHER_STEP:
-        return ""
-    return (
-        f"the wheel angles step by {step:.4g} {unit.name}, as an encoder of {per_turn / ratio:.0f} counts a turn "
-        f"does, and the robot's has {per_turn:g}. Give the robot file of the robot that wrote the log, or "
-        "--counts-per-turn."
-    )
-
-
 def fastest(robot: Robot) -> float:
     """Return the speed [rad/s] of a wheel at which the back-EMF is the supply's voltage."""
     drive = robot.drive
@@ -114,8 +86,8 @@ def fastest(robot: Robot) -> float:
 
 
 def wheel_units(
-    t: NDArray[np.float64],
-    angles: NDArray[np.float64],
+    t: Floats,
+    angles: Floats,
     robot: Robot,
     named: str | None,
     *,
@@ -123,7 +95,8 @@ def wheel_units(
     counts_per_turn: float | None,
 ) -> list[Unit]:
     """Return the units that wheel angles (N, n) may have, or their speeds; one alone if the heading has it."""
-    per_turn, rate = _counts_of(robot, counts_per_turn), "/s" if of_speeds else ""
+    rate = "/s" if of_speeds else ""
+    per_turn = counts_per_turn or robot.sensors.encoder_counts * robot.drive.gear_ratio
     of_counts = f"{per_turn:g} a turn {'as given' if counts_per_turn else 'by the robot file'}"
     count = 2.0 * math.pi / per_turn
     table = {**FACTORS["rad" + rate], "counts" + rate: count}
@@ -148,7 +121,7 @@ def wheel_units(
     return found
 
 
-def lean_units(lean: NDArray[np.float64], named: str | None) -> list[Unit]:
+def lean_units(lean: Floats, named: str | None) -> list[Unit]:
     """Return the units that roll and pitch (N, 2) may have; one alone if the heading has it."""
     table = FACTORS["rad"]
     if named in table:
@@ -173,17 +146,9 @@ def likeliest_units(
 ) -> dict[Units, float]:
     """Return the probability of each choice of units of lean and wheels, the likeliest first.
 
-    Parameters
-    ----------
-    leans, wheels : sequence of Unit
-    assumed : tuple of Unit, optional
-        With which the motion shows gain and turning.
-    gain : float, optional
-        Response of the lean to the wheels over the robot's.
-    turning : float, optional
-        Turning of the wheels over the heading's, over that of a ball that does not pivot.
-    heading_named : bool
-        Whether the heading has a unit of its own; otherwise it has the lean's.
+    `gain` is the response of the lean to the wheels over the robot's, and `turning` that of the wheels to the heading
+    over that of a ball that does not pivot, as the motion shows them with the units `assumed`. A heading without a unit
+    of its own has the lean's.
     """
     weights = {}
     for lean, wheel in product(leans, wheels):

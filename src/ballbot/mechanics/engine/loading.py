@@ -1,24 +1,22 @@
 """One robot's numbers out of a block's work array, with their names, in compiled code.
 
 `load` returns the `Parameters` of a lane. `ballbot.mechanics.parameters` has the list of these numbers, which is
-followed here. The wheels' further terms are loaded only for a `DirectedLaw`, and are absent otherwise.
+followed here.
 """
 
 from itertools import count
 
 from ballbot.mechanics.engine.lanes import TORQUE, entry, restored, shaped
 from ballbot.mechanics.engine.tracing import traced
-from ballbot.mechanics.friction import NO_TERMS, DirectedLaw, has_directions, loaded_coulomb
+from ballbot.mechanics.engine.vector import each
+from ballbot.mechanics.friction import under_load
 from ballbot.mechanics.parameters import (
     RIGID_SHAPE,
-    RIGID_SIZE,
-    TERMS_SIZE,
     WHEEL_SHAPE,
-    WHEEL_SIZE,
-    DirectedWheel,
     Parameters,
     Pivoting,
     Wheel,
+    row_size,
 )
 
 _DECAY = Parameters._fields.index("decay")
@@ -27,8 +25,7 @@ _DECAY = Parameters._fields.index("decay")
 @traced
 def row_count(selected):
     """Return `row_size` in compiled code."""
-    own = WHEEL_SIZE + TERMS_SIZE * isinstance(selected.law, DirectedLaw)
-    return RIGID_SIZE + len(selected.wheels) * own
+    return row_size(selected)
 
 
 def unpacked(selected, at):
@@ -36,8 +33,6 @@ def unpacked(selected, at):
     n, places = len(selected.wheels), count()
     rigid = shaped(RIGID_SHAPE, map(at, places))
     wheels = [Wheel(*shaped(WHEEL_SHAPE, map(at, places)), *rigid[_DECAY]) for _ in range(n)]
-    if isinstance(selected.law, DirectedLaw):
-        wheels = [DirectedWheel(*wheel, shaped(NO_TERMS, map(at, places))) for wheel in wheels]
     return Parameters(*rigid, tuple(wheels))  # pyright: ignore[reportCallIssue] (as many as `RIGID_SHAPE`)
 
 
@@ -50,11 +45,7 @@ def load_parameters(selected, work, lane):
 @traced
 def under_torque(P, u):
     """Return the `Parameters` with the friction that the drives have under the motors' torques u."""
-    wheels = [
-        wheel._replace(c=loaded_coulomb(wheel.c, wheel.terms, torque)) if has_directions(wheel) else wheel
-        for wheel, torque in zip(P.wheels, u, strict=True)
-    ]
-    return P._replace(wheels=tuple(wheels))
+    return P._replace(wheels=each(under_load, P.wheels, u))
 
 
 @traced

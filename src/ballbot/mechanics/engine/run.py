@@ -140,12 +140,12 @@ class Code(NamedTuple):
 
 def code_of(selected: Exact | Thesis | Pivoting) -> Code:
     """Return the code for a kind of robot; the first call compiles, or reads what an earlier process has compiled."""
-    return _code_of(selected, type(selected), type(selected.law))
+    return _code_of(selected, type(selected))
 
 
 @cache
-def _code_of(selected: Exact | Thesis | Pivoting, *kinds: type) -> Code:
-    # tuples with the same numbers are equal, whatever their kinds
+def _code_of(selected: Exact | Thesis | Pivoting, kind: type) -> Code:
+    # tuples with the same numbers are equal, whatever their kind
     @c_code("void(CPointer(float64), int64)")
     def robust(work, lane):
         robust_lane(selected, work, lane)

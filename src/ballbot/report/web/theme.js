@@ -1,5 +1,4 @@
-// What every page does: its theme is the browser's at first, then as the reader chooses, and light on paper,
-// which shows what is folded.
+// What every page does: its theme is the browser's at first, then as the reader chooses, and light on paper.
 
 const root = document.documentElement;
 const prefersDark = matchMedia("(prefers-color-scheme: dark)");
@@ -21,7 +20,6 @@ if (typeof repaint === "function") {
 
 let before;
 addEventListener("beforeprint", () => {
-  for (const one of document.querySelectorAll("details")) one.open = true;
   before = root.dataset.theme;
   root.dataset.theme = "light";
   if (typeof repaint === "function") repaint();
