@@ -8,7 +8,7 @@ m the hanging mass, r from the pivot to its centre of mass, l from the ball's ce
 hung the body at the ball's centre, r = l). The causes (frequency, m, r, l) count as independent; with the derivative
 d_i of a result by each, its variance is the sum of (d_i s_i)^2.
 
-The checks find a wrong unit of the angle or of time, a clipped or frozen sensor, and another body.
+The checks find a wrong unit of the angle or of time, a clipped sensor, and another body.
 
 A pendulum's period grows with its amplitude, so that the shape of large swings distinguishes radians from degrees; its
 frequency and the lever to its pivot give a radius of gyration, which a wrong unit of time or length makes impossible.
@@ -21,7 +21,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, Place, by_severity, note
@@ -187,13 +186,6 @@ _MUCH_LEFT = 0.05
 _CLIPPED = 0.04
 #: least steps of the sensor's resolution in a swing for which rows at the top mean clipping, not coarse steps
 _FINE = 40
-#: of a swing's period: a longer stretch of one and the same value is a sensor that repeats itself
-_FROZEN = 0.2
-
-
-def recording_findings(swing: Swing) -> tuple[Finding, ...]:
-    """Return the faults of a recording, before a pendulum is fitted to it."""
-    return tuple(_clipped(swing) or _frozen(swing))
 
 
 def swing_findings(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) -> tuple[Finding, ...]:
@@ -203,7 +195,8 @@ def swing_findings(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivo
     )
 
 
-def _clipped(swing: Swing) -> list[Finding]:
+def recording_findings(swing: Swing) -> list[Finding]:
+    """Return the faults of a recording, before a pendulum is fitted to it: a clipped sensor."""
     values = swing.values
     levels = np.unique(values)
     if len(levels) < _FINE:
@@ -217,28 +210,6 @@ def _clipped(swing: Swing) -> list[Finding]:
         "value. Choose a larger range of the sensor, or let the body swing less far."
     )
     return [Finding(code="swing-clipped", severity="error", text=text, where=Place(columns=(swing.source,)))]
-
-
-def _frozen(swing: Swing) -> list[Finding]:
-    first, last = _longest_run(swing.values)
-    lasts = float(swing.t[last] - swing.t[first])
-    # at the end of the recording, the body rests
-    if last - first < 5 or last == len(swing.t) - 1 or lasts < _FROZEN * swing.period:
-        return []
-    text = (
-        f"{swing.source} repeats one value for {lasts:.2g} s from t = "
-        f"{swing.t[first]:.4g} s on, in the middle of the swing: the sensor froze, "
-        "or the body was held. Cut the recording to where it swings freely."
-    )
-    where = Place(columns=(swing.source,), time=float(swing.t[first]))
-    return [Finding(code="stuck", severity="error", text=text, where=where)]
-
-
-def _longest_run(values: NDArray[np.float64]) -> tuple[int, int]:
-    """Return the first and last row of the longest run of equal values."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
-    longest = int(np.argmax(np.diff(edges)))
-    return int(edges[longest]), int(edges[longest + 1]) - 1
 
 
 def _of_unit(fit: SwingFit) -> Iterator[Finding]:
