@@ -13,7 +13,7 @@ from ballbot.report.validation import validation_report, validation_results
 from ballbot.validation import ErrorPair, ModelPair, findings, join_validations, validate, validate_pair
 from ballbot.validation.closed_loop import recover_gain
 from ballbot.validation.models import FINEST
-from ballbot.validation.resolution import column_resolution
+from ballbot.validation.validation import column_resolution
 from tests.support.validation_examples import noisy_log, noisy_validation, perfect_log, true_robot
 
 

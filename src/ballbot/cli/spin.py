@@ -125,13 +125,7 @@ def spin(
             write_bytes(new / "overlay.png", picture)
             if run is not None and comparison is not None:
                 log_with_spin(run, found, comparison.clock).write(new / "log.csv")
-            page = spin_report(
-                found,
-                comparison,
-                video=video.name,
-                picture=picture,
-                log_findings=findings,
-            )
+            page = spin_report(found, comparison, video=video.name, picture=picture, log_findings=findings)
             result.write_page(page, new)
     for finding in spin_findings(found, comparison):
         result.console.print(finding.text, markup=False, soft_wrap=True)

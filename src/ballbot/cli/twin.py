@@ -24,14 +24,7 @@ twin = App(name="twin", help=ABOUT)
 
 
 @twin.command
-def export(
-    robot: str,
-    /,
-    *,
-    scenario: str | None = None,
-    mounting: Mounting = "floor",
-    out: Path,
-) -> None:
+def export(robot: str, /, *, scenario: str | None = None, mounting: Mounting = "floor", out: Path) -> None:
     """Write the twin as MJCF, for MuJoCo's viewer and other tools, or the robot with its own friction as URDF, for ROS.
 
     Example: ballbot twin export alten --scenario nominal --out twin.xml

@@ -54,12 +54,7 @@ from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.twin.engine import Engine
 from ballbot.twin.faults import Compliance, Payload, Softness
-from ballbot.twin.parts import (
-    BodyParts,
-    WheelParts,
-    split_robot,
-    wheel_frames,
-)
+from ballbot.twin.parts import BodyParts, WheelParts, split_robot, wheel_frames
 from ballbot.twin.scenario import Scenario, check_scenario
 
 

@@ -36,13 +36,7 @@ from ballbot.vision.seam import Seam, seam_table, thesis_seam
 from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder
 from ballbot.vision.tracking import Track, Velocity, angular_velocity, follow
 from ballbot.vision.video import LEAST_FRAMES, Video, frame_times
-from ballbot.vision.view import (
-    ASSUMED_CLOSENESS,
-    View,
-    circle_points,
-    find_outline,
-    view_of_outline,
-)
+from ballbot.vision.view import ASSUMED_CLOSENESS, View, circle_points, find_outline, view_of_outline
 
 
 @dataclass(frozen=True, kw_only=True)
