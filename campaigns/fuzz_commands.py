@@ -41,7 +41,7 @@ LINES = (
     "excite alten --duration 8 --lean 6 --floor 1 --generations 2 --population 4 --seed 1 --out out",
     "identify alten log.csv --estimate friction --bounds bounds.toml --window 0.25 --seed 1 --out out",
     "identify alten log.csv --sweep sweep.json --out out",
-    "identify-axis axis.csv --law viscous --unit rad --harmonics 3 --out out",
+    "identify-axis axis.csv --law viscous --unit rad --gravity --out out",
     "identify-axis axis.mat --force-scale kp --added-force reference --out out",
     "identify-driveline alten log.csv --speed-limit 20 --seed 1 --out out",
     "identify-upside-down alten log.csv --window 1.0 --out out",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ballbot.cli.context import MappingFile
 from ballbot.cli.output import show_written
 from ballbot.files import check_new_file
 from ballbot.log import Log
@@ -15,7 +16,7 @@ def convert(
     out: Path,
     /,
     *,
-    mapping: Path | None = None,
+    mapping: MappingFile = None,
     decimal_comma: bool = False,
     force: bool = False,
 ) -> None:
@@ -33,8 +34,6 @@ def convert(
         A log, or with --mapping any table.
     out
         The file to write.
-    mapping
-        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     decimal_comma
         Write CSV with decimal commas, and semicolons between the cells.
     force

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from cyclopts import Parameter
 
 from ballbot.cli.context import PAGE, OutFolder, RobotName, Seed, WholeNumber, open_result
-from ballbot.control.file import write_controller
+from ballbot.control.file import controller_text
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
 from ballbot.fitting.run import Run
@@ -22,7 +23,7 @@ from ballbot.workflows.excitation_task import Law, RunLimits
 from ballbot.workflows.excite import ExcitationOptions
 from ballbot.workflows.excite import excite as find
 
-_WRITTEN = (PAGE, "reference.csv", "controller.toml", "results.json")
+_WRITTEN = ("reference.csv", "controller.toml")
 
 
 @Parameter(name="*")
@@ -114,22 +115,22 @@ def excite(
     conditions = load_scenario(scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
     inputs = [robot, scenario, controller, identification.bounds]
-    with open_result(out, command="excite", writes=_WRITTEN, inputs=inputs, seed=search.seed) as result:
-        with result.progress("excite") as bar:
-            found = find(
-                described,
-                chosen,
-                limits=limits,
-                duration=search.duration,
-                scenario=conditions,
-                options=ExcitationOptions(law=identification.law, bounds=bounds, effort=effort),
-                run=Run(seed=search.seed, progress=bar.report),
-            )
+    with open_result(
+        out, command="excite", doing="excite", writes=_WRITTEN, inputs=inputs, seed=search.seed
+    ) as result:
+        found = find(
+            described,
+            chosen,
+            limits=limits,
+            duration=search.duration,
+            scenario=conditions,
+            options=ExcitationOptions(law=identification.law, bounds=bounds, effort=effort),
+            run=Run(seed=search.seed, progress=result.report),
+        )
         page = excitation_report(found)
-        with result.replaced() as new:
-            write_reference(found.design.times, found.design.poses, new / "reference.csv")
-            write_controller(chosen, new / "controller.toml")
-            result.write_json(found.results(), new)
-            result.write_page(page, new)
-    result.show(page.parts())
-    result.show_file("reference.csv", PAGE)
+        files = {
+            "reference.csv": partial(write_reference, found.design.times, found.design.poses),
+            "controller.toml": controller_text(chosen),
+        }
+        result.write(found.results(), page, files=files)
+    result.show(page.parts(), "reference.csv", PAGE)

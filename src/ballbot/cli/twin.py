@@ -6,6 +6,7 @@ from pathlib import Path
 
 from cyclopts import App
 
+from ballbot.cli.context import RobotName
 from ballbot.cli.output import show_written
 from ballbot.errors import InputError
 from ballbot.files import check_file, check_new_file, write_text
@@ -24,7 +25,14 @@ twin = App(name="twin", help=ABOUT)
 
 
 @twin.command
-def export(robot: str, /, *, scenario: str | None = None, mounting: Mounting = "floor", out: Path) -> None:
+def export(
+    robot: RobotName,
+    /,
+    *,
+    scenario: str | None = None,
+    mounting: Mounting = "floor",
+    out: Path,
+) -> None:
     """Write the twin as MJCF, for MuJoCo's viewer and other tools, or the robot with its own friction as URDF, for ROS.
 
     Example: ballbot twin export alten --scenario nominal --out twin.xml
@@ -36,8 +44,6 @@ def export(robot: str, /, *, scenario: str | None = None, mounting: Mounting = "
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file.
     scenario
         A named scenario or a scenario file; "nominal" by default. URDF has none.
     mounting
