@@ -41,9 +41,7 @@ NOT_COMPILED = {
         *(f"ballbot.workflows.excite.{name}" for name in ("Design", "LoopRuns", "excite", "task")),
         *(f"ballbot.identification.{name}" for name in ("Identification", "WindowErrors")),
         "ballbot.identification.axis.AxisIdentification",
-        "ballbot.thesis.lagrangian.Equations",
         *(f"ballbot.validation.{name}" for name in ("ErrorPair", "RecoveredGain", "StateErrors")),
-        *(f"ballbot.validation.alignment.{name}" for name in ("Clock", "MotionFit", "SensorErrors")),
     },
 }
 

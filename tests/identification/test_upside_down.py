@@ -293,7 +293,7 @@ class TestIdentification:
 
     @pytest.mark.parametrize("seed", [3, 4])
     def test_without_friction_none_is_found_and_that_is_said_first(self, seed: int, tmp_path, capsys):
-        log = camera_log(duration=24.0, seed=seed, row=NONE, size=0.05)  # clear of the speed limit
+        log = camera_log(duration=24.0, seed=seed, law=NONE, size=0.05)  # clear of the speed limit
         found = identify_upside_down(ALTEN, log, window=0.5)
         assert not found.verdict.usable
         assert found.verdict.reasons[0] == "no friction was found"

@@ -17,6 +17,7 @@ from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.proposal import (
     Evaluation,
     Proposal,
+    answer_lines,
     contradictions,
     evaluate,
     propose,
@@ -27,7 +28,6 @@ from ballbot.report.log_check import (
     CheckedLog,
     checked_log_parts,
     log_check_report,
-    proposal_parts,
     proposal_report,
     proposal_results,
 )
@@ -151,10 +151,11 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
         evaluated = [evaluate(one.proposal, robot, common=found.proposal) for one in evaluated]
         found = surest(evaluated)
     for one in evaluated:
-        print_parts(proposal_parts(one), console)
+        print_parts(map(Text, answer_lines(one)), console)
     texts: dict[str, Content] = {"mapping.toml": found.text}
     files = texts if found.log is None else texts | {"log.csv": found.log.write}
-    results = proposal_results(evaluated) | ({} if result.folder else {"mapping_file": found.text})
+    results: dict[str, object] = {"files": [proposal_results(one) for one in evaluated]}
+    results |= {} if result.folder else {"mapping_file": found.text}
     result.write(results, proposal_report(found, robot, result.origin), files=files)
     if result.folder is None:
         console.print(Text("\n" + found.text), soft_wrap=True)

@@ -8,7 +8,7 @@ from ballbot.cli.context import MappingFile
 from ballbot.cli.output import show_written
 from ballbot.files import check_new_file
 from ballbot.log import Log
-from ballbot.log.formats import write_columns, written_format
+from ballbot.log.formats import written_format
 
 
 def convert(
@@ -17,7 +17,6 @@ def convert(
     /,
     *,
     mapping: MappingFile = None,
-    decimal_comma: bool = False,
     force: bool = False,
 ) -> None:
     """Write a log in another file format, that of the suffix of OUT: .csv, .parquet, .npz, .mat, .mcap or .db3.
@@ -34,16 +33,11 @@ def convert(
         A log, or with --mapping any table.
     out
         The file to write.
-    decimal_comma
-        Write CSV with decimal commas, and semicolons between the cells.
     force
         Replace an existing file.
     """
     written_format(out)  # refuses a suffix before the log is read
     check_new_file(out, force=force)
     read = Log.read(log, mapping=mapping)
-    if decimal_comma:
-        write_columns(out, read.columns, decimal_comma=True)
-    else:
-        read.write(out)
+    read.write(out)
     show_written(out, results={"rows": len(read), "columns": read.names})

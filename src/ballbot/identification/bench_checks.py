@@ -69,7 +69,7 @@ def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]
     for name, speed, row in zip(names, speeds.T, free.T, strict=True):
         findings += _frozen(first.t, np.where(row, speed, 0.0)[:, None], (name,))
     rows = _pieces(speeds, torques, first.sample_time)
-    counted = free[rows].all(axis=1)
+    counted = np.asarray(free[rows].all(axis=1))
     if not findings and counted.sum() >= _LEAST_PIECES * len(sweeps):
         bench = _Bench(
             A=np.eye(len(sweeps)),

@@ -4,10 +4,9 @@ values           what columns show by themselves: gaps, spikes, jumps, limits, d
 rates            positions, angles and gyro against rates: units, signs, swapped columns, the unit of time
 stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
-torques          torques that are late
 lean             lean axes against the ball's acceleration
 torque_balance   torques against those that the motion needs: how large each is, and whether that changes within a log
-physics          the last three in their order with order and sign of the torques, several logs against each other
+physics          the last two in their order, with delay, order and sign of the torques; several logs against each other
 
 `check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` the input of
 an analysis: logs whose checks ran once, before any computation, and whose errors, if any, the user accepted. Findings
@@ -86,15 +85,7 @@ def _causes(findings: Sequence[Finding], examined: PhysicsOfLog | None) -> list[
 
 
 def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
-    """Return the findings of all checks of a log, errors first.
-
-    Parameters
-    ----------
-    log : Log
-        The log.
-    robot : Robot, optional
-        With it, the wheels' columns are compared with the robot's kinematics and the torques with its limit.
-    """
+    """Return the findings of all checks of a log, errors first; see `check_logs`."""
     return check_logs({"": log}, robot=robot)
 
 
@@ -248,14 +239,7 @@ def checked_logs(
 
 
 def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
-    """Return the findings of a robot and of its logs on a bench, on which it does not balance.
-
-    Parameters
-    ----------
-    robot : Robot
-    logs : mapping of str to Log
-        By the names that messages use.
-    """
+    """Return the findings of a robot and of its logs, by their names, on a bench, on which it does not balance."""
     of_logs = (one for one in check_logs(logs, robot=None) if one.code not in _OF_BALANCING)
     return by_severity([*robot_findings(robot, file=f"robot {robot.name}"), *of_logs])
 

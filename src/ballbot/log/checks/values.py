@@ -308,15 +308,14 @@ def check_constant(log: Log) -> list[Finding]:
         )
         findings.append(error("dead-motor", text, *dead))
     for name in (name for name in still if name not in dead):
-        text = f"{name} is {log[name][0]:g} throughout"
+        text, is_reference = f"{name} is {log[name][0]:g} throughout", name.startswith("ref_")
         other = name.removesuffix("_dot") if name.endswith("_dot") else f"{name}_dot"
-        if name.startswith("ref_"):
-            findings.append(note("constant", f"{text}: the reference is constant.", name))
-        elif name in STATE_NAMES and other in log and float(np.nanstd(log[other])) > LEAST_MOVING:
-            text = f"{text} though {other} changes, as if its sensor or cable were dead."
-            findings.append(error("constant", text, name))
-        else:
-            findings.append(warning("constant", f"{text}, as if its sensor or cable were dead.", name))
+        wrong = name in STATE_NAMES and other in log and float(np.nanstd(log[other])) > LEAST_MOVING
+        cause = f"{f' though {other} changes' if wrong else ''}, as if its sensor or cable were dead."
+        text += ": the reference is constant." if is_reference else cause
+        findings.append(
+            finding("constant", "note" if is_reference else "error" if wrong else "warning", text, name)
+        )
     return findings
 
 
