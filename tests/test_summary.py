@@ -275,8 +275,7 @@ def test_any_texts_fit_a_screen_and_are_not_obeyed(title, rows, sentences, times
     assert len(lines) <= HEIGHT
     assert max(map(len, lines)) <= WIDTH
     assert not re.search("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e\u2028]", repr(summary))
-    page = summary._repr_html_()
-    assert set(re.findall(r"</?(\w+)", page)) <= {"div", "p", "strong", "table", "tr", "th", "td", "ul", "li"}
+    assert set(re.findall(r"</?(\w+)", summary._repr_html_())) == {"pre"}
 
 
 def test_page_of_a_hostile_name_holds_no_markup():
@@ -294,12 +293,9 @@ def test_what_does_not_fit_is_counted():
 
 
 def test_gain_is_a_table_of_a_cell_for_each_wheel():
-    page = LQR._repr_html_()  # pyright: ignore[reportAttributeAccessIssue]
-    rows = [re.findall(r"<td[^>]*>([^<]*)</td>", row) for row in page.split("<tr")[1:]]
-    assert rows[0] == ["u1", "u2", "u3"]
-    assert rows[1] == [f"{value:.4f}" for value in GAIN[:, 0]]
-    assert 'colspan="4"' in page.split("<tr")[-1]  # the poles
     lines = repr(LQR).splitlines()
+    assert lines[1].split() == ["u1", "u2", "u3"]
+    assert lines[2].split()[1:] == [f"{value:.4f}" for value in GAIN[:, 0]]
     assert len({line.rindex(line.split()[-1]) + len(line.split()[-1]) for line in lines[1:12]}) == 1
 
 

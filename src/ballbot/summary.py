@@ -58,30 +58,8 @@ class Summary:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        """Return all of it as HTML: no script, no address, and no colour but the notebook's own."""
-        cell = "text-align: left; vertical-align: top; padding: 0.1em 0.8em 0.1em 0"
-        number = "text-align: right; vertical-align: top; padding: 0.1em 0.8em 0.1em 0"
-        columns = max((len(value) for _, value in self.rows if isinstance(value, tuple)), default=0)
-        # one more, as wide as it takes, lets a text be longer than the numbers
-        whole = f' colspan="{columns + 1}"' if columns else ""
-        rows = "".join(
-            f'<tr style="background: none"><th scope="row" style="{cell}">{_as_html(name)}</th>'
-            + (
-                "".join(f'<td style="{number}">{_as_html(one)}</td>' for one in value)
-                if isinstance(value, tuple)
-                else f'<td{whole} style="{cell}">{_as_html(value)}</td>'
-            )
-            + "</tr>"
-            for name, value in self.rows
-        )
-        sentences = "".join(f"<li>{_as_html(one)}</li>" for one in self.sentences)
-        return (
-            '<div style="color: inherit; background: none">'
-            f"<p><strong>{_as_html(self.title)}</strong></p>"
-            + (f'<table style="color: inherit">{rows}</table>' if rows else "")
-            + (f"<ul>{sentences}</ul>" if sentences else "")
-            + "</div>"
-        )
+        """Return all of it as HTML, as it stands on a terminal."""
+        return f"<pre>{escape(str(self))}</pre>"
 
     def _lines(self) -> list[str]:
         lines = _wrapped(self.title, "")
@@ -115,10 +93,6 @@ def _wrapped(text: str, begin: str, *, indent: int = 0) -> list[str]:
         break_on_hyphens=False,
         drop_whitespace=True,
     ) or [begin.rstrip()]
-
-
-def _as_html(text: str) -> str:
-    return escape(printable_line(text))
 
 
 class HasSummary(Protocol):

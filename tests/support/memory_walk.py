@@ -24,7 +24,7 @@ from ballbot.control.references import hold
 from ballbot.control.safety import SafeController
 from ballbot.estimation import Fix, OnboardState, Reading
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.identification.axis.model import AXIS_LAWS, Axis
+from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.swing import Swing
 from ballbot.identification.swing import _motion as swing_motion
@@ -33,11 +33,11 @@ from ballbot.mechanics.friction_laws import Classical
 from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
 from ballbot.simulation.batch import Verdict
-from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.driveline import Driveline, simulate_driveline
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.simulation.upside_down import follow as follow_ball
 from ballbot.twin import Twin
 
@@ -267,12 +267,11 @@ def _simulations() -> Iterator[tuple[str, Case]]:
 def _drivelines() -> Iterator[tuple[str, Case]]:
     line = Driveline(inertia=0.003, friction=Classical(**CURVE, stribeck_exponent=1.1))
     yield (
-        "simulate_drivelines",
+        "simulate_driveline",
         Case(
-            call=lambda a: simulate_drivelines(line, a["u"], sample_time=H, initial_speeds=a["w"]),
-            arrays={"u": np.array([TORQUES, -TORQUES]), "w": np.array([0.5, 0.25])},
-            rows=("u", "w"),
-            lengths=("u", "w"),
+            call=lambda a: simulate_driveline(line, a["u"], sample_time=H, initial_speed=0.5),
+            arrays={"u": np.array(TORQUES)},
+            lengths=("u",),
         ),
     )
 
@@ -281,13 +280,12 @@ def _clamped_ball() -> Iterator[tuple[str, Case]]:
     yield (
         "simulate_balls",
         Case(
-            call=lambda a: simulate_balls(BALL, sample_time=H, **a),
+            call=lambda a: simulate_balls(BALL, frictions=[FRICTION], sample_time=H, **a),
             arrays={
-                "friction": friction_row(FRICTION)[None],
                 "initial": np.array([[0.5, 0.25, -0.5], [0.0, 0.125, 0.5]]),
                 "torques": np.array([[TORQUES] * 3] * 2),
             },
-            rows=("friction", "torques"),
+            rows=("torques",),
         ),
     )
     yield (
@@ -316,7 +314,7 @@ def _log() -> Case:
 
 
 def _identification() -> Iterator[tuple[str, Case]]:
-    axis = Axis(law=AXIS_LAWS["coulomb"], values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0})
+    axis = Axis(values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0})
     path = np.sin(np.arange(200.0) / 8.0)
 
     def moved(a: Arrays) -> object:

@@ -305,7 +305,7 @@ def test_limits_are_found_and_drawn(tmp_path, capsys):
     assert all(
         one < other for one, other in zip(results["lean"]["lower"], results["lean"]["upper"], strict=True)
     )
-    assert figure_count((tmp_path / "report.html").read_text(encoding="utf-8")) == 3
+    assert figure_count((tmp_path / "report.html").read_text(encoding="utf-8")) == 2
 
 
 @pytest.mark.parametrize(

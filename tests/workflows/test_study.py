@@ -329,7 +329,7 @@ def test_report_is_self_contained(folder: Path):
     assert not re.search(r"url\((?!#)", page)
     assert len(page) < LARGEST_PAGE
     figures = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
-    assert figure_count(page) >= 12
+    assert figure_count(page) >= 9
     assert max(len(figure) for figure in figures) < 300_000
     ids = re.findall(r'\bid="([^"]+)"', page)
     assert len(ids) == len(set(ids))

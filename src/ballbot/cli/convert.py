@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ballbot.cli.context import MappingFile
 from ballbot.cli.output import show_written
 from ballbot.files import check_new_file
 from ballbot.log import Log
@@ -15,7 +16,7 @@ def convert(
     out: Path,
     /,
     *,
-    mapping: Path | None = None,
+    mapping: MappingFile = None,
     force: bool = False,
 ) -> None:
     """Write a log in another file format, that of the suffix of OUT: .csv, .parquet, .npz, .mat, .mcap or .db3.
@@ -32,8 +33,6 @@ def convert(
         A log, or with --mapping any table.
     out
         The file to write.
-    mapping
-        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     force
         Replace an existing file.
     """

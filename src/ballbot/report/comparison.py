@@ -6,7 +6,7 @@ Of a league: tables, an overview with intervals, and each course as it was run w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
@@ -37,13 +37,12 @@ from ballbot.workflows.league import (
     METRICS,
     RATIOS,
     League,
-    Metric,
     Overall,
     Standing,
     overall,
     standing,
 )
-from ballbot.workflows.metrics import BAND, SETTLE, position_error, settled, true_place
+from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
 
 #: looks and names of a study's candidates
 RUN_LOOKS: Mapping[str, Look] = {
@@ -137,15 +136,18 @@ def _cell(found: Standing, metric: Metric) -> Cell:
 
 
 def _estimate(found: Estimate, scale: float = 1.0, *, signed: bool = False) -> str:
-    """Return a mean with its interval, such as "−120 (−130, −110)"; the mean alone of too few seeds for one."""
+    """Return a mean with its interval, such as "−120 (−130 to −110)"."""
 
     def shown(value: float) -> str:
         text = digits(scale * value).replace("-", "−")
         return f"+{text}" if signed and value > 0.0 else text
 
-    return shown(found.mean) + (
-        "" if math.isnan(found.low) else f" ({shown(found.low)}, {shown(found.high)})"
-    )
+    return f"{shown(found.mean)}{_interval(found, shown)}"
+
+
+def _interval(found: Estimate, shown: Callable[[float], str] = digits) -> str:
+    """Return the ends of an interval in brackets; empty of too few seeds for one."""
+    return "" if math.isnan(found.low) else f" ({shown(found.low)} to {shown(found.high)})"
 
 
 #: of controllers in turn; of the first three as in the study's report
@@ -312,8 +314,8 @@ def _sentence(found: Overall, first: str) -> str:
     if not found.ratios:
         return f"The reference for the others. {falls}"
     words = ", ".join(
-        f"{METRIC_BY_KEY[key].words} {_estimate(found.ratios[key])} times that of {first}"
-        for key in _SHOWN_METRICS
-        if not math.isnan(found.ratios[key].mean)
+        f"{METRIC_BY_KEY[key].words} {digits(one.mean)} times that of {first}{_interval(one)}"
+        for key, one in found.ratios.items()
+        if key in _SHOWN_METRICS and not math.isnan(one.mean)
     )
     return f"{capital(words)}. {falls}" if words else falls

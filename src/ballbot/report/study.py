@@ -27,13 +27,7 @@ from ballbot.workflows.comparison import MedianEstimate
 from ballbot.workflows.controller_choice import ControllerChoice, Step, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
-from ballbot.workflows.stiffness import (
-    LARGEST_SENSITIVITY,
-    VARIANTS,
-    FrictionByStiffness,
-    Stiffness,
-    Variant,
-)
+from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
 from ballbot.workflows.twin_confirmation import Confirmation
 
@@ -70,10 +64,10 @@ def model_sentence(study: Study) -> str:
     if validation.no_evidence is not None:
         return validation.no_evidence
     horizon = validation.horizon.errors
+    ratio = digits(float(np.median(horizon.ratio[-1])), 2)
     sentence = (
         f"On {validation.duration:.0f} s of held-out logs, predicted {horizon.horizons[-1]:.2g} s ahead, the error of "
-        f"the model without friction is {np.median(horizon.ratio[-1]):.2g} times that of the one with it (median of "
-        "the states)"
+        f"the model without friction is {ratio} times that of the one with it (median of the states)"
     )
     if validation.open_loop is None:
         return f"{sentence}. No open-loop verdict: {validation.no_open_loop}"
@@ -187,11 +181,6 @@ def interval_words(estimate: MedianEstimate) -> str:
 def study_report(study: Study) -> Report:
     """Return the page of a study."""
     undecided = texts(study.found.findings) or [doubts_sentence(study)]
-    if study.confirmation:
-        undecided.append(
-            "How far too large the twin's errors are: the identified rolling friction contains what rollers take, "
-            "which the twin has as well."
-        )
     found = [with_symbols(text) for text in texts(model_findings(study.validation))]
     return Report(
         title=f"{study.robot.name}: friction, model and controller",
@@ -367,27 +356,17 @@ def stiffness_sentences(found: FrictionByStiffness) -> str:
 
 
 def _stiffest_sentence(found: FrictionByStiffness) -> str:
-    one, softest, last = found.stiffest(_PLAIN), found.gains[0], found.gains[-1]
+    one, softest = found.stiffest(_PLAIN), found.gains[0]
     if one is None:
         return f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
-    words = (
+    beyond = "beyond, a run falls, the margins end or the error grows again"
+    if one is found.gains[-1]:
+        beyond = "beyond, the margins end" if found.margins_end else "stiffer gains were not tried"
+    return (
         f"This robot may be as stiff as {_gain(one)}, {digits(one.position_gain / softest.position_gain, 2)} times the "
         "soft gain: without compensation and observer the peak error is "
-        f"{millimetres(one.trials[_PLAIN].peak.median)} mm there"
+        f"{millimetres(one.trials[_PLAIN].peak.median)} mm there; {beyond}."
     )
-    if one is last:
-        return (
-            f"{words}; {'beyond, the margins end' if found.margins_end else 'stiffer gains were not tried'}."
-        )
-    beyond = found.gains[found.gains.index(one) + 1]
-    trial = beyond.trials[_PLAIN]
-    if trial.falls:
-        failure = f"it falls in {trial.falls} of {len(trial.scores)} runs"
-    elif beyond.sensitivity > LARGEST_SENSITIVITY:
-        failure = "the margins have ended"
-    else:
-        failure = f"the error grows again, to {millimetres(trial.peak.median)} mm"
-    return f"{words}; at {_gain(beyond)} {failure}."
 
 
 def _paying(found: FrictionByStiffness, observer: bool) -> str:

@@ -70,7 +70,7 @@ def validation_results(validation: Validation) -> dict[str, object]:
 
 def _by_state(values: NDArray[np.generic]) -> dict[str, object]:
     """Return values (.., 10) by the states' names."""
-    return {name: values[..., place] for place, name in enumerate(STATE_NAMES)}
+    return {name: values[..., place].tolist() for place, name in enumerate(STATE_NAMES)}
 
 
 def key_of(name: str) -> str:

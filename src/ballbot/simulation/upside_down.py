@@ -14,7 +14,7 @@ order, in which the ball's place on the floor has no part.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,13 +32,11 @@ from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import from_array
 from ballbot.mechanics.friction import (
-    FrictionTerms,
     WheelTerms,
     directed_friction,
     dry_friction,
     friction_terms,
     sign,
-    terms_of_wheel,
     under_load,
 )
 from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
@@ -57,17 +55,17 @@ class BallNumbers(NamedTuple):
     A: NDArray[np.float64]  #: (n, 3)
     M: NDArray[np.float64]  #: (3, 3) [kg m^2]
     push: NDArray[np.float64]  #: M^-1 A^T (3, n)
-    friction: NDArray[np.float64]  #: b, c, s of each wheel, v_s and delta (3 n + 2,)
+    #: b, c, s, 1 / v_s and delta of each wheel, and its terms by direction and load (n, 8)
+    friction: NDArray[np.float64]
     wheels: tuple[int, ...]  #: as many as there are wheels
-    terms: NDArray[np.float64]  #: `FrictionTerms.columns` (n, k)
 
 
 @inlined
 def _wheel(ball, i, torque):
     """Return the numbers of a wheel's friction under its motor's torque."""
-    n, friction = len(ball.A), ball.friction
-    b, c, s, terms = friction[i], friction[n + i], friction[2 * n + i], terms_of_wheel(ball.terms, i)
-    return under_load(ClassicalNumbers(b, c, s, 1.0 / friction[3 * n], friction[3 * n + 1], terms), torque)
+    row = ball.friction[i]
+    terms = WheelTerms(row[5], row[6], row[7])
+    return under_load(ClassicalNumbers(row[0], row[1], row[2], row[3], row[4], terms), torque)
 
 
 @inlined
@@ -82,9 +80,10 @@ def _accelerate(ball, u, omega, signs, rate):
     rate[0] = rate[1] = rate[2] = 0.0
     for i in range(len(u)):
         speed = _speed(ball, i, omega)
-        torque = u[i] - ball.friction[i] * speed
+        wheel = _wheel(ball, i, u[i])
+        torque = u[i] - wheel.b * speed
         if signs[i] != 0.0:
-            torque -= signs[i] * directed_friction(_wheel(ball, i, u[i]), speed, signs[i])
+            torque -= signs[i] * directed_friction(wheel, speed, signs[i])
         for axis in range(3):
             rate[axis] += ball.push[axis, i] * torque
 
@@ -217,17 +216,17 @@ class ClampedBall:
         return LinearBall(A=A, B=np.vstack([np.zeros((3, n)), self.push()]))
 
 
-def friction_row(friction: Friction) -> NDArray[np.float64]:
-    """Return [b.., c.., s.., v_s, delta] (3 n + 2,): a friction's numbers but for its optional terms."""
-    shared = (friction.stribeck_speed, friction.stribeck_exponent)
-    return np.array([*friction.viscous, *friction.coulomb, *friction.stribeck, *shared])
+def _friction_rows(friction: Friction) -> NDArray[np.float64]:
+    """Return the rows of `BallNumbers.friction`."""
+    wheels = np.column_stack([friction.viscous, friction.coulomb, friction.stribeck])
+    shape = np.full((len(wheels), 2), [1.0 / friction.stribeck_speed, friction.stribeck_exponent])
+    return np.hstack([wheels, shape, friction_terms(friction).columns()])
 
 
 def simulate_balls(
     ball: ClampedBall,
     *,
-    friction: ArrayLike,
-    terms: FrictionTerms | None = None,
+    frictions: Sequence[Friction],
     initial: ArrayLike,
     torques: ArrayLike,
     sample_time: float,
@@ -240,10 +239,8 @@ def simulate_balls(
     Parameters
     ----------
     ball : ClampedBall
-    friction : array_like (sets, 3 n + 2)
-        As `friction_row` gives them.
-    terms : FrictionTerms, optional
-        By direction and load, of every set; none by default.
+    frictions : sequence of Friction
+        Of the wheels; rolling friction has no part here.
     initial : array_like (windows, 3)
         Omega at the start of each window [rad/s], in the robot's frame.
     torques : array_like (windows, samples, n)
@@ -260,34 +257,30 @@ def simulate_balls(
 
     Returns
     -------
-    ndarray (sets, windows, samples // every, 3)
+    ndarray (frictions, windows, samples // every, 3)
         Omega after each recorded sample [rad/s].
 
     Raises
     ------
     InputError
-        If shapes disagree, a number is not finite, v_s or delta is not above zero, or a time is not above zero.
+        If shapes disagree, a number is not finite, or a time is not above zero.
     """
     n = len(ball.A)
-    sets = real_array(friction, ("sets", 3 * n + 2), "The array of frictions")
+    sets = [_friction_rows(one) for one in frictions]
+    if any(len(one) != n for one in sets):
+        raise InputError(f"A friction is not that of {n} wheels, which the ball has.")
     starts = real_array(initial, ("windows", 3), "The array of starts")
     inputs = real_array(torques, (len(starts), "samples", n), "The array of torques")
-    if sets.min() < 0.0 or sets[:, -2:].min() <= 0.0:
-        raise InputError(
-            "A friction value is out of range; none may be negative, and v_s and delta must be above zero."
-        )
     sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
     every = whole_number(every, "every", least=1)
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))
     out = np.empty((len(sets), len(starts), inputs.shape[1] // every, 3))
     push, count = ball.push(), len(starts)
-    columns = np.zeros((len(ball.A), len(WheelTerms._fields))) if terms is None else terms.columns()
 
     def run(first: int) -> None:
         for lane in range(first, min(first + LANES, len(sets) * count)):
             chosen, window = divmod(lane, count)
-            wheels = tuple(range(len(ball.A)))
-            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen], wheels, columns)
+            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen], tuple(range(n)))
             omega = starts[window].copy()
             run_ball(numbers, omega, inputs[window], sample_time, steps, every, out[chosen, window])
 
@@ -337,7 +330,6 @@ def follow(
     K = real_array(gain, (len(ball.A), 6), "The gain")
     duration = positive_number(duration, "The duration")
     sample_time = positive_number(sample_time, "The sample time")
-    row, terms = friction_row(friction)[None], None if friction.is_plain else friction_terms(friction)
     omega, turned = np.zeros(3), Rotation.identity()
     t = sample_time * np.arange(max(1, round(duration / sample_time)), dtype=np.float64)
     rotations, omegas, torques = [], [], []
@@ -350,8 +342,7 @@ def follow(
         torques.append(torque)
         after = simulate_balls(
             ball,
-            friction=row,
-            terms=terms,
+            frictions=[friction],
             initial=omega[None],
             torques=torque[None, None],
             sample_time=sample_time,

@@ -47,7 +47,7 @@ from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, similar_column, torque_
 from ballbot.log.fingerprints import refuse_copies
 from ballbot.log.log import Log
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.robot.plausibility import named_robot_findings
+from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
     from ballbot.log.checks.physics import PhysicsOfLog
@@ -200,7 +200,7 @@ def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, 
         If two logs are of the same run.
     """
     refuse_copies(logs)
-    of_robot = () if robot is None else named_robot_findings(robot)
+    of_robot = () if robot is None else robot_findings(robot, file=f"robot {robot.name}")
     return by_severity([*of_robot, *check_logs(logs, robot=robot)])
 
 
@@ -236,7 +236,7 @@ def checked_logs(
 def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
     """Return the findings of a robot and of its logs, by their names, on a bench, on which it does not balance."""
     of_logs = (one for one in check_logs(logs, robot=None) if one.code not in _OF_BALANCING)
-    return by_severity([*named_robot_findings(robot), *of_logs])
+    return by_severity([*robot_findings(robot, file=f"robot {robot.name}"), *of_logs])
 
 
 __all__ = ["CheckedLogs", "bench_findings", "check", "check_logs", "checked_logs"]
