@@ -56,11 +56,6 @@ class NoisyFeedback:
         return self._controller.update(t, self.measured[-1], reference)
 
 
-def exchanged(log: Log, *pairs: tuple[str, str]) -> Log:
-    """Return the log with pairs of columns exchanged."""
-    return log.with_columns({a: log[b] for pair in pairs for a, b in (pair, pair[::-1])})
-
-
 def scaled(log: Log, factor: float, *names: str) -> Log:
     """Return the log with columns times a factor."""
     return log.with_columns({name: factor * log[name] for name in names})

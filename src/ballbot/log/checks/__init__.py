@@ -29,7 +29,7 @@ from ballbot.findings import (
     note,
     stop_on_errors,
 )
-from ballbot.log.checks.kinematics import ALIKE, check_disturbance, check_sampling, check_wheels
+from ballbot.log.checks.kinematics import check_disturbance, check_sampling, check_wheels
 from ballbot.log.checks.rates import check_gyro, check_rates
 from ballbot.log.checks.stuck_encoders import check_stuck_encoders
 from ballbot.log.checks.values import (
@@ -57,17 +57,15 @@ _FOLLOWS = (
     (("stuck", "dead-motor"), ("torque-",), True),
     (("lean-axes",), ("sign", "swapped"), True),
     (("degrees",), ("lean-scale",), True),
+    # a scaled velocity of the ball, which both checks use
+    (("lean-scale",), ("wheels",), False),
     # from the wrong axes of the ball, or the ball's path by wrong wheels
     (("ball-axes", "heading-sign", "encoders"), ("lean-", "torque-", "physics"), False),
 )
 
 
-def _causes(findings: Sequence[Finding], examined: PhysicsOfLog | None) -> list[Finding]:
-    """Return findings without those that follow from others.
-
-    If the wheels turn too slowly for the states by the factor by which the ball accelerates too much for the lean (or
-    the other way round), the ball's velocity, which both checks use, is scaled.
-    """
+def _causes(findings: Sequence[Finding]) -> list[Finding]:
+    """Return findings without those that follow from others."""
     kept = list(findings)
     for causes, followers, beside in _FOLLOWS:
         found = [one for one in kept if one.code in causes]
@@ -78,9 +76,6 @@ def _causes(findings: Sequence[Finding], examined: PhysicsOfLog | None) -> list[
                 for one in kept
                 if not one.code.startswith(followers) or (beside and columns.isdisjoint(one.where.columns))
             ]
-    if examined and examined.lean and examined.wheel_gain and any(one.code == "lean-scale" for one in kept):
-        product = abs(examined.lean.gravity_gain) * examined.wheel_gain
-        kept = [one for one in kept if one.code != "wheels" or not 1.0 / ALIKE < product < ALIKE]
     return kept
 
 
@@ -113,7 +108,7 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
         findings += check_stuck_encoders(log, wheel_count=wheel_count)
         findings += examined.findings if examined else ()
         findings += [*check_sampling(log, robot), *check_wheels(log, robot)] if robot else []
-    findings = _causes(findings, examined)
+    findings = _causes(findings)
     # an error would be its cause, and it takes the longest
     if robot and not any(one.severity == "error" for one in findings):
         findings += check_disturbance(log, robot)

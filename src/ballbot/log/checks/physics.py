@@ -3,8 +3,8 @@
 `examine` runs the checks of one log in the order in which they depend on each other: the delay of the torques, the lean
 axes against the ball's acceleration, the torques against those that the motion needs. They use neither friction nor the
 controller. `different_robots` compares several logs: a log's scales (torque over the needed torque, ball acceleration
-over that of the lean, wheel speed over that of the ball) are those of its robot over the robot file's. They need not be
-one, but they must be the same in every log of a robot.
+over that of the lean) are those of its robot over the robot file's. They need not be one, but they must be the same in
+every log of a robot.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from scipy.optimize import nnls
 
 from ballbot.errors import every
 from ballbot.findings import Finding, Place, error, warning
-from ballbot.log.checks.kinematics import wheel_agreement
 from ballbot.log.checks.lean import EVERY, LeanEvidence, lean_evidence, lean_findings, motion_of, usable_rows
 from ballbot.log.checks.torque_balance import (
     TURNED_POWER,
@@ -48,7 +47,6 @@ class PhysicsOfLog:
     findings: tuple[Finding, ...] = ()
     lean: LeanEvidence | None = None
     gains: Gains | None = None  #: of torques that have no other fault
-    wheel_gain: float | None = None  #: wheel speeds over those of the states, mean of the wheels
 
 
 def examine(log: Log, robot: Robot) -> PhysicsOfLog:
@@ -65,7 +63,7 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
         return found
     motion = motion_of(log, rows)
     lean = lean_evidence(motion, robot)
-    found = replace(found, lean=lean, wheel_gain=_wheel_gain(log, robot))
+    found = replace(found, lean=lean)
     wrong = lean_findings(lean)
     if wrong or found.findings:
         return replace(found, findings=(*found.findings, *wrong))
@@ -87,13 +85,6 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
         return replace(found, findings=(*changed, *fit))
     gains = gains_of(sums)
     return replace(found, findings=(*changed, *gain_findings(gains, names=names)), gains=gains)
-
-
-def _wheel_gain(log: Log, robot: Robot) -> float | None:
-    found = wheel_agreement(log, robot)
-    if found is None or min(found.correlations) < 0.98 or min(found.signs) < 0:
-        return None
-    return float(np.mean(found.gains)) if list(found.order) == sorted(found.order) else None
 
 
 LONGEST_DELAY = 0.5  #: [s], in either direction
@@ -241,17 +232,13 @@ def _fault(names: tuple[str, ...], wheels: tuple[int, ...], signs: tuple[int, ..
 #: this relative uncertainty in addition
 APART, MARGIN = 1.18, 0.03
 SURE = 3.0  #: standard errors
-#: relative uncertainty of wheel gains [-]: play, slip and noise
-WHEEL_ERROR = 0.04
 #: widest bracket (of the two regressions of the lean) that is compared
 WIDEST = 1.6
 _TORQUE, _LEAN = "the torque that the motion needs", "the ball's acceleration at a lean"
-_WHEELS = "the wheels' speed at the same motion of the ball"
 #: why a scale differs
 _CAUSES = {
     _TORQUE: "One is heavier, or has another gear ratio or torque constant.",
     _LEAN: "They differ in wheel or ball radius, gear ratio, encoder counts or height of the centre of mass.",
-    _WHEELS: "They differ in wheel or ball radius, gear ratio or encoder counts.",
 }
 
 
@@ -277,8 +264,6 @@ def _scales(one: PhysicsOfLog) -> dict[str, tuple[float, float]]:
             # all of the bracket: how the noise divides between lean and acceleration is unknown
             half = 0.5 * abs(float(np.log(reverse / forward)))
             found[_LEAN] = float(np.sqrt(forward * reverse)), half + SURE * one.lean.gravity_error / forward
-    if one.wheel_gain is not None:
-        found[_WHEELS] = one.wheel_gain, WHEEL_ERROR
     return found
 
 

@@ -276,6 +276,7 @@ def seconds_of(cell: str) -> float | None:
 _STAMP = re.compile(r"\s*\d{1,2}:\d\d:\d\d(?:[.,]\d+)?\s*->[ ]?")
 _NUMBER = r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
 _PAIR = re.compile(rf"""([^\W\d][^\s:=,;"']*)[ ]?[:=][ \t]*({_NUMBER})(?=[\s,;]|$)""", re.IGNORECASE)
+_PAIRS = re.compile(rf"(?:{_PAIR.pattern}[\s,;]*)+", re.IGNORECASE)
 #: a word of its own before the first label, as of a kind of message
 _WORD = re.compile(r"^[$#]?\w+[\s,;]+(?=[^\W\d][^\s:=,;]*[ ]?[:=])")
 #: lines that decide, and the share of them that must be so: others are a sketch's first words
@@ -314,4 +315,4 @@ def _mostly(lines: list[str], fits: Callable[[str], bool]) -> bool:
 def _pairs(line: str) -> list[tuple[str, str]]:
     """Return the labels and numbers of which a line consists; none if it has anything else."""
     line = _WORD.sub("", line.strip())
-    return [] if _PAIR.sub("", line).strip(" \t,;") else _PAIR.findall(line)
+    return _PAIR.findall(line) if _PAIRS.fullmatch(line) else []
