@@ -41,6 +41,7 @@ from ballbot.workflows.comparison import (
 from ballbot.workflows.controller_choice import SQUARE
 from ballbot.workflows.courses import Course, PlantName, ReferenceSpec
 from ballbot.workflows.metrics import SETTLE, Score
+from campaigns.faulty_twins import asymmetric
 from campaigns.section import EARLIER, Section
 
 KEPT = Path(__file__).parents[1] / "build" / "agreement"
@@ -65,7 +66,7 @@ SCENARIOS: Mapping[str, Scenario] = {
         NOMINAL,
         payload=Payload(mass=1.0, position=(0.05, 0.0, 0.6)),
         floor_tilt=(0.0, float(np.radians(1.0))),
-        asymmetry=0.2,
+        friction=asymmetric(NOMINAL.friction, 0.2),
     ),
     # a cheap robot: rows of rollers far apart, twice the play, three times the noise, gyro and lean off
     "cheap": replace(

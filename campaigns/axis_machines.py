@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ballbot.identification.axis import AxisRecord
+from ballbot.identification.axis import AxisRecord, record_of_rows
 
 #: simulation step [s]
 STEP = 5e-5
@@ -44,7 +44,6 @@ class Machine:
     coulomb: float  #: [N m]
     offset: float = 0.0  #: [N m]
     gravity: tuple[float, float] = (0.0, 0.0)  #: of sin q and cos q [N m]
-    spring: float = 0.0  #: [N m/rad]
     gears: float = 0.0  #: Coulomb friction over the load of its gears, the mean of both sides' forces
     #: None if it is rigid; one that yields goes with no load and no force that depends on position
     drive: Drive | None = None
@@ -69,7 +68,7 @@ class Logging:
 @numba.njit(cache=True)
 def _simulate(numbers, gravity, gears, drive, reference, rates, gains, every, start):
     """Return position, speed, force and time of each controller step; `every` simulation steps are one."""
-    inertia, b, c, offset, spring = numbers
+    inertia, b, c, offset = numbers
     driven, stiffness, damping, play = drive
     inertia -= driven
     rows = len(reference)
@@ -80,7 +79,7 @@ def _simulate(numbers, gravity, gears, drive, reference, rates, gains, every, st
         u = gains[0] * (reference[k] - q) + gains[1] * (rates[k] - w)
         out[k, 0], out[k, 1], out[k, 2] = q, w, u
         for _ in range(every):
-            load = gravity[0] * math.sin(q) + gravity[1] * math.cos(q) + spring * q
+            load = gravity[0] * math.sin(q) + gravity[1] * math.cos(q)
             acting = u - offset
             if driven > 0.0:
                 twist = q - behind
@@ -159,7 +158,7 @@ def record_of(machine: Machine, logging: Logging, seed: int, name: str = "machin
     inertia = machine.inertia
     # as fast as a loop of that rate can be with some margin
     natural = min(2.0 * np.pi * 6.0, 0.12 * control)
-    numbers = np.array([inertia, machine.viscous, machine.coulomb, machine.offset, machine.spring])
+    numbers = np.array([inertia, machine.viscous, machine.coulomb, machine.offset])
     out = _simulate(
         numbers,
         np.array(machine.gravity),
@@ -205,12 +204,5 @@ def _logged(
         position = np.floor(position * logging.counts / turn) * turn / logging.counts
     times = t[rows]
     force = force + logging.force_noise * random.standard_normal(len(force))
-    even = np.ptp(np.diff(times)) < 1e-9
-    return AxisRecord(
-        name=name,
-        sample_time=float(np.median(np.diff(times))),
-        force=force,
-        position=position,
-        unit="m" if machine.kind == "cart" else "rad",
-        times=None if even else times,
-    )
+    unit = "m" if machine.kind == "cart" else "rad"
+    return record_of_rows(name, times, force, position, unit=unit)

@@ -67,6 +67,7 @@ from ballbot.twin.faults import (
     Timing,
 )
 from campaigns.coverage import BEGIN
+from campaigns.faulty_twins import asymmetric
 from campaigns.section import HERE, Section, finished
 
 T = TypeVar("T")
@@ -99,8 +100,10 @@ def drawn(seed: int) -> Scenario:
     return replace(
         NOMINAL,
         name=f"all faults {seed}",
-        friction=scaled_friction(NOMINAL.friction, wheels.tolist(), rolling_factor=rolling),
-        asymmetry=float(random.uniform(-0.15, 0.15)),
+        friction=asymmetric(
+            scaled_friction(NOMINAL.friction, wheels.tolist(), rolling_factor=rolling),
+            float(random.uniform(-0.15, 0.15)),
+        ),
         backlash=float(np.radians(random.uniform(0.3, 1.5))),
         rollers=replace(
             rollers, row_spacing=rollers.row_spacing + 0.5 * size["rows"] * (0.022 - rollers.row_spacing)

@@ -41,7 +41,6 @@ CAMPAIGNS = {
     "limits": "campaigns.limits",
     "robust_design": "campaigns.robust_design",
     "control_targets": "campaigns.precise_controller:targets",
-    "twin_rolling": "campaigns.twin_rolling",
     "choice": "campaigns.controller_choice:choice",
     "factors": "campaigns.controller_factors",
     "friction_share": "campaigns.controller_choice:friction_share",

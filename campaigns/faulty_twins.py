@@ -19,7 +19,7 @@ from ballbot.control.references import figure_eight, square
 from ballbot.estimation import named_estimator
 from ballbot.identification import Identification, identify
 from ballbot.log import Log
-from ballbot.robot import Robot
+from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.simulation.imperfections import Supply
 from ballbot.simulation.plant import Measurement, Plant
@@ -76,10 +76,18 @@ def _friction(twin: FaultyTwin, random: np.random.Generator, size: float) -> Fau
     return _with(twin, replace(twin.scenario, friction=scaled_friction(twin.scenario.friction, factor)))
 
 
-def _asymmetry(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(
-        twin, replace(twin.scenario, asymmetry=float(random.choice([-1.0, 1.0]) * min(0.4 * size, 0.9)))
+def asymmetric(friction: Friction, fraction: float) -> Friction:
+    """Return friction whose dry terms are (1 + fraction) times as large forward, (1 - fraction) times backward."""
+    return replace(
+        friction,
+        coulomb_asymmetry=tuple(fraction * c for c in friction.coulomb),
+        stribeck_asymmetry=tuple(fraction * s for s in friction.stribeck),
     )
+
+
+def _asymmetry(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+    fraction = float(random.choice([-1.0, 1.0]) * min(0.4 * size, 0.9))
+    return _with(twin, replace(twin.scenario, friction=asymmetric(twin.scenario.friction, fraction)))
 
 
 def _load_dependence(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:

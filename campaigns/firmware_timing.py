@@ -83,13 +83,23 @@ def image() -> Image:
     return compile_image([*source_files(), DIRECT])
 
 
+def reachable(image: Image, name: str) -> set[str]:
+    """Return the names of a function and of all that it calls, directly or through others."""
+    found, left = {name}, [name]
+    while left:
+        new = image.calls(left.pop()) - found
+        found |= new
+        left += new
+    return found
+
+
 def timing(name: str, function: str, runs: list[Run], ram: int) -> Timing:
     """Return the timing of calls of a function."""
     whole = image()
     return Timing(
         name=name,
         runs=tuple(runs),
-        flash=sum(len(whole.functions[one]) for one in whole.reachable(function)),
+        flash=sum(len(whole.functions[one]) for one in reachable(whole, function)),
         ram=ram,
         stack=whole.stack_bound(function),
     )
@@ -260,5 +270,5 @@ def campaign() -> Section:
 
 def _direct_size(whole: Image) -> int:
     """Return the bytes of flash that the direct translation alone takes."""
-    ours = whole.reachable("direct_sample") - whole.reachable("ballbot_kalman_update")
+    ours = reachable(whole, "direct_sample") - reachable(whole, "ballbot_kalman_update")
     return sum(len(whole.functions[name]) for name in ours)

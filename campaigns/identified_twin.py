@@ -25,7 +25,7 @@ from ballbot.control.presets import (
 from ballbot.control.references import named_reference
 from ballbot.findings import texts
 from ballbot.identification import Identification, cross_validate, identify
-from ballbot.identification.driveline import fit_driveline, robot_of_sweep, sweeps_of
+from ballbot.identification.driveline import fit_driveline, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.friction import wheel_friction
@@ -159,7 +159,7 @@ def identified_friction() -> Section:
     fits = [fit_driveline(sweep) for sweep in sweeps_of(ROBOT, bench_log("stand"))]
     upside_down = identify_upside_down(ROBOT, bench_log("upside_down")).robot.friction
     stages = {
-        "driveline, wheel free": robot_of_sweep(ROBOT, fits, log="stand").friction,
+        "driveline, wheel free": robot_with_friction(ROBOT, sweep_estimate(fits), source="stand").friction,
         "upside down, ball on the wheels": replace(upside_down, rolling=0.0),
         "balancing": identified()[0].robot.friction,
         "set in the twin's drivelines": NOMINAL.friction,

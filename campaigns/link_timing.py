@@ -40,6 +40,7 @@ from ballbot.link.messages import (
     firmware_words,
     message_words,
 )
+from campaigns.firmware_timing import reachable
 from campaigns.section import Section
 
 _PERIOD = 5e-3  # [s]
@@ -161,7 +162,8 @@ def campaign() -> Section:
     found, link = measure()
     flash = sum(
         len(link.image.functions[one])
-        for one in link.image.reachable("ballbot_link_receive") - link.image.reachable("ballbot_link_update")
+        for one in reachable(link.image, "ballbot_link_receive")
+        - reachable(link.image, "ballbot_link_update")
     )
     rows = [
         [

@@ -30,6 +30,7 @@ from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Softness, Timing
 from ballbot.twin.imperfections import imperfections_of, true_model
+from campaigns.faulty_twins import asymmetric
 from campaigns.section import is_kept
 
 PRESETS = ("alten", "cmu", "kugle", "rezero", "rob311")
@@ -88,7 +89,8 @@ def record(draw: Draw) -> Log:
 def _plant(draw: Draw) -> Plant:
     if draw.twin:
         return Twin(draw.robot, draw.scenario)
-    scenario = replace(draw.scenario, asymmetry=0.0, pushes=(), softness=None, compliance=None)
+    friction = asymmetric(draw.scenario.friction, 0.0)
+    scenario = replace(draw.scenario, friction=friction, pushes=(), softness=None, compliance=None)
     if scenario.timing is not None:
         scenario = replace(scenario, timing=replace(scenario.timing, jitter=0.0))
     return SensedPlant(true_model(draw.robot, scenario), imperfections_of(scenario))
@@ -113,13 +115,15 @@ def _scenario(robot: Robot, name: str, random: np.random.Generator) -> Scenario:
         attitude_noise=noise * base.sensors.attitude_noise,
         heading_drift=random.uniform(-3e-3, 3e-3),  # [rad/s], twice the thesis's
     )
+    friction = scaled_friction(base.friction, heavier * random.uniform(0.2, 1.5))
+    backlash = np.radians(random.uniform(0.0, 1.5))
+    torque_noise = heavier * base.torque_noise * random.uniform(0.0, 2.0)
     return replace(
         base,
         sensors=sensors,
-        friction=scaled_friction(base.friction, heavier * random.uniform(0.2, 1.5)),
-        backlash=np.radians(random.uniform(0.0, 1.5)),
-        torque_noise=heavier * base.torque_noise * random.uniform(0.0, 2.0),
-        asymmetry=random.uniform(-0.2, 0.2),
+        friction=asymmetric(friction, random.uniform(-0.2, 0.2)),
+        backlash=backlash,
+        torque_noise=torque_noise,
         speed_window=int(random.integers(1, 5)),
         floor_tilt=tuple(np.radians(random.normal(0.0, 0.3, 2)).tolist()),
         timing=_timing(sensors.sample_time, random),

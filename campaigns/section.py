@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import pickle
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TypeVar, cast
 
 from matplotlib.figure import Figure
 
+import ballbot
 from ballbot.files import read_sealed, write_sealed, write_text
 from ballbot.fitting.sweep import ALL_CORES, Processes, RunFolder, Workers, identity
 from ballbot.progress import Progress, ignore_progress
 from ballbot.report.style import drawn
-from ballbot.thesis.reproduce.recordings import sources_of
 
 Piece = TypeVar("Piece")
 Made = TypeVar("Made")
@@ -60,6 +62,16 @@ def is_kept(path: Path) -> bool:
 BUILD = Path(__file__).parents[1] / "build"
 #: for a run that is made where it is asked for
 HERE = Processes(count=1)
+
+
+@cache
+def sources_of(*packages: str) -> str:
+    """Return a digest of the code of some packages, so that what older code made is not taken for theirs."""
+    digest = hashlib.sha256()
+    for package in packages:
+        for path in sorted((Path(ballbot.__file__).parent / package).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def finished(

@@ -19,7 +19,7 @@ import numpy as np
 
 from ballbot import Robot
 from ballbot.mechanics.friction_laws.classical import Classical
-from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.driveline import Driveline, simulate_driveline
 from campaigns.section import Section
 
 #: c + s of the nominal scenario's first wheel, at rest [N m]
@@ -81,9 +81,9 @@ def our_creep(torque: float, *, duration: float = 2.0) -> float:
     """Return the same of our driveline with the classical law."""
     law = Classical(viscous=0.014, coulomb=0.11, stribeck=0.05, stribeck_speed=0.6, stribeck_exponent=1.1)
     wheel = Driveline(inertia=inertia(), friction=law)
-    run = simulate_drivelines(wheel, np.full(round(duration / STEP), torque), sample_time=STEP)
-    half = run.angles.shape[1] // 2
-    return float(run.angles[0, -1] - run.angles[0, half - 1]) / (half * STEP)
+    run = simulate_driveline(wheel, np.full(round(duration / STEP), torque), sample_time=STEP)
+    half = len(run.angles) // 2
+    return float(run.angles[-1] - run.angles[half - 1]) / (half * STEP)
 
 
 def campaign() -> Section:

@@ -28,9 +28,6 @@ WALKED = {
     "ballbot.estimation.Reading": "KalmanFilter.update",
     "ballbot.identification.axis.AxisRecord": "AxisRecord",
     "ballbot.log.Log": "Log",
-    "ballbot.mechanics.friction_laws.advance": "advance",
-    "ballbot.mechanics.friction_laws.follow": "follow",
-    "ballbot.mechanics.friction_laws.friction_at": "friction_at",
     "ballbot.twin.Twin": "Twin",
 }
 #: names on front pages that take arrays and hand none of them to compiled code
@@ -38,17 +35,12 @@ NOT_COMPILED = {
     "a function in NumPy": {
         "ballbot.lqr",
     },
-    "a law, whose methods for arrays are in NumPy": {
-        f"ballbot.mechanics.friction_laws.{name}"
-        for name in ("Armstrong", "Classical", "Dahl", "FrictionLaw", "LuGre", "Smoothed")
-    },
+    "a law, whose methods for arrays are in NumPy": {"ballbot.mechanics.friction_laws.Classical"},
     "made by the package, from a log or a design": {
         *(f"ballbot.workflows.excite.{name}" for name in ("Design", "LoopRuns", "excite", "task")),
         *(f"ballbot.identification.{name}" for name in ("Identification", "WindowErrors")),
         *(f"ballbot.identification.axis.{name}" for name in ("AxisIdentification", "InverseFit")),
-        "ballbot.thesis.lagrangian.Equations",
         *(f"ballbot.validation.{name}" for name in ("ErrorPair", "RecoveredGain", "StateErrors")),
-        *(f"ballbot.validation.alignment.{name}" for name in ("Clock", "MotionFit", "SensorErrors")),
     },
 }
 

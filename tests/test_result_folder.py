@@ -8,7 +8,7 @@ import pytest
 
 from ballbot import InputError
 from ballbot.files import write_text
-from ballbot.result_folder import MANIFEST, READY, RUNS, STAGED, read_manifest, result_folder
+from ballbot.result_folder import MANIFEST, RUNS, STAGED, read_manifest, result_folder
 from tests.support.processes import Child
 
 NAMES = ("report.html", "results.json", "robot.toml", "figures/one.svg", "figures/two.svg")
@@ -103,7 +103,7 @@ def test_a_move_that_is_killed_never_mixes_two_results_and_is_finished_later(tmp
     with result_folder(tmp_path, command="study", names=NAMES):
         pass
     assert shown(tmp_path) in (OLD, NEW)
-    assert not (tmp_path / READY).exists()
+    assert not (tmp_path / STAGED).exists()
 
 
 def test_another_commands_result_is_refused(tmp_path):
@@ -151,7 +151,6 @@ def test_an_unfinished_run_is_not_mixed_with(tmp_path):
         "[]",
         "{}",
         '{"format": "ballbot result 1"}',
-        '{"format": "ballbot result 1", "command": 1, "files": {}}',
         '{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}',
         "[" * 100_000,
     ],
@@ -175,9 +174,7 @@ with result_folder(sys.argv[1], command="study", names=()):
 def test_folder_is_locked_by_one_process(tmp_path):
     with Child("-c", HOLD, str(tmp_path)) as holder:
         assert holder.line() == "held"
-        with pytest.raises(
-            InputError, match=rf"Another ballbot \(process {holder.process.pid}\) is writing into"
-        ):
+        with pytest.raises(InputError, match="Another ballbot is writing into"):
             leave(tmp_path, NEW)
         holder.kill()
     leave(tmp_path, NEW)

@@ -21,7 +21,6 @@ from ballbot.control.lqr import LqrDesign, lqr
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.thesis.reproduce.page import markdown_table
 from campaigns.published.printed import (
     Entry,
     SourceModel,
@@ -29,6 +28,7 @@ from campaigns.published.printed import (
     in_state,
     unstable_poles,
 )
+from campaigns.reproduce import markdown_table
 
 #: acceleration by quaternion element, as the source prints it (LinearizedModelMatrices, A)
 _PRINTED_A = {

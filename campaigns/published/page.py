@@ -16,9 +16,9 @@ from ballbot.mechanics.model import Model
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia, solid_sphere_inertia, thin_shell_inertia
-from ballbot.thesis.reproduce.page import markdown_table
 from campaigns.published import alten, kugle, rezero
 from campaigns.published.printed import unstable_poles
+from campaigns.reproduce import markdown_table
 
 
 def planar_pole(robot: Robot) -> float:

@@ -32,29 +32,23 @@ _REAL_KINDS = "iuf"
 Shape = tuple[int | str, ...]
 
 
-def real_array(value: ArrayLike, shape: Shape, what: str, *, finite: bool = True) -> NDArray[np.float64]:
+def real_array(
+    # A list, or an array of integers or floats in any order; neither text nor complex numbers nor booleans
+    value: ArrayLike,
+    # length of each dimension; a name stands for any length above zero, "..." in front for any dimensions
+    shape: Shape,
+    what: str,  # what it is, as the message of an error begins
+    *,
+    finite: bool = True,  # whether every number must be finite
+) -> NDArray[np.float64]:
     """Return an array as compiled code takes it.
 
-    Parameters
-    ----------
-    value : array_like
-        A list, or an array of integers or floats in any order; neither text nor complex numbers nor booleans.
-    shape : tuple of int and str
-        Length of each dimension; a name stands for any length above zero, "..." in front for any dimensions.
-    what : str
-        What it is, as the message of an error begins.
-    finite : bool
-        Whether every number must be finite.
+    InputError if the array has another shape, is not of real numbers, or holds a value that is not finite.
 
     Returns
     -------
     ndarray
         float64, C order, aligned and writable: `value` itself where it is so already.
-
-    Raises
-    ------
-    InputError
-        If the array has another shape, is not of real numbers, or holds a value that is not finite.
     """
     if type(value) is np.ndarray and value.dtype == _FLOAT and value.flags.carray:
         array = value
@@ -75,10 +69,7 @@ def real_array(value: ArrayLike, shape: Shape, what: str, *, finite: bool = True
 def index_array(value: ArrayLike, what: str, *, count: int, length: int) -> NDArray[np.int64]:
     """Return `length` indices (length,) of `count` rows as compiled code takes them, contiguous int64.
 
-    Raises
-    ------
-    InputError
-        If they are not so many whole numbers from 0 to count - 1.
+    InputError if they are not so many whole numbers from 0 to count - 1.
     """
     try:
         array = np.asarray(value)
@@ -95,13 +86,7 @@ def index_array(value: ArrayLike, what: str, *, count: int, length: int) -> NDAr
 
 
 def real_number(value: object, what: str) -> float:
-    """Return a finite number as a float.
-
-    Raises
-    ------
-    InputError
-        If it is not one.
-    """
+    """Return a finite number as a float; InputError if it is not one."""
     if type(value) is float and math.isfinite(value):
         return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
@@ -237,20 +222,16 @@ _LENGTHS = (
 )
 
 
-def check_table(rows: float, columns: int, *, source: str) -> None:
+def check_table(
+    # rows and columns: of the table that is to be made
+    rows: float,
+    columns: int,
+    *,
+    source: str,  # the subject of the refusal: a file's name, or "The run"
+) -> None:
     """Do nothing if a table of that size fits.
 
-    Parameters
-    ----------
-    rows, columns : float, int
-        Of the table that is to be made.
-    source : str
-        The subject of the refusal: a file's name, or "The run".
-
-    Raises
-    ------
-    InputError
-        If it does not.
+    InputError if it does not.
     """
     if columns > MOST_COLUMNS:
         raise InputError(f"{source} has {columns:,} columns; at most {MOST_COLUMNS:,} are read.")
@@ -262,22 +243,17 @@ def check_table(rows: float, columns: int, *, source: str) -> None:
         )
 
 
-def rows_between(span: float, interval: float, *, columns: int = 1, source: str) -> int:
+def rows_between(
+    # span and interval: [s]; the interval above zero
+    span: float,
+    interval: float,
+    *,
+    columns: int = 1,  # of the table that will have so many rows
+    source: str,  # the subject of the refusal, as for `check_table`
+) -> int:
     """Return how many whole intervals a span of time has.
 
-    Parameters
-    ----------
-    span, interval : float
-        [s]; the interval above zero.
-    columns : int
-        Of the table that will have so many rows.
-    source : str
-        The subject of the refusal, as for `check_table`.
-
-    Raises
-    ------
-    InputError
-        If a table of so many rows does not fit.
+    InputError if a table of so many rows does not fit.
     """
     rows = span / interval if interval > 0.0 else math.inf
     most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))

@@ -23,18 +23,14 @@ def missing_package(what: str, package: str, *, extra: str) -> InputError:
     return InputError(f"{what} needs {package}; install it with: pip install 'ballbot[{extra}]'.")
 
 
-def nearest(word: str, choices: Iterable[str], *, count: int = 1, likeness: float = 0.6) -> list[str]:
-    """Return the choices that are most like a misspelt word, the best first.
-
-    Parameters
-    ----------
-    word : str
-    choices : iterable of str
-    count : int
-        The most that are returned.
-    likeness : float
-        Least likeness of a choice, from 0 to 1 (the ratio of `difflib`).
-    """
+def nearest(
+    word: str,
+    choices: Iterable[str],
+    *,
+    count: int = 1,  # the most that are returned
+    likeness: float = 0.6,  # least likeness of a choice, from 0 to 1 (the ratio of `difflib`)
+) -> list[str]:
+    """Return the choices that are most like a misspelt word, the best first."""
     return get_close_matches(word, list(choices), n=count, cutoff=likeness)
 
 
@@ -51,21 +47,15 @@ def every(words: Iterable[str]) -> str:
 
 
 def suggest(
-    word: str, choices: Iterable[str], *, otherwise: str, count: int = 1, likeness: float = 0.6
+    word: str,  # what the user wrote
+    choices: Iterable[str],  # what it could be
+    *,
+    otherwise: str,  # introduction of the list of all choices if none is near, such as "the names are"
+    # count and likeness: as for `nearest`
+    count: int = 1,
+    likeness: float = 0.6,
 ) -> str:
-    """Return the end of a sentence on an unknown word: did you mean 'square'?
-
-    Parameters
-    ----------
-    word : str
-        What the user wrote.
-    choices : iterable of str
-        What it could be.
-    otherwise : str
-        Introduction of the list of all choices if none is near, such as "the names are".
-    count, likeness : int, float
-        As for `nearest`.
-    """
+    """Return the end of a sentence on an unknown word: did you mean 'square'?"""
     choices = list(choices)
     near = nearest(word, choices, count=count, likeness=likeness)
     if near:

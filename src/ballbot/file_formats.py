@@ -57,10 +57,7 @@ def without_format(text: str) -> str:
 def take_format(tree: Mapping[str, object], kind: Kind) -> dict[str, object]:
     """Return a file's tables without the key `format`, once it is found to be readable.
 
-    Raises
-    ------
-    InputError
-        If the file is of another kind or format.
+    InputError if the file is of another kind or format.
     """
     rest = dict(tree)
     name = rest.pop("format", None)
@@ -92,10 +89,7 @@ def results_text(results: Mapping[str, object]) -> str:
 def read_results(path: str | Path) -> object:
     """Return what a results.json holds: None for a number that is missing, inf and -inf for one that is infinite.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, is no JSON, or is of another kind or format.
+    InputError if it cannot be read, is no JSON, or is of another kind or format.
     """
     tree = with_infinities(read_json(path))
     try:

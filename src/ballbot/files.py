@@ -11,7 +11,6 @@ import codecs
 import hashlib
 import json
 import os
-import re
 import stat
 import tempfile
 import tomllib
@@ -26,8 +25,6 @@ LARGEST_TABLE = 500_000_000
 LARGEST_SETTINGS, LARGEST_RESULTS = 1_000_000, 10_000_000
 #: tables and lists within one another
 DEEPEST = 32
-#: parts of a dotted key, above what a sentence in a comment has
-_LONGEST_KEY = 100
 #: whole numbers of TOML are those of 64 bits
 _LARGEST_WHOLE = 2**63
 #: read of a file that does not say its size, as those in /proc [bytes]
@@ -36,13 +33,7 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def check_regular(path: str | Path) -> int:
-    """Return the size of a regular file [bytes].
-
-    Raises
-    ------
-    InputError
-        If it is not there, or is a folder, a pipe or a device.
-    """
+    """Return the size of a regular file [bytes]; InputError if it is not there, or is a folder, a pipe or a device."""
     try:
         status = os.stat(path)
     except OSError as error:
@@ -91,13 +82,7 @@ def nearest_file(path: str | Path) -> str:
 
 
 def read_bytes(path: str | Path, *, largest: int = LARGEST_TABLE) -> bytes:
-    """Return the content of a regular file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or has more than `largest` bytes.
-    """
+    """Return the content of a regular file; InputError if it cannot be read or has more than `largest` bytes."""
     size = check_regular(path)
     if size <= largest:
         try:
@@ -115,10 +100,7 @@ def read_text(path: str | Path, *, largest: int = LARGEST_TABLE) -> str:
 
     Line ends are those of the file made "\\n".
 
-    Raises
-    ------
-    InputError
-        As `read_bytes`, and if it is no text in UTF-8.
+    InputError as `read_bytes`, and if it is no text in UTF-8.
     """
     return decode_text(read_bytes(path, largest=largest), source=str(path))
 
@@ -137,31 +119,19 @@ def decode_text(content: bytes, *, source: str, errors: str = "strict") -> str:
 
 
 def read_toml(path: str | Path) -> dict[str, object]:
-    """Return the tables of a TOML file.
-
-    Raises
-    ------
-    InputError
-        As `read_text`, and as `parse_toml`.
-    """
+    """Return the tables of a TOML file; InputError as `read_text`, and as `parse_toml`."""
     return parse_toml(read_text(path, largest=LARGEST_SETTINGS), source=str(path))
 
 
 def parse_toml(text: str, *, source: str) -> dict[str, object]:
     """Return the tables of a text in TOML; a refusal names `source`.
 
-    Raises
-    ------
-    InputError
-        If it is not TOML, is nested too deeply, or holds a whole number that does not fit 64 bits.
+    InputError if it is not TOML, is nested too deeply, or holds a whole number that does not fit 64 bits.
     """
-    too_deep = f"{source} is nested too deeply; at most {DEEPEST} levels of tables or lists are read."
-    if _longest_key(text) > _LONGEST_KEY:  # the parser's time grows with the square of a dotted key's parts
-        raise InputError(too_deep)
     try:
         tree = tomllib.loads(text)
     except RecursionError:
-        raise InputError(too_deep) from None
+        raise InputError(f"{source} is nested too deeply to be read.") from None
     except ValueError as error:  # TOMLDecodeError, or a whole number of thousands of digits
         raise InputError(f"{source} is not valid TOML: {_short(error)}.") from None
     _check_tree(tree, source)
@@ -169,13 +139,7 @@ def parse_toml(text: str, *, source: str) -> dict[str, object]:
 
 
 def read_json(path: str | Path) -> object:
-    """Return what a JSON file holds.
-
-    Raises
-    ------
-    InputError
-        As `read_text`, and if it is not JSON or is nested too deeply.
-    """
+    """Return what a JSON file holds; InputError as `read_text`, and if it is not JSON or is nested too deeply."""
     text = read_text(path, largest=LARGEST_RESULTS)
     try:
         tree = json.loads(text)
@@ -187,29 +151,20 @@ def read_json(path: str | Path) -> object:
     return tree
 
 
-def _longest_key(text: str) -> int:
-    """Return how many parts the longest dotted key has, or what looks like one."""
-    words = re.split(r"[\n,=\[\]{}#]", text.replace(" ", "").replace("\t", ""))
-    return max((sum(map(bool, word.split("."))) for word in words if "." in word), default=0)
-
-
-def _check_tree(tree: object, source: str) -> None:
+def _check_tree(tree: object, source: str, place: str = "", depth: int = 0) -> None:
     """Refuse depth and whole numbers beyond what the rest reckons with."""
-    level = [("", tree)]
-    for _ in range(DEEPEST + 1):
-        below = []
-        for place, value in level:
-            if isinstance(value, dict):
-                below += [(f"{place}.{key}" if place else str(key), one) for key, one in value.items()]
-            elif isinstance(value, list):
-                below += [(place, one) for one in value]
-            elif isinstance(value, int) and abs(value) >= _LARGEST_WHOLE:
-                raise InputError(f"{source}: {_short(place)} is a whole number too large for 64 bits.")
-        level = below
-    if level:
+    if depth > DEEPEST:
         raise InputError(
             f"{source} is nested too deeply; at most {DEEPEST} levels of tables or lists are read."
         )
+    if isinstance(tree, dict):
+        for key, one in tree.items():
+            _check_tree(one, source, f"{place}.{key}" if place else str(key), depth + 1)
+    elif isinstance(tree, list):
+        for one in tree:
+            _check_tree(one, source, place, depth + 1)
+    elif isinstance(tree, int) and abs(tree) >= _LARGEST_WHOLE:
+        raise InputError(f"{source}: {_short(place)} is a whole number too large for 64 bits.")
 
 
 def _short(words: object) -> str:
@@ -222,23 +177,17 @@ _PARTIAL_NAME = 40
 _SEAL_LENGTH = len("\nsha256 ") + 64
 
 
-def check_file(path: str | Path) -> Path:
+def check_file(
+    path: str | Path,  # A link is followed, so that what it names is written and the link stays
+) -> Path:
     """Return where a file is to be written, before work begins that would be lost without it.
 
-    Parameters
-    ----------
-    path : str or Path
-        A link is followed, so that what it names is written and the link stays.
+    InputError if a folder, a device, a pipe or a loop of links is there, or the path cannot be looked up.
 
     Returns
     -------
     Path
         Of a regular file, or of none as yet.
-
-    Raises
-    ------
-    InputError
-        If a folder, a device, a pipe or a loop of links is there, or the path cannot be looked up.
     """
     path = Path(path)
     try:
@@ -251,44 +200,31 @@ def check_file(path: str | Path) -> Path:
     return target
 
 
-def check_new_file(path: str | Path, *, force: bool) -> None:
+def check_new_file(
+    path: str | Path,  # see `check_file`
+    *,
+    force: bool,  # whether to replace an existing file
+) -> None:
     """Check where a file is to be written that its user then edits; such a file is replaced only if asked for.
 
-    Parameters
-    ----------
-    path : str or Path
-        See `check_file`.
-    force : bool
-        Whether to replace an existing file.
-
-    Raises
-    ------
-    InputError
-        If the path cannot be written, or the file exists and `force` is not given.
+    InputError if the path cannot be written, or the file exists and `force` is not given.
     """
     if check_file(path).exists() and not force:
         raise InputError(f"{path} already exists. Choose another name, or replace it with --force.")
 
 
-def write_bytes(path: str | Path, data: bytes) -> None:
+def write_bytes(
+    path: str | Path,  # where to, see `check_file`; missing folders are made
+    data: bytes,  # the whole content
+) -> None:
     """Write a file so that a reader sees the old content or the new, never a part.
 
-    Parameters
-    ----------
-    path : str or Path
-        Where to, see `check_file`; missing folders are made.
-    data : bytes
-        The whole content.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written; the old content is then as it was.
+    InputError if it cannot be written; the old content is then as it was.
     """
     target = check_file(path)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, partial = tempfile.mkstemp(dir=target.parent, prefix=_partial_prefix(target))
+        descriptor, partial = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:_PARTIAL_NAME]}.")
     except OSError as error:
         raise InputError(f"{path} cannot be written: {_reason(error)}.") from None
     try:
@@ -312,26 +248,21 @@ def write_text(path: str | Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
 
 
-def write_sealed(path: str | Path, data: bytes, *, of: str = "") -> None:
-    """Write a file of work that is gone on with, whole or not at all, with a checksum after it; see `read_sealed`.
-
-    Parameters
-    ----------
-    path : str or Path
-    data : bytes
-    of : str
-        What the data belongs to, as a digest of the code that made it; other data is not taken for it.
-    """
+def write_sealed(
+    path: str | Path,
+    data: bytes,
+    *,
+    # what the data belongs to, as a digest of the code that made it; other data is not taken for it
+    of: str = "",
+) -> None:
+    """Write a file of work that is gone on with, whole or not at all, with a checksum after it; see `read_sealed`."""
     write_bytes(path, data + _seal(data, of))
 
 
 def read_sealed(path: str | Path, *, of: str = "") -> bytes:
     """Return the data that `write_sealed` wrote.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, is damaged, was edited or belongs to something else.
+    InputError if it cannot be read, is damaged, was edited or belongs to something else.
     """
     try:
         found = check_file(path).read_bytes()
@@ -350,16 +281,6 @@ def _seal(data: bytes, of: str) -> bytes:
     return b"\nsha256 " + hashlib.sha256(of.encode() + b"\n" + data).hexdigest().encode()
 
 
-def remove(path: str | Path) -> None:
-    """Delete a file, if there is one, with the parts that a killed `write_bytes` may have left beside it."""
-    path = Path(path)
-    path.unlink(missing_ok=True)
-    prefix = _partial_prefix(path)
-    for partial in path.parent.iterdir() if path.parent.is_dir() else ():
-        if partial.name.startswith(prefix):
-            partial.unlink(missing_ok=True)
-
-
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file's content as hexadecimal digits; OSError if it cannot be read."""
     with path.open("rb") as stream:
@@ -369,10 +290,7 @@ def sha256_of(path: Path) -> str:
 def check_folder(out: str | Path) -> Path:
     """Return the folder, made if there was none, before work begins that would be lost without it.
 
-    Raises
-    ------
-    InputError
-        If something else is there, or it cannot be made or written into.
+    InputError if something else is there, or it cannot be made or written into.
     """
     folder = Path(out)
     try:
@@ -399,10 +317,6 @@ def _kind(path: Path) -> str:
         return ""
     kinds = {stat.S_IFREG: "file", stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
     return kinds.get(stat.S_IFMT(mode), "device")
-
-
-def _partial_prefix(path: Path) -> str:
-    return f".{path.name[:_PARTIAL_NAME]}."
 
 
 def _reason(error: OSError | ValueError) -> str:

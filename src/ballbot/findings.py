@@ -34,7 +34,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "coarse": "a lean or its rate comes in coarse steps",
         "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
         "constant": "a column never changes",
-        "copied": "an interval of rows appears twice",
         "correlated": "parameters that the data cannot separate",
         "corrupted": "rows with corrupted values are not used",
         "dead-band": "the duty that the firmware adds to overcome friction",
@@ -112,7 +111,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "time-scale": "time is in another unit, or runs too fast or too slowly",
         "timing": "the times of rows differ from the times of sampling",
         "torque-bound": "how far the logs bound the scale of the torques",
-        "torque-clipped": "the torques were clipped in the recording",
         "torque-delay": "the torques are too late or too early relative to the states",
         "torque-limit": "torques exceed the robot's limit",
         "torque-order": "the torques drive other wheels than their columns name",
@@ -193,19 +191,15 @@ def as_argument(codes: Sequence[str]) -> str:
     return f"accept=[{', '.join(repr(code) for code in codes)}]"
 
 
-def check_codes(accept: Iterable[str], *, listed: Collection[str] = CODES) -> tuple[str, ...]:
+def check_codes(
+    accept: Iterable[str],
+    *,
+    # the codes that a command can meet, which the sentence on an unknown one names
+    listed: Collection[str] = CODES,
+) -> tuple[str, ...]:
     """Return codes to accept, each once.
 
-    Parameters
-    ----------
-    accept : iterable of str
-    listed : collection of str
-        The codes that a command can meet, which the sentence on an unknown one names.
-
-    Raises
-    ------
-    InputError
-        If one is not in `CODES`; the sentence names the nearest.
+    InputError if one is not in `CODES`; the sentence names the nearest.
     """
     codes = tuple(dict.fromkeys(accept))
     for code in codes:
@@ -218,26 +212,14 @@ def check_codes(accept: Iterable[str], *, listed: Collection[str] = CODES) -> tu
 def stop_on_errors(
     findings: Sequence[Finding],
     *,
-    accept: Collection[str] = (),
+    accept: Collection[str] = (),  # codes of errors that the user knows of
+    # returns how the user accepts codes: `as_options` on a command line, `as_argument` in Python
     going_on: Callable[[Sequence[str]], str] = as_options,
-    others: str = "",
+    others: str = "",  # where the other errors stand, as "above" or "`ballbot check`"
 ) -> None:
     """Raise InputError on the first error whose code is not accepted.
 
-    Parameters
-    ----------
-    findings : sequence of Finding
-    accept : collection of str
-        Codes of errors that the user knows of.
-    going_on : callable
-        Returns how the user accepts codes: `as_options` on a command line, `as_argument` in Python.
-    others : str
-        Where the other errors stand, as "above" or "`ballbot check`".
-
-    Raises
-    ------
-    InputError
-        With the error's text and file, how many more there are, and the option that goes on.
+    InputError with the error's text and file, how many more there are, and the option that goes on.
     """
     errors = [finding for finding in findings if finding.severity == "error" and finding.code not in accept]
     if not errors:

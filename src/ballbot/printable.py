@@ -39,8 +39,8 @@ def toml_string(text: str) -> str:
 
 
 def shell_line(words: Sequence[object]) -> str:
-    """Return a command line that a POSIX shell splits into these words again, and that can be shown."""
-    return " ".join(_shell_word(str(word)) for word in words)
+    """Return a command line that can be shown; a POSIX shell splits it into these words if all of them can be."""
+    return printable_line(shlex.join(map(str, words)))
 
 
 def _shown(found: re.Match[str]) -> str:
@@ -50,20 +50,4 @@ def _shown(found: re.Match[str]) -> str:
         return f"\\x{code - 0xDC00:02x}"
     return (
         character.encode("unicode_escape", "backslashreplace").decode() if code < 0xD800 else f"\\u{code:04x}"
-    )
-
-
-def _shell_word(word: str) -> str:
-    if not _LINE.search(word):
-        return shlex.quote(word)
-    # the form of bash and zsh for bytes that cannot be shown; characters beyond ASCII go by their bytes too
-    escaped = word.replace("\\", r"\\").replace("'", r"\'")
-    return (
-        "$'" + _LINE.sub(lambda found: "".join(f"\\x{byte:02x}" for byte in _bytes(found[0])), escaped) + "'"
-    )
-
-
-def _bytes(character: str) -> bytes:
-    return character.encode(
-        "utf-8", "surrogateescape" if 0xDC80 <= ord(character) <= 0xDCFF else "surrogatepass"
     )

@@ -47,15 +47,12 @@ _SHORTEST = 1.0
 
 
 class Pace:
-    """The pace of the present stage since its first report, whose steps may have compiled code.
+    """The pace of the present stage since its first report, whose steps may have compiled code."""
 
-    Parameters
-    ----------
-    clock : callable
-        Gives the time [s]; another one is for tests.
-    """
-
-    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
+    def __init__(
+        self,
+        clock: Callable[[], float] = monotonic,  # gives the time [s]; another one is for tests
+    ) -> None:
         self._clock = clock
         self._stage, self._begun, self._before = "", clock(), 0.0  # the latter: share at the first report
         self._share = 0.0

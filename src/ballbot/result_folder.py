@@ -1,17 +1,16 @@
 """A folder that belongs to one result: locked while it is worked on, its files replaced together or not at all.
 
-What a command writes is collected out of sight, in STAGED. When all of it is there, the folder of that name becomes
-READY, the files of the result before are deleted and the new ones take their places. A process that is killed on the
-way leaves the old result, or READY, from which the next command that opens the folder finishes the move: never files
-of two results side by side. MANIFEST has the command and each file's checksum, so that files of the user's are known
-from the result's, and are neither replaced nor deleted.
+What a command writes is collected out of sight, in STAGED; its MANIFEST comes last, with the command and each file's
+checksum. Then the files of the result before are deleted and the new ones take their places. A process that is killed
+on the way leaves the old result, or STAGED with its MANIFEST, from which the next command that opens the folder
+finishes the move: never files of two results side by side. By the MANIFEST files of the user's are known from the
+result's, and are neither replaced nor deleted.
 
 One process at a time holds the folder's lock; the system gives it back when that process ends or dies.
 """
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import shutil
@@ -25,82 +24,35 @@ from ballbot.errors import InputError
 from ballbot.files import check_folder, sha256_of, write_text
 from ballbot.processes import uninterrupted
 
-LOCK = ".ballbot.lock"
-
-#: file systems without locks, as some network drives: work goes on without one
-_NO_LOCKS = {errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS, errno.EBADF, errno.EINVAL}
-
 
 @contextmanager
-def hold_lock(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock while the block runs.
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock while the block runs; file systems without locks, as some network drives, have none.
 
-    Raises
-    ------
-    InputError
-        If another process holds it, or the lock's file cannot be made.
+    InputError if another process holds it.
     """
-    path = folder / LOCK
-    descriptor = _acquire(path, folder)
+    if sys.platform == "win32":  # which opens no folder
+        yield
+        return
+    import fcntl
+
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
+        with suppress(OSError):
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError(
+                    f"Another ballbot is writing into {folder}; wait until it has finished, or choose another folder "
+                    "with --out."
+                ) from None
         yield
     finally:
-        with suppress(OSError):  # the folder may have been deleted meanwhile
-            path.unlink()
         os.close(descriptor)
-
-
-def _acquire(path: Path, folder: Path) -> int:
-    while True:
-        try:
-            # never through a link, and never waiting for the other end of a pipe
-            flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-            descriptor = os.open(path, flags, 0o644)
-        except OSError as error:
-            raise InputError(f"{path} cannot be made: {error.strerror or error}.") from None
-        if not _take(descriptor):
-            holder = os.read(descriptor, 20).decode(errors="replace").strip()
-            os.close(descriptor)
-            by = f" (process {holder})" if holder.isdigit() else ""
-            raise InputError(
-                f"Another ballbot{by} is writing into {folder}; wait until it has finished, or choose another "
-                "folder with --out."
-            )
-        if _is_at(descriptor, path):
-            os.ftruncate(descriptor, 0)
-            os.write(descriptor, str(os.getpid()).encode())
-            return descriptor
-        os.close(descriptor)  # its holder deleted it between the opening and the lock
-
-
-def _is_at(descriptor: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(descriptor), os.stat(path))
-    except FileNotFoundError:
-        return False
-
-
-def _take(descriptor: int) -> bool:
-    """Lock an open file without waiting; False if another process has it."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            os.lseek(descriptor, 1 << 20, os.SEEK_SET)  # beyond what is written, which others may read
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-            os.lseek(descriptor, 0, os.SEEK_SET)
-        else:
-            import fcntl
-
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        return error.errno in _NO_LOCKS
-    return True
 
 
 MANIFEST = ".ballbot.json"
 STAGED = ".ballbot-staged"
-READY = ".ballbot-ready"
 #: finished runs of a command that was not finished (`ballbot.fitting.sweep`)
 RUNS = ".ballbot-runs"
 
@@ -143,10 +95,7 @@ class ResultFolder:
     def replaced(self) -> Iterator[Path]:
         """Give a folder to write the new result into, which replaces the old one as a whole when the block ends well.
 
-        Raises
-        ------
-        InputError
-            If the new result cannot take the old one's place; the old one is then as it was.
+        InputError if the new result cannot take the old one's place; the old one is then as it was.
         """
         staged = self.path / STAGED
         _delete(staged)
@@ -160,53 +109,38 @@ class ResultFolder:
             checksums = {path.relative_to(staged).as_posix(): sha256_of(path) for path in files}
             undeclared = set(checksums) - self.names
             assert not undeclared, f"written but not declared: {undeclared}"
+        except BaseException as error:
+            _delete(staged)
+            if isinstance(error, InputError):  # the user knows of no folder but the result's
+                error.args = (str(error).replace(str(staged), str(self.path)),)
+            raise
+        with uninterrupted():
             manifest = {"format": _FORMAT, "command": self.command, "files": checksums}
             write_text(staged / MANIFEST, json.dumps(manifest, indent=2) + "\n")
-            with uninterrupted():
-                _move(staged, self.path / READY)
-                _finish_move(self.path)
-                _delete(self.runs)
-        except InputError as error:  # the user knows of no folder but the result's
-            error.args = (str(error).replace(str(staged), str(self.path)),)
-            raise
-        finally:
-            _delete(staged)
+            _finish_move(self.path)
+            _delete(self.runs)
 
 
 @contextmanager
 def result_folder(
-    out: str | Path,
+    out: str | Path,  # made if it is not there
     *,
-    command: str,
+    command: str,  # whose result it is to be, as "study"
+    # the files that the command may write there, as "report.html" or "figures/one.svg"
     names: Collection[str],
-    inputs: Sequence[Path] = (),
+    inputs: Sequence[Path] = (),  # the files that the result is made from
+    # whether the command goes on with finished runs in the folder, which a new result deletes
     keeps_runs: bool = False,
 ) -> Iterator[ResultFolder]:
     """Hold a folder for the result of one command while the block runs.
 
-    Parameters
-    ----------
-    out : str or Path
-        Made if it is not there.
-    command : str
-        Whose result it is to be, as "study".
-    names : collection of str
-        The files that the command may write there, as "report.html" or "figures/one.svg".
-    inputs : sequence of Path
-        The files that the result is made from.
-    keeps_runs : bool
-        Whether the command goes on with finished runs in the folder, which a new result deletes.
-
-    Raises
-    ------
-    InputError
-        If another process holds the folder; if it has another command's result or unfinished run, or files by these
-        names that are no result's or were changed since; or if an input would be replaced.
+    InputError if another process holds the folder; if it has another command's result or unfinished run, or files by
+    these names that are no result's or were changed since; or if an input would be replaced.
     """
     was_there = os.path.exists(out)
     folder = check_folder(out)
     try:
-        with hold_lock(folder):
+        with _locked(folder):
             _prepare(folder, command=command, names=names, inputs=inputs, keeps_runs=keeps_runs)
             yield ResultFolder(path=folder, command=command, names=frozenset(names))
     finally:
@@ -220,7 +154,6 @@ def _prepare(
 ) -> None:
     """Finish or clear what a killed process left, and raise InputError unless the folder may have a new result."""
     _finish_move(folder)
-    _delete(folder / STAGED)
     if not keeps_runs and (folder / RUNS).exists():
         raise InputError(
             f"{folder / RUNS} holds finished runs of a command that was not finished. Give that command again, delete "
@@ -234,11 +167,11 @@ def read_manifest(folder: Path) -> Manifest | None:
     path = folder / MANIFEST
     try:
         read = json.loads(path.read_bytes())
-        if read["format"] != _FORMAT:
+        command, files = read["command"], read["files"]
+        paths = [PurePosixPath(name) for name in files]  # none may lead out of the folder
+        if read["format"] != _FORMAT or any(one.is_absolute() or ".." in one.parts for one in paths):
             raise ValueError
-        return Manifest(
-            command=_text(read["command"]), files={_inside(k): _text(v) for k, v in read["files"].items()}
-        )
+        return Manifest(command=command, files=dict(files))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -280,41 +213,25 @@ def _check_replaceable(
 
 
 def _finish_move(folder: Path) -> None:
-    """Put the files of READY, if it is there, into the places of the old result's; begun again where it stopped."""
-    ready = folder / READY
-    new = read_manifest(ready) if ready.is_dir() else None
-    if new is None:
-        _delete(ready)  # empty: the move was finished but for this
-        return
-    old = read_manifest(folder)
-    try:
-        for name in old.files if old else ():
-            (folder / name).unlink(missing_ok=True)
-            _prune(folder / name, folder)
-        (folder / MANIFEST).unlink(missing_ok=True)
-        for name in new.files:
-            if (ready / name).exists():  # not moved before
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                (ready / name).replace(folder / name)
-        (ready / MANIFEST).replace(folder / MANIFEST)
-    except OSError as error:
-        raise InputError(f"The result cannot be moved from {ready}: {error.strerror or error}.") from None
-    _delete(ready)
-
-
-def _prune(path: Path, folder: Path) -> None:
-    """Delete the folders between a deleted file and `folder` that are empty now."""
-    for parent in path.parents:
-        if parent == folder or not parent.is_dir() or any(parent.iterdir()):
-            return
-        parent.rmdir()
-
-
-def _move(source: Path, target: Path) -> None:
-    try:
-        source.replace(target)
-    except OSError as error:
-        raise InputError(f"The result cannot be moved to {target}: {error.strerror or error}.") from None
+    """Put the files of STAGED, if it is whole, into the places of the old result's; begun again where it stopped."""
+    staged = folder / STAGED
+    new = read_manifest(staged) if staged.is_dir() else None
+    if new is not None:
+        old = read_manifest(folder)
+        try:
+            for name in old.files if old else ():
+                (folder / name).unlink(missing_ok=True)
+            (folder / MANIFEST).unlink(missing_ok=True)
+            for name in new.files:
+                if (staged / name).exists():  # not moved before
+                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                    (staged / name).replace(folder / name)
+            (staged / MANIFEST).replace(folder / MANIFEST)
+        except OSError as error:
+            raise InputError(
+                f"The result cannot be moved from {staged}: {error.strerror or error}."
+            ) from None
+    _delete(staged)
 
 
 def _delete(path: Path) -> None:
@@ -330,17 +247,3 @@ def _has(path: Path, checksum: str) -> bool:
         return path.is_file() and sha256_of(path) == checksum
     except OSError:
         return False
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise TypeError
-    return value
-
-
-def _inside(name: object) -> str:
-    """Return a manifest's path; ValueError if it leads out of the folder."""
-    path = PurePosixPath(_text(name))
-    if path.is_absolute() or ".." in path.parts or not path.parts:
-        raise ValueError
-    return str(path)

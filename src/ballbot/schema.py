@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from ballbot.errors import InputError, nearest, suggest
+from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.printable import toml_string
 
 T = TypeVar("T")
@@ -66,24 +66,17 @@ class _Mistake:
         return self.error.get("ctx", {})
 
 
-def validate_table(schema: type[T], tree: object, *, of: str) -> T:
+def validate_table(
+    schema: type[T],  # A pydantic model or a dataclass
+    tree: object,  # what the TOML file holds
+    *,
+    of: str,  # what the file is, as "a controller file"
+) -> T:
     """Return a file's tables as a model or a dataclass.
 
     Lists become tuples and whole numbers floats; no text becomes a number, and no true or false.
 
-    Parameters
-    ----------
-    schema : type
-        A pydantic model or a dataclass.
-    tree : object
-        What the TOML file holds.
-    of : str
-        What the file is, as "a controller file".
-
-    Raises
-    ------
-    InputError
-        With one sentence on the first mistake, a misspelt key before others.
+    InputError with one sentence on the first mistake, a misspelt key before others.
     """
     try:
         # strict JSON knows tuples and floats by what they stand for, as strict Python does not
@@ -187,7 +180,7 @@ def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
         case "missing":
             return _missing(mistake, of)
         case "union_tag_not_found":
-            return f"{_tag_place(mistake)} is missing; it must be {_either(keys.tags(mistake.place))}."
+            return f"{_tag_place(mistake)} is missing; it must be {either(keys.tags(mistake.place))}."
         case "union_tag_invalid":
             key = str(mistake.context["discriminator"]).strip("'")
             tag = given.get(key) if isinstance(given, Mapping) else given
@@ -200,7 +193,7 @@ def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
             return _choice(place, given, _allowed(mistake))
     wanted = list(dict.fromkeys(one for each in mistakes for one in _wanted(each)))
     below = f": write its keys below a line [{place}]" if wanted == ["a table"] else ""
-    return f"{place} is {format_value(given)}; it must be {_either(wanted)}{below}."
+    return f"{place} is {format_value(given)}; it must be {either(wanted)}{below}."
 
 
 def _missing(mistake: _Mistake, of: str) -> str:
@@ -223,7 +216,7 @@ def _choice(place: str, given: object, allowed: Sequence[str]) -> str:
     """Return that a value is none of those allowed, and the nearest of them."""
     near = nearest(repr(given), allowed) if isinstance(given, str) else []
     hint = f"did you mean {near[0]}? It" if near else "it"
-    return f"{place} is {format_value(given)}; {hint} must be {_either(allowed)}."
+    return f"{place} is {format_value(given)}; {hint} must be {either(allowed)}."
 
 
 def _wanted(mistake: _Mistake) -> list[str]:
@@ -251,10 +244,6 @@ def _tag_place(mistake: _Mistake) -> str:
 def _entries(mistake: _Mistake) -> str:
     count = mistake.context["actual_length"]
     return "one entry" if count == 1 else f"{count} entries"
-
-
-def _either(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
 
 
 def format_place(place: Sequence[str | int]) -> str:

@@ -17,18 +17,18 @@ def piped():
 
 
 def test_quick_work_prints_nothing(piped, capsys):
-    with progress_bar(piped, "simulating") as bar:
-        bar.show(0.5)
+    with progress_bar(piped, "simulating") as report:
+        report(Progress(stage="", done=0.5, total=1.0))
     assert capsys.readouterr() == ("", "")
 
 
 def test_long_work_prints_its_stages_on_standard_error(piped, capsys, monkeypatch):
     monkeypatch.setattr(output, "_BEFORE_LINES", 0.05)
-    with progress_bar(piped, "reading") as bar:
+    with progress_bar(piped, "reading") as report:
         time.sleep(0.1)
         for share, doing in ((0.1, ""), (0.2, "evolution"), (0.3, "evolution"), (0.4, "polish")):
-            bar.show(share, doing=doing, note="error 2")
-        bar.begin_writing()
+            report(Progress(stage=doing, done=share, total=1.0, note="error 2"))
+        report(Progress(stage="writing the report"))
     written = capsys.readouterr()
     assert written.out == ""
     assert written.err.splitlines() == [
@@ -42,8 +42,8 @@ def test_long_work_prints_its_stages_on_standard_error(piped, capsys, monkeypatc
 def test_a_long_stage_gets_lines_in_the_middle_of_it(piped, capsys, monkeypatch):
     monkeypatch.setattr(output, "_BEFORE_LINES", 0.0)
     monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
-    with progress_bar(piped, "fitting") as bar:
+    with progress_bar(piped, "fitting") as report:
         for done in range(3):
-            bar.report(Progress(stage="descent", done=done, total=2))
+            report(Progress(stage="descent", done=done, total=2))
             time.sleep(0.15 if done else 0.0)
     assert capsys.readouterr().err.splitlines() == ["ballbot: descent, 0 %", "ballbot: descent, 100 %"]

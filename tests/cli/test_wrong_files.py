@@ -33,52 +33,6 @@ def robot_file(tmp_path, capsys) -> Path:
     return tmp_path / "mine.toml"
 
 
-def replaced(path: Path, old: str, new: str) -> Path:
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
-    return path
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("", "ball"),
-        ("ball = [", "TOML"),
-        ("[ball]\nradius = 3\n", "missing"),
-        ("\x00\x01", ""),
-    ],
-)
-def test_file_that_is_not_a_robot_is_refused(tmp_path, capsys, content, words):
-    path = tmp_path / "robot.toml"
-    path.write_text(content)
-    printed = sentence_of(capsys, "check", str(path))
-    assert "robot.toml" in printed
-    assert words in printed
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("mass", "-17.076", "body.mass"),
-        ("center_of_mass", "39.3", "body.center_of_mass"),
-    ],
-)
-def test_robot_of_impossible_values_is_refused(robot_file, capsys, key, value, words):
-    lines = robot_file.read_text().splitlines()
-    start = lines.index("[body]")
-    place = next(i for i in range(start, len(lines)) if lines[i].startswith(f"{key} "))
-    lines[place] = (
-        f'{key} = {{ value = {value}, unit = "{"kg" if key == "mass" else "m"}", source = "measured" }}'
-    )
-    robot_file.write_text("\n".join(lines))
-    assert words in sentence_of(capsys, "check", str(robot_file))
-
-
-def test_missing_robot_is_reported(capsys):
-    assert "nowhere.toml" in sentence_of(capsys, "check", "nowhere.toml")
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [

@@ -74,15 +74,6 @@ def test_user_without_a_place_for_caches_is_no_error(home, tmp_path, monkeypatch
     assert list(tmp_path.iterdir()) == []
 
 
-def test_zig_has_a_cache_that_it_can_write(tmp_path, monkeypatch):
-    (tmp_path / "cache").write_text("")  # a file in its place
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.delenv("ZIG_GLOBAL_CACHE_DIR", raising=False)
-    found = build._zig_cache.__wrapped__()  # without what it remembers
-    assert os.access(found, os.W_OK)
-    assert not found.startswith(str(tmp_path))
-
-
 def test_compiler_that_does_not_end_is_given_up(monkeypatch):
     monkeypatch.setattr(build, "_PATIENCE", 0.1)
     with pytest.raises(InputError, match=r"The compiler has not ended after 0\.1 s"):
@@ -97,16 +88,3 @@ def test_failed_build_leaves_nothing(folder):
     with pytest.raises(InputError, match="refuses"):
         kept_build("robot.so", ["gcc"], fails)
     assert list(folder.iterdir()) == []
-
-
-@pytest.mark.usefixtures("folder")
-def test_least_recently_used_builds_go(monkeypatch):
-    monkeypatch.setattr(build, "_KEPT", 3)
-    builder = Builder()
-    made = [kept_build("robot.so", [str(k)], builder) for k in range(3)]
-    for k, path in enumerate(made):
-        os.utime(path, (1000.0 + k, 1000.0 + k))
-    kept_build("robot.so", ["0"], builder)  # used again
-    kept_build("robot.so", ["3"], builder)
-    assert [path.exists() for path in made] == [True, False, True]
-    assert builder.times == 4

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from ballbot import Robot
 from ballbot.control.records import schema_of
-from ballbot.errors import InputError
 from ballbot.estimation import OnboardState
 from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.firmware.build import compilers
-from ballbot.firmware.estimators import ReadingRecord, kalman_record, onboard_record, reading_record
+from ballbot.firmware.estimators import ReadingRecord, reading_record
 from ballbot.firmware.processor_load import readings
 from ballbot.mechanics.geometry import transforms
 from campaigns.firmware_estimators import (
@@ -180,9 +179,3 @@ def test_wrong_readings_do_no_lasting_harm(name, wrong):
     fresh = Compiled(name, ALTEN)
     estimator.reset()
     assert all((estimator.update(reading) == fresh.update(reading)).all() for reading in good[4:])
-
-
-def test_sample_time_must_be_positive():
-    for make in (onboard_record, kalman_record):
-        with pytest.raises(InputError, match="sample time"):
-            make(ALTEN, sample_time=0.0)

@@ -98,7 +98,7 @@ def reproduced_items(folder: Path) -> None:
     from ballbot.thesis.reproduce.mistakes import MISTAKES
 
     robot = Robot.load("alten")
-    bench = Bench(robot=robot, seed=0, folder=folder)
+    bench = Bench(robot=robot, seed=0)
     # this needs recordings
     recorded = {"residual_pairs"}
     results = {

@@ -24,13 +24,13 @@ def joint(**more: object) -> Machine:
     [
         (joint(), ()),
         (joint(gravity=(8.0, 0.0)), ("gravity",)),
-        (joint(kind="cart", spring=4.0), ("spring",)),
+        (joint(kind="cart"), ()),
     ],
     ids=["wheel", "joint", "slide"],
 )
 def test_intervals_contain_the_machine(machine: Machine, terms: tuple[str, ...]) -> None:
     found = identify_axis(record_of(machine, LOGGING, 1), options=AxisOptions(law="coulomb"))
-    assert tuple(name for name, _ in found.terms) == terms
+    assert tuple(found.forces) == terms
     best = found.best
     for name in ("mass", "viscous", "coulomb"):
         truth = {"mass": machine.inertia, "viscous": machine.viscous, "coulomb": machine.coulomb}[name]
@@ -44,7 +44,7 @@ def test_friction_under_load_is_selected_and_found() -> None:
     found = identify_axis(
         record_of(machine, replace(LOGGING, duration=15.0), 2), options=AxisOptions(law="coulomb")
     )
-    assert dict(found.terms).keys() == {"gravity", "load"}
+    assert found.forces.keys() == {"gravity", "load"}
     # the share of the load: shapes of c and mu resemble each other, 15 % apart at most
     assert found.best.values["load"] == pytest.approx(0.2, rel=0.15)
 
@@ -59,5 +59,5 @@ def test_a_late_force_is_said() -> None:
         position=record.position,
         unit="rad",
     )
-    found = identify_axis(late, options=AxisOptions(law="coulomb", spring=False, harmonics=()))
+    found = identify_axis(late, options=AxisOptions(law="coulomb", gravity=False))
     assert "force-delay" in {one.code for one in found.findings}

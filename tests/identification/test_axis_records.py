@@ -26,13 +26,15 @@ def written(path: Path, **columns: np.ndarray) -> Path:
     return path
 
 
-def test_uneven_rows_keep_their_times(tmp_path: Path) -> None:
+def test_uneven_rows_become_even(tmp_path: Path) -> None:
     t = T + 5e-4 * np.sin(np.arange(ROWS))
-    record = read_axis_record(written(tmp_path / "a.csv", t=t), AxisColumns())
+    position = np.interp(t, T, POSITION)
+    record = read_axis_record(written(tmp_path / "a.csv", t=t, position=position), AxisColumns())
     assert not record.even
-    np.testing.assert_allclose(record.t, t - t[0], atol=1e-12)
-    np.testing.assert_allclose(record.durations[:-1], np.diff(t), atol=1e-12)
-    assert record.segments == ((0, ROWS),)
+    assert record.parts == ((0, len(record)),)
+    # two straight lines over 2 ms of an acceleration of 30 m/s^2
+    expected = np.interp(t[0] + record.t, T, POSITION)
+    np.testing.assert_allclose(record.position[:-1], expected[:-1], atol=5e-5)
 
 
 def test_rows_without_times_come_at_the_interval_that_is_given(tmp_path: Path) -> None:
@@ -58,7 +60,7 @@ def test_missing_values_leave_a_gap_that_is_reported(tmp_path: Path) -> None:
     force = FORCE.copy()
     force[300:320] = np.nan
     record = read_axis_record(written(tmp_path / "a.csv", force=force), AxisColumns())
-    assert record.segments == ((0, 300), (300, ROWS - 20))
+    assert record.parts == ((0, 300), (300, ROWS - 20))
     assert [one.code for one in record_findings(record) if one.severity == "note"] == ["gap"]
 
 
@@ -200,49 +202,41 @@ def test_a_table_with_semicolons_and_units_gives_a_record(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("names", "units", "columns", "remedy"),
+    ("names", "units", "columns", "factors"),
     [
-        (
-            "t,position,force",
-            "ms,m,N",
-            {},
-            "gives the unit of t as ms, .* give --time-scale 0.001, or correct",
-        ),
-        ("t,position,force", "[s],[mm],[N]", {}, "--position-scale is 1; give --position-scale 0.001"),
-        ("t,position,force", "s,rad,N m", {}, "of position as rad, and --unit is m; give --unit rad"),
-        ("t,position,force", "s,°,Nm", {"unit": "rad"}, "as deg, .* --position-scale 0.0174532925199"),
-        ("t,position,force", "s,rad,mNm", {"unit": "rad"}, "of force as mN m, .* --force-scale 0.001"),
-        ("t,position [cm],force", "", {"position": "position [cm]"}, "of position as cm, .*-scale 0.01"),
-        ("t,position,force", "s,deg,A", {"position_scale": "0.0175", "unit": "rad"}, ""),
-        ("t,position,force", "s,m,-", {}, ""),
-        (
-            "t,position_deg,force",
-            "",
-            {"position": "position_deg", "unit": "rad"},
-            "as deg, .*-scale 0.0174532",
-        ),
-        ("t_ms,position,force", "", {"time": "t_ms"}, "of t_ms as ms, .* give --time-scale 0.001"),
-        (
-            "t,position,force_mNm",
-            "",
-            {"force": "force_mNm", "unit": "rad"},
-            "as mN m, .* --force-scale 0.001",
-        ),
-        ("t,position_m,force_A", "", {"position": "position_m", "force": "force_A", "unit": "rad"}, ""),
+        ("t,position,force", "ms,m,N", {}, (1e-3, 1.0, 1.0)),
+        ("t,position,force", "[s],[mm],[N]", {}, (1.0, 1e-3, 1.0)),
+        ("t,position,force", "s,°,Nm", {"unit": "rad"}, (1.0, np.pi / 180.0, 1.0)),
+        ("t,position,force", "s,rad,mNm", {"unit": "rad"}, (1.0, 1.0, 1e-3)),
+        ("t,position [cm],force", "", {"position": "position [cm]"}, (1.0, 0.01, 1.0)),
+        ("t,position,force", "s,deg,A", {"position_scale": "0.5", "unit": "rad"}, (1.0, 0.5, 1.0)),
+        ("t,position,force", "s,m,-", {}, (1.0, 1.0, 1.0)),
+        ("t_ms,position_deg,force_mNm", "", {"unit": "rad"}, (1e-3, np.pi / 180.0, 1e-3)),
+        ("t,position_m,force_A", "", {"unit": "rad"}, (1.0, 1.0, 1.0)),
     ],
 )
-def test_units_in_a_file_are_compared_with_the_options(
-    tmp_path: Path, names: str, units: str, columns: dict[str, str], remedy: str
+def test_units_in_a_file_are_converted_unless_a_factor_is_given(
+    tmp_path: Path, names: str, units: str, columns: dict[str, str], factors: tuple[float, float, float]
 ) -> None:
     rows = [f"{t:.9g},{x:.9g},{f:.9g}" for t, x, f in zip(T, POSITION, FORCE, strict=True)]
     path = tmp_path / "a.csv"
     path.write_text("\n".join([names, *([units] if units else []), *rows]))
-    wanted = AxisColumns(**columns)  # type: ignore[arg-type]
-    if not remedy:
-        assert len(read_axis_record(path, wanted)) == ROWS
-        return
-    with pytest.raises(InputError, match=remedy) as refused:
-        read_axis_record(path, wanted)
+    named = dict(zip(("time", "position", "force"), names.split(","), strict=True))
+    record = read_axis_record(path, AxisColumns(**(named | columns)))  # type: ignore[arg-type]
+    of_time, of_position, of_force = factors
+    assert record.sample_time == pytest.approx(2e-3 * of_time)
+    np.testing.assert_allclose(record.position, of_position * POSITION, atol=1e-9)
+    np.testing.assert_allclose(record.force, of_force * FORCE, rtol=1e-6, atol=1e-9)
+    converted = set(factors) != {1.0} and "position_scale" not in columns
+    assert ("axis-unit" in {one.code for one in record.findings}) == converted
+
+
+def test_a_unit_of_the_other_kind_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = [f"{t:.9g},{x:.9g},{f:.9g}" for t, x, f in zip(T, POSITION, FORCE, strict=True)]
+    path.write_text("\n".join(["t,position,force", "s,rad,N m", *rows]))
+    with pytest.raises(InputError, match="of position as rad, and --unit is m; give --unit rad") as refused:
+        read_axis_record(path, AxisColumns())
     assert_clear(str(refused.value))
 
 
@@ -275,7 +269,6 @@ def test_a_position_that_wraps_is_counted_on(
     path = written(tmp_path / "a.csv", position=position)
     columns = AxisColumns(unit="rad", position_scale=str(scale))
     record = read_axis_record(path, columns)
-    assert record.wrap == pytest.approx(period)
     assert np.abs(np.diff(record.position)).max() < 0.1 * period
     found = {one.code for one in record_findings(record) if one.severity != "error"}
     assert "wrap" in found
@@ -288,5 +281,5 @@ def test_a_jump_that_is_no_turn_stays(tmp_path: Path, jump: float) -> None:
     position = POSITION.copy() if jump == 2.0 else 30.0 * POSITION
     position[300:] += jump
     record = read_axis_record(written(tmp_path / "a.csv", position=position), AxisColumns(unit="rad"))
-    assert record.wrap == 0.0
+    assert record.findings == ()
     np.testing.assert_array_equal(record.position, position)

@@ -16,7 +16,7 @@ from ballbot.identification.driveline import (
     fit_driveline,
     sweeps_of,
 )
-from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
+from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 from tests.support.report_pages import figure_count
 
 TRUTH = np.array([0.012, 0.05, 0.03, 0.7])  # b, c, s, v_s
@@ -30,8 +30,8 @@ def sweep() -> Sweep:
     torque = np.sin(2.0 * np.pi * t / 20.0)
     limit = TorqueSpeedCurve(no_load_speed=27.7, stall_torque=200.0)
     line = Driveline(inertia=0.003, friction=classical(TRUTH), speed_limit=limit)
-    motion = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME)
-    speed = np.concatenate([[0.0], motion.speeds[0]])
+    motion = simulate_driveline(line, torque[:-1], sample_time=SAMPLE_TIME)
+    speed = np.concatenate([[0.0], motion.speeds])
     noise = 0.03 * np.random.default_rng(1).standard_normal(len(t))
     return Sweep(wheel=1, t=t, torque=torque, speed=speed + noise, limit=27.7, inertia=0.003)
 
@@ -64,16 +64,16 @@ def played_sweep(seed: int) -> Sweep:
     acting = (torque + 0.01 * random.standard_normal(len(t)))[:-1]
     whole, alone = (Driveline(inertia=one, friction=classical(TRUTH)) for one in (0.003, 0.002))
     # the motor alone until it meets its wheel, both at one speed from there
-    free = simulate_drivelines(alone, acting, sample_time=SAMPLE_TIME)
-    meets = int(np.argmax(free.angles[0] > 0.006))
-    rest = simulate_drivelines(
+    free = simulate_driveline(alone, acting, sample_time=SAMPLE_TIME)
+    meets = int(np.argmax(free.angles > 0.006))
+    rest = simulate_driveline(
         whole,
         acting[meets + 1 :],
         sample_time=SAMPLE_TIME,
-        initial_speeds=float(free.speeds[0, meets]) * 2.0 / 3.0,
+        initial_speed=float(free.speeds[meets]) * 2.0 / 3.0,
     )
-    together = free.angles[0, meets] + rest.angles[0]
-    angle = np.concatenate([[0.0], free.angles[0, : meets + 1], together])
+    together = free.angles[meets] + rest.angles
+    angle = np.concatenate([[0.0], free.angles[: meets + 1], together])
     counted = np.floor(angle / 1e-4) * 1e-4
     speed = np.concatenate([[0.0], np.diff(counted)]) / SAMPLE_TIME
     return Sweep(
@@ -107,8 +107,8 @@ def test_a_sweep_in_one_direction_is_refused():
     t = np.arange(4000) * SAMPLE_TIME
     torque = 0.5 + 0.1 * np.sin(2.0 * np.pi * t / 5.0)
     line = Driveline(inertia=0.003, friction=classical(np.array([0.02, 0.1, 0.05, 0.3])))
-    motion = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME, initial_speeds=20.0)
-    speed = np.append(20.0, motion.speeds[0]) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
+    motion = simulate_driveline(line, torque[:-1], sample_time=SAMPLE_TIME, initial_speed=20.0)
+    speed = np.append(20.0, motion.speeds) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
     with pytest.raises(InputError, match="coulomb and offset"):
         fit_driveline(Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=50.0, inertia=0.003))
 

@@ -11,7 +11,7 @@ from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.identification.bench_checks import sweep_findings
 from ballbot.identification.driveline import classical, sweeps_of
-from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
+from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 
 ALTEN = Robot.load("alten")
 SAMPLE_TIME = 5e-3
@@ -31,7 +31,7 @@ def simulated(robot: Robot, *, period: float = 20.0, duration: float = 40.0, pha
             friction=classical(np.array([0.014, 0.1, 0.05, 0.6])),
             speed_limit=limit,
         )
-        speed = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME).speeds[0]
+        speed = simulate_driveline(line, torque[:-1], sample_time=SAMPLE_TIME).speeds
         columns[f"u{wheel + 1}"] = torque
         # noise of an encoder's differences
         columns[f"wheel{wheel + 1}_dot"] = np.append(0.0, speed) + 0.02 * random.standard_normal(len(t))
@@ -84,7 +84,6 @@ WRONG: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
         "torque-scale",
         "the speeds are the motors', before the gear",
     ),
-    "time in ms": (times(1e3, "t"), "scale", "t appears to be in milliseconds"),
     "one torque ten times": (
         times(10.0, "u2"),
         "torque-scale",

@@ -16,8 +16,7 @@ from ballbot.findings import texts
 from ballbot.identification.geometry import geometry_findings, robot_with_geometry, survey_geometry
 from ballbot.identification.geometry_fits import (
     axle_directions,
-    imu_mounting,
-    read_mocap,
+    mocap_run,
     upside_down_geometry,
 )
 from ballbot.log.checks.kinematics import wheel_speeds_of_states
@@ -180,15 +179,15 @@ class TestKnownRobots:
     def test_the_imus_mounting_and_the_cameras_clock(self, degrees: list[float]):
         imu = Rotation.from_rotvec(np.radians(degrees))
         log, film = balancing_run(ALTEN, seed=10, imu=imu)
-        mounting = imu_mounting(log, read_mocap(film))
-        off = (mounting.R_imu_body * imu.inv()).magnitude()
-        assert off < 5.0 * np.linalg.norm(mounting.fit.errors[:3])
+        motion = mocap_run(log, film).motion
+        off = (motion.body_marker * imu.inv()).magnitude()
+        assert off < 5.0 * np.linalg.norm(motion.rotation_errors)
         assert math.degrees(off) < 0.5
-        np.testing.assert_allclose(mounting.fit.values[3:6], [0.004, -0.002, 0.003], atol=5e-4)
+        np.testing.assert_allclose(motion.bias, [0.004, -0.002, 0.003], atol=5e-4)
         setup = MotionCapture.drawn(10)
         expected = (1.0 + setup.clock_rate) * log.t + setup.clock_offset
         # a tenth of the cameras' interval
-        np.testing.assert_allclose(mounting.camera_time(log.t), expected, atol=8e-4)
+        np.testing.assert_allclose(motion.clock.to_cameras(log.t), expected, atol=8e-4)
 
     def test_gaps_and_falls_are_left_out(self):
         log, film = balancing_run(ALTEN, seed=11)
@@ -295,7 +294,7 @@ class TestRefusals:
     def test_a_film_of_another_run(self):
         log, _ = balancing_run(ALTEN, seed=20)
         _, film = balancing_run(ALTEN, seed=21)
-        with pytest.raises(InputError, match="are not of the same run"):
+        with pytest.raises(InputError, match="do not turn alike"):
             survey_geometry(ALTEN, balancing=[(log, film)])
 
     def test_a_short_log(self):
@@ -324,4 +323,4 @@ class TestRefusals:
             | {name: np.zeros(50) for name in ("x", "y", "z", "qw", "qx", "qy", "qz")}
         )
         with pytest.raises(InputError, match="has no poses"):
-            read_mocap(film)
+            mocap_run(balancing_run(ALTEN, seed=25)[0], film)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -20,11 +21,11 @@ from ballbot.identification.upside_down import (
     cut_ball_windows,
     identify_upside_down,
 )
-from ballbot.mechanics.friction import friction_terms, wheel_friction
+from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.friction_laws import Classical
 from ballbot.robot import Friction
-from ballbot.simulation.driveline import Driveline, simulate_drivelines
-from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.simulation.driveline import Driveline, simulate_driveline
+from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.workflows.ball_movement import ball_movement
 from tests.support.control_examples import FRICTION
 
@@ -37,16 +38,28 @@ FOUR = ClampedBall.of_robot(
         friction=Friction.none(4),
     )
 )
-NONE = friction_row(Friction.none(3))
-ROW = friction_row(FRICTION)
+NONE = Friction.none(3)
+
+
+def friction(b: ArrayLike, c: ArrayLike, s: ArrayLike, *, v_s: float = 0.6, delta: float = 1.1) -> Friction:
+    """Return the friction of wheels without rolling friction."""
+    viscous, coulomb, stribeck = (tuple(np.asarray(one, dtype=float).tolist()) for one in (b, c, s))
+    return Friction(
+        viscous=viscous,
+        coulomb=coulomb,
+        stribeck=stribeck,
+        stribeck_speed=v_s,
+        stribeck_exponent=delta,
+        rolling=0.0,
+    )
 
 
 def run(
-    ball: ClampedBall, row: np.ndarray, start: np.ndarray, torques: np.ndarray, step: float = 1e-3
+    ball: ClampedBall, law: Friction, start: np.ndarray, torques: np.ndarray, step: float = 1e-3
 ) -> np.ndarray:
     """Return Omega after each 5 ms sample of one run (samples, 3)."""
     return simulate_balls(
-        ball, friction=[row], initial=[start], torques=[torques], sample_time=0.005, step=step, threads=1
+        ball, frictions=[law], initial=[start], torques=[torques], sample_time=0.005, step=step, threads=1
     )[0, 0]
 
 
@@ -72,14 +85,14 @@ class TestPlant:
     def test_without_friction_torques_add_up(self, ball: ClampedBall):
         n = len(ball.A)
         torques = np.random.default_rng(0).normal(size=(50, n))
-        found = run(ball, friction_row(Friction.none(n)), np.ones(3), torques)
+        found = run(ball, Friction.none(n), np.ones(3), torques)
         expected = 1.0 + 0.005 * np.cumsum(torques, axis=0) @ np.linalg.solve(ball.inertia, ball.A.T).T
         np.testing.assert_allclose(found, expected, rtol=1e-11)  # rounding of 250 steps
 
     def test_viscous_friction_is_an_exponential(self):
         b = np.array([0.014, 0.02, 0.009])
         start = np.linalg.solve(BALL.A, [9.0, 7.0, 12.0])  # no wheel changes its sign, where the order is one
-        found = run(BALL, np.array([*b, *[0.0] * 6, 1.0, 1.0]), start, np.zeros((80, 3)))
+        found = run(BALL, friction(b, [0.0] * 3, [0.0] * 3), start, np.zeros((80, 3)))
         rate = np.linalg.solve(BALL.inertia, BALL.A.T @ np.diag(b) @ BALL.A)
         # RK4 at 1 ms on rates below 5/s: (h rate)^4
         np.testing.assert_allclose(found[-1], expm(-rate * 0.4) @ start, rtol=1e-9)
@@ -90,9 +103,9 @@ class TestPlant:
         u = 0.35 * np.sin(2.0 * math.pi * 0.7 * 0.005 * np.arange(600))
         lever = BALL.A[0, 2]
         line = Driveline(inertia=BALL.inertia[2, 2] / (3.0 * lever**2), friction=law)
-        speeds = simulate_drivelines(line, u, sample_time=0.005).speeds[0]
-        row = np.array([*[0.014] * 3, *[0.1] * 3, *[0.05] * 3, 0.6, 1.1])
-        found = run(BALL, row, np.zeros(3), np.repeat(u[:, None], 3, axis=1))
+        speeds = simulate_driveline(line, u, sample_time=0.005).speeds
+        same = friction([0.014] * 3, [0.1] * 3, [0.05] * 3)
+        found = run(BALL, same, np.zeros(3), np.repeat(u[:, None], 3, axis=1))
         assert np.abs(speeds).max() > 1.0
         # both are of first order where a sign changes, by different steps: 2e-3 of the largest speed
         np.testing.assert_allclose(lever * found[:, 2], speeds, atol=2e-3 * np.abs(speeds).max())
@@ -107,13 +120,13 @@ class TestPlant:
 
         reference = solve_ivp(rate, (0.0, 0.2), start, rtol=1e-11, atol=1e-12)
         assert (np.sign(BALL.A @ reference.y) == np.sign(BALL.A @ reference.y[:, :1])).all()
-        found = run(BALL, ROW, start, np.tile([0.2, -0.1, 0.1], (40, 1)))
+        found = run(BALL, FRICTION, start, np.tile([0.2, -0.1, 0.1], (40, 1)))
         np.testing.assert_allclose(found[-1], reference.y[:, -1], rtol=1e-9)
 
     def test_what_friction_can_hold_stays_exactly_at_rest(self):
         limits = np.array(FRICTION.coulomb) + np.array(FRICTION.stribeck)
-        assert not run(BALL, ROW, np.zeros(3), np.tile(0.999 * limits, (20, 1))).any()
-        assert run(BALL, ROW, np.zeros(3), np.tile(1.001 * limits, (20, 1))).any()
+        assert not run(BALL, FRICTION, np.zeros(3), np.tile(0.999 * limits, (20, 1))).any()
+        assert run(BALL, FRICTION, np.zeros(3), np.tile(1.001 * limits, (20, 1))).any()
 
     @settings(max_examples=60, deadline=None)
     @given(
@@ -123,8 +136,8 @@ class TestPlant:
     )
     def test_friction_never_gives_energy_and_ends_in_rest(self, start, dry, four):
         ball, n = (FOUR, 4) if four else (BALL, 3)
-        row = np.array([*[0.01] * n, *dry[:n], *[0.03] * n, 0.6, 1.1])
-        found = np.vstack([start, run(ball, row, np.array(start), np.zeros((400, n)))])
+        law = friction([0.01] * n, dry[:n], [0.03] * n)
+        found = np.vstack([start, run(ball, law, np.array(start), np.zeros((400, n)))])
         energy = np.einsum("ki,ij,kj->k", found, ball.inertia, found)
         assert (np.diff(energy) <= 1e-12 * energy[0]).all()
         if min(dry[:n]) > 0.15:  # decelerates from 20 rad/s within the two seconds
@@ -134,11 +147,11 @@ class TestPlant:
     def test_friction_by_direction_is_a_torque_and_load_is_coulomb_friction(self):
         d, mu, u = np.array([0.03, -0.02, 0.01]), np.array([0.1, 0.05, 0.2]), np.array([0.25, -0.3, 0.4])
         torques = np.concatenate([np.tile(u, (60, 1)), np.tile(-u, (60, 1))])[None]
-        terms = friction_terms(replace(FRICTION, coulomb_asymmetry=tuple(d), load=tuple(mu)))
+        directed = replace(FRICTION, coulomb_asymmetry=tuple(d), load=tuple(mu))
         common = {"initial": np.zeros((1, 3)), "sample_time": 0.005, "threads": 1}
-        ours = simulate_balls(BALL, friction=[ROW], terms=terms, torques=torques, **common)
-        loaded = friction_row(replace(FRICTION, coulomb=tuple(FRICTION.coulomb + mu * np.abs(u))))
-        theirs = simulate_balls(BALL, friction=[loaded], torques=torques - d, **common)
+        ours = simulate_balls(BALL, frictions=[directed], torques=torques, **common)
+        loaded = replace(FRICTION, coulomb=tuple(FRICTION.coulomb + mu * np.abs(u)))
+        theirs = simulate_balls(BALL, frictions=[loaded], torques=torques - d, **common)
         # the same law; only where a wheel reverses may the two choose another step, of first order, as the test below
         np.testing.assert_allclose(ours[:, :, :60], theirs[:, :, :60], rtol=0, atol=1e-12)
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5)
@@ -146,8 +159,10 @@ class TestPlant:
 
     def test_the_step_converges(self):
         torques = multisine(400, seed=2)
-        finest = run(BALL, ROW, np.zeros(3), torques, step=5e-5)
-        errors = [np.abs(run(BALL, ROW, np.zeros(3), torques, step=h) - finest).max() for h in (5e-3, 3e-4)]
+        finest = run(BALL, FRICTION, np.zeros(3), torques, step=5e-5)
+        errors = [
+            np.abs(run(BALL, FRICTION, np.zeros(3), torques, step=h) - finest).max() for h in (5e-3, 3e-4)
+        ]
         assert errors[1] < 0.5 * errors[0]  # first order would be a sixteenth, on the average over signs
         assert errors[1] < 5e-3 * np.abs(finest).max()
 
@@ -156,7 +171,7 @@ class TestPlant:
         results = [
             simulate_balls(
                 BALL,
-                friction=[ROW, NONE],
+                frictions=[FRICTION, NONE],
                 initial=np.ones((70, 3)),
                 torques=torques,
                 sample_time=0.005,
@@ -169,8 +184,7 @@ class TestPlant:
     @pytest.mark.parametrize(
         ("change", "sentence"),
         [
-            ({"friction": [ROW[:-1]]}, "rows of 11 numbers"),
-            ({"friction": [-ROW]}, "none may be negative"),
+            ({"frictions": [Friction.none(4)]}, "not that of 3 wheels"),
             ({"initial": [[np.nan, 0.0, 0.0]]}, "finite"),
             ({"sample_time": 0.0}, "sample time"),
             ({"every": 0}, "1 or more"),
@@ -178,7 +192,7 @@ class TestPlant:
     )
     def test_refusals(self, change, sentence):
         given = {
-            "friction": [ROW],
+            "frictions": [FRICTION],
             "initial": [[0.0] * 3],
             "torques": np.zeros((1, 5, 3)),
             "sample_time": 0.005,
@@ -187,11 +201,11 @@ class TestPlant:
             simulate_balls(BALL, **(given | change))
 
 
-def camera_log(*, duration: float, seed: int, row: np.ndarray = ROW, size: float = 0.3) -> Log:
+def camera_log(*, duration: float, seed: int, law: Friction = FRICTION, size: float = 0.3) -> Log:
     """Return a run of the plant with a friction, watched by a camera with noise of 0.03 rad/s."""
     samples, random = round(duration / 0.005), np.random.default_rng(seed)
     torques = multisine(samples, seed=seed, size=size)
-    omega = np.vstack([np.zeros(3), run(BALL, row, np.zeros(3), torques, step=5e-4)[:-1]])
+    omega = np.vstack([np.zeros(3), run(BALL, law, np.zeros(3), torques, step=5e-4)[:-1]])
     seen = omega + 0.03 * random.standard_normal(omega.shape)
     columns = {"t": 0.005 * np.arange(samples)} | {f"u{i + 1}": torques[:, i] for i in range(3)}
     return Log(columns | {f"ball_omega_{axis}": seen[:, i] for i, axis in enumerate("xyz")})
@@ -342,7 +356,7 @@ class TestIdentification:
 
     def test_logs_that_disagree_are_named_and_widen_the_errors(self, log: Log):
         other = replace(FRICTION, coulomb=tuple(1.3 * one for one in FRICTION.coulomb))
-        heavier = camera_log(duration=12.0, seed=9, row=friction_row(other))
+        heavier = camera_log(duration=12.0, seed=9, law=other)
         same = camera_log(duration=12.0, seed=9)
         apart, alike = (identify_upside_down(ALTEN, [log, one], window=0.4) for one in (heavier, same))
         assert [one.code for one in apart.findings].count("logs-differ") == 1

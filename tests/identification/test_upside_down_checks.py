@@ -61,7 +61,6 @@ WRONG: dict[str, tuple[Change, str, str]] = {
     ),
     "ball in rpm": (times(30.0 / np.pi, *BALL), "ball-omega", "ball_omega is in rpm"),
     "camera lost the ball": (frozen, "stuck", "ball_omega_z repeat one value for 2 s"),
-    "time in ms": (times(1e3, "t"), "scale", "t appears to be in milliseconds"),
 }
 
 

@@ -14,11 +14,17 @@ from ballbot.firmware.export import export_controller
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
 from ballbot.link.frames import FrameReader, message_of
-from ballbot.link.live import ControlFromHost, FollowReference, LiveRobot, TorqueProgram, log_columns
+from ballbot.link.live import (
+    ControlFromHost,
+    FollowReference,
+    LiveRobot,
+    TorqueProgram,
+    log_columns,
+    recorded_run,
+)
 from ballbot.link.messages import TO_ROBOT, ControllerPlace, Torques
 from ballbot.link.operators import EmulatedOperator
 from ballbot.link.references import CourseReference
-from ballbot.link.runs import recorded_run
 from ballbot.link.session import Session
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
@@ -374,7 +380,6 @@ def test_run_without_a_sample_leaves_no_recording(tmp_path):
             live.robot,
             follow(square()),
             operator=live.operator,
-            controller=ControllerPlace.ROBOT,
             duration=1.0,
             watch=lambda _: None,
             recording=path,

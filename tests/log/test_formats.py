@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -27,7 +27,6 @@ from ballbot.log.formats import (
     read_foreign_table,
     read_units,
     read_variables,
-    write_columns,
 )
 from ballbot.log.formats.inference import infer_text_table
 from ballbot.log.formats.text import TextLayout, plain, read_text_table
@@ -72,16 +71,6 @@ def assert_same(again: Log, log: Log) -> None:
         np.testing.assert_array_equal(np.signbit(again[name][known]), np.signbit(log[name][known]))
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(log=logs())
-def test_decimal_commas_come_back_to_the_bit(tmp_path, log):
-    path = tmp_path / "log.csv"
-    assume(len(log.names) > 1)
-    write_columns(path, log.columns, decimal_comma=True)
-    assert_same(Log.read(path), log)
-    assert "." not in path.read_text(encoding="utf-8").partition("\n")[2]
-
-
 @pytest.mark.parametrize(
     ("names", "foreign"),
     [
@@ -109,10 +98,6 @@ def test_a_spreadsheet_with_semicolons_or_tabs_is_a_log_without_a_mapping(tmp_pa
         assert not is_foreign(path)
     path.write_text("t;x\n0;1.5\n0.1;2\n")
     np.testing.assert_array_equal(Log.read(path)["x"], [1.5, 2.0])
-    with pytest.raises(InputError, match="one column cannot be written with decimal commas"):
-        write_columns(tmp_path / "log.csv", {"t": log.t}, decimal_comma=True)
-    with pytest.raises(InputError, match="only CSV has them"):
-        write_columns(tmp_path / "log.npz", log.columns, decimal_comma=True)
 
 
 def mat_bytes(columns: dict[str, np.ndarray]) -> bytes:

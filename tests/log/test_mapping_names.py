@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.log.mapping_search.names import UNITS, read_name, read_names, roles_by_name
+from ballbot.log.columns import UNITS
+from ballbot.log.mapping_search.names import read_name, read_names, roles_by_name
 
 #: words, and what they say: kind, axis, number
 KNOWN = {

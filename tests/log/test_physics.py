@@ -10,8 +10,7 @@ from ballbot.log import Log
 from ballbot.log.checks import check, check_logs
 from ballbot.log.checks.lean import AS_LOGGED, READINGS, lean_evidence, motion_of, usable_rows
 from ballbot.log.checks.physics import examine, torque_scale_errors
-from ballbot.log.checks.torque_balance import driving_of
-from ballbot.log.checks.torque_gains import USUAL, gains_of, motor_sums
+from ballbot.log.checks.torque_balance import USUAL, driving_of, gains_of, motor_sums
 from ballbot.robot import Robot
 from tests.support.physics_examples import FRICTION, balancing, exchanged, scaled
 

@@ -7,8 +7,10 @@ import sys
 SHAPE = """
 import sys
 sys.stderr.isatty = lambda: True
-from ballbot.mechanics.friction_laws import Classical, friction_at
-print(friction_at(Classical(viscous=0.01, coulomb=0.1, stribeck=0.05, stribeck_speed=0.6), 0.5))
+from ballbot.mechanics.friction_laws import Classical
+from ballbot.simulation.driveline import Driveline, simulate_drivelines
+law = Classical(viscous=0.01, coulomb=0.1, stribeck=0.05, stribeck_speed=0.6)
+print(simulate_drivelines(Driveline(inertia=1e-3, friction=law), [0.3], sample_time=0.01).speeds)
 """
 
 

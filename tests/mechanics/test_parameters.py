@@ -7,7 +7,6 @@ import pytest
 
 from ballbot import Robot
 from ballbot.mechanics.engine.lanes import MAX_PARAMETERS
-from ballbot.mechanics.friction import DirectedLaw, PlainLaw, WheelLaw
 from ballbot.mechanics.parameters import (
     PLACES,
     Parameters,
@@ -26,7 +25,6 @@ FULL = replace(
     stribeck_asymmetry=(-0.02, 0.01, 0.03),
     load=(0.2, 0.1, 0.3),
 )
-LAWS = (PlainLaw(), DirectedLaw())
 
 
 def four_wheeled() -> Robot:
@@ -35,15 +33,14 @@ def four_wheeled() -> Robot:
     return robot.replace(wheels=wheels, friction=Friction.none(4))
 
 
-@pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("robot", [alten(FULL), four_wheeled()])
-def test_a_packed_row_has_its_size_and_fits_into_a_lane(robot: Robot, law: WheelLaw) -> None:
-    row = pack(robot, "exact", law=law)
-    assert len(row) == row_size(selector("exact", robot.wheel_count, law=law)) <= MAX_PARAMETERS
+def test_a_packed_row_has_its_size_and_fits_into_a_lane(robot: Robot) -> None:
+    row = pack(robot, "exact")
+    assert len(row) == row_size(selector("exact", robot.wheel_count)) <= MAX_PARAMETERS
 
 
 def test_the_largest_robot_fills_the_rows_of_a_lane() -> None:
-    assert max(row_size(selector("exact", 4, law=law)) for law in LAWS) == MAX_PARAMETERS
+    assert row_size(selector("exact", 4)) == MAX_PARAMETERS
 
 
 def test_every_number_stands_at_the_place_of_its_name() -> None:

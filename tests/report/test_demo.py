@@ -90,17 +90,11 @@ def test_page_is_there_before_anything_is_compiled(tmp_path, monkeypatch, capsys
     assert "demo.html" in capsys.readouterr().out
 
 
-def test_folder_that_cannot_be_written_is_no_error(tmp_path, monkeypatch, capsys):
+def test_folder_that_cannot_be_written_is_refused(tmp_path, monkeypatch, capsys):
     (tmp_path / "ballbot-demo").write_text("a file in the way")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(demo, "identified", lambda *_: SimpleNamespace(robot=Robot.load(demo_runs.ROBOT)))
-    monkeypatch.setattr(demo, "state_found", lambda _: demo.ResultState(heading="found"))
-    monkeypatch.setattr(demo, "write_report", lambda *_: None)
-    assert main(["demo", "--no-browser"]) == 0
-    said = capsys.readouterr().out
-    page = Path(said.splitlines()[0])
-    assert page.is_file()
-    assert said.count("  ballbot ") == 3
+    assert main(["demo", "--no-browser"]) == 2
+    assert "ballbot-demo is a file" in capsys.readouterr().err
 
 
 def test_page_reads_on_until_the_report_is_written(tmp_path, monkeypatch):

@@ -27,9 +27,9 @@ from ballbot.report.provenance import Provenance
 from ballbot.report.run import over_time
 from ballbot.report.series import Line, Panel, TimeSeries, together, true_spans
 from ballbot.report.words import signed_with_error
-from ballbot.viewer.packing import unpacked
 from tests.support.control_examples import alten
 from tests.support.log_examples import smooth_log
+from tests.support.packing import unpacked
 from tests.support.report_pages import LARGEST_PAGE, shown_text
 
 MADE = Provenance(command="ballbot try", files=(), seed=3, versions={"python": "3"})

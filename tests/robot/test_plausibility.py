@@ -38,7 +38,7 @@ def test_friction_without_deviations_is_said_to_count_as_exact() -> None:
     robot = Robot.load("alten").replace(friction=Robot.load("rezero").friction)
     (found,) = robot_findings(robot)
     assert (found.code, found.severity) == ("robot-deviation", "note")
-    assert found.text.startswith("friction.coulomb has no standard deviation")
+    assert found.text.startswith("No standard deviation of friction.coulomb is stated")
     assert "as exact" in found.text
     stated = {name: value_of(robot, BY_NAME[name]) for name in found.where.columns}
     assert robot_findings(robot.annotated(standard_deviations=stated)) == ()
@@ -50,17 +50,29 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
     "tilt in rad": (
         {"wheels__tilt": 0.785 * DEGREE},
         "robot-wheels",
-        "Did you mean wheels.tilt 0.785 rad, that is 44.98 deg?",
+        "Did you mean wheels.tilt 0.785 rad (44.98 deg)?",
     ),
-    "gear ratio": ({"drive__gear_ratio": 1e4}, "robot-drive", "10000 motor turns for a wheel turn"),
-    "gear ratio inverse": ({"drive__gear_ratio": 1 / 27.6}, "robot-drive", "its inverse, 27.6?"),
+    "gear ratio": ({"drive__gear_ratio": 1e4}, "robot-drive", "1e+04 motor turns for a wheel turn"),
+    "gear ratio inverse": (
+        {"drive__gear_ratio": 1 / 27.6},
+        "robot-drive",
+        "0.0362 motor turns for a wheel turn",
+    ),
     "centre of mass in mm": (
         {"body__center_of_mass": 0.000393},
         "robot-body",
         "Did you mean body.center_of_mass 0.393 m?",
     ),
-    "centre of mass in the ball": ({"body__center_of_mass": 0.1}, "robot-body", "would lie inside the ball"),
-    "inertia ten times": ({"body__inertia": (43.7, 43.7, 1.93, 0, 0, 0)}, "robot-body", "do not go together"),
+    "centre of mass in the ball": (
+        {"body__center_of_mass": 0.1},
+        "robot-body",
+        "0.909 ball radii above its centre",
+    ),
+    "inertia ten times": (
+        {"body__inertia": (43.7, 43.7, 1.93, 0, 0, 0)},
+        "robot-body",
+        "the radius of gyration about the centre of mass is",
+    ),
     "torque limit in mN m": (
         {"drive__torque_limit": 0.006},
         "robot-balance",
@@ -78,7 +90,7 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         "cut into each other",
     ),
     "wheel diameter in cm": ({"wheels__radius": 0.63}, "robot-wheels", "Did you mean wheels.radius 0.063 m?"),
-    "slow": ({"sensors__sample_time": 0.5}, "robot-balance", "does not balance it"),
+    "slow": ({"sensors__sample_time": 0.5}, "robot-balance", "of the time in which the body falls e-fold"),
     "sample time in us": (
         {"sensors__sample_time": 1.2e-5},
         "robot-sensors",
@@ -99,7 +111,11 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         "robot-friction",
         "Did you mean friction.coulomb [0.1, 0.09, 0.1] N m?",
     ),
-    "floor of sand": ({"friction__rolling": 0.7}, "robot-friction", "brakes as a slope of 35 deg"),
+    "floor of sand": (
+        {"friction__rolling": 0.7},
+        "robot-friction",
+        "brakes as a floor that rises by 0.7 in 1",
+    ),
     "rollers in cm": (
         {"wheels__rollers": replace(ALTEN.wheels.rollers, row_spacing=0.4)},
         "robot-wheels",
@@ -124,13 +140,13 @@ def test_wrong_robots_get_an_error_that_names_the_cause(
 
 
 UNUSUAL: dict[str, tuple[dict[str, object], str]] = {
-    "noise in degrees": ({"sensors__gyro_noise": 0.11}, "did you mean 0.11 deg/s?"),
-    "torque limit": ({"drive__torque_limit": 0.6}, "a lean of 1.1 deg, too little to balance"),
+    "noise in degrees": ({"sensors__gyro_noise": 0.11}, "was it meant in deg/s?"),
+    "torque limit": ({"drive__torque_limit": 0.6}, "holds a lean of 1.12 deg"),
     "axes in another order": (
         {"body__inertia": (0.193, 4.37, 4.37, 0, 0, 0), "body__inertia_about": "center_of_mass"},
-        "whether xx, yy and zz are in their order",
+        "check that xx, yy and zz are in their order",
     ),
-    "play of 10 degrees": ({"drive__backlash": 10 * DEGREE}, "gearboxes have 0.05 to 3 deg"),
+    "play of 10 degrees": ({"drive__backlash": 10 * DEGREE}, "10 deg at the wheel"),
 }
 
 

@@ -79,14 +79,17 @@ class TestFile:
             ('["friction.rolling", "friction.rolling"]', "[[1.0], [0.1, 1.0]]", "a number twice"),
             ('["friction.rolling", "body.mass"]', "[[1.0], [0.1]]", "rows of 1 to 2"),
             ('["friction.rolling", "body.mass"]', "[[1.0], [1.2, 1.0]]", "numbers from -1 to 1"),
-            ('"friction.rolling"', "[[1.0]]", "of is a list of names"),
-            ('["body.mass"]', '[[1.0]]\nstandard_errors = "no"', "standard_errors a list of numbers"),
+            ('"friction.rolling"', "[[1.0]]", r"correlation\.of is 'friction.rolling'; it must be a list"),
             (
                 '["body.mass"]',
                 "[[1.0]]\n[intervals]\n'body.mass' = [0.0, 1.0]",
                 "standard deviation must be inf",
             ),
-            ('["body.mass"]', "[[1.0]]\n[intervals]\n'body.mass' = [0.0]", "each number has its two ends"),
+            (
+                '["body.mass"]',
+                "[[1.0]]\n[intervals]\n'body.mass' = [0.0]",
+                "one entry; it must have at least 2",
+            ),
         ],
     )
     def test_mistaken_correlations_end_in_one_sentence(self, of: str, lower: str, says: str, tmp_path: Path):
@@ -95,16 +98,6 @@ class TestFile:
         (tmp_path / "bad.toml").write_text(text)
         with pytest.raises(InputError, match=says):
             Robot.load(tmp_path / "bad.toml")
-
-    def test_joint_errors_of_an_earlier_version_take_the_place_of_larger_deviations(self, tmp_path: Path):
-        robot = known_to({"friction.coulomb": (0.1, 0.1, 0.1), "body.mass": 0.1})
-        table = (
-            'of = ["friction.coulomb[1]", "friction.coulomb[2]", "body.mass"]\n'
-            "standard_errors = [0.004, 0.0, 0.02]\nlower = [[1.0], [0.5, 1.0], [0.1, 0.0, 1.0]]\n"
-        )
-        (tmp_path / "old.toml").write_text(f"{robot_text(robot)}[correlation]\n{table}")
-        read = Robot.load(tmp_path / "old.toml")
-        assert read.standard_deviations == {"friction.coulomb": (0.1, 0.004, 0.1), "body.mass": 0.02}
 
     @pytest.mark.parametrize(
         ("stated", "says"),
@@ -144,12 +137,12 @@ class TestFile:
                 '0.393, unit = "m", standard_deviation = nan',
                 "it must be zero or more",
             ),
-            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = "1"', "it must be one number"),
+            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = "1"', "it must be a whole number"),
             ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = [1]', "it must be one number"),
             (
                 '0.393, unit = "m"',
                 '0.393, unit = "m", standard_deviaton = 1',
-                "did you mean 'standard_deviation'",
+                "standard_deviaton is not a key of a parameter; did you mean",
             ),
             ('240.0], unit = "deg"', '240.0], unit = "deg", standard_deviation = [1]', "it needs 3 of them"),
             (

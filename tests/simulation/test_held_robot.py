@@ -6,9 +6,9 @@ import pytest
 from ballbot import Robot
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot.derived import encoder_step, wheel_speed_limit
-from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.driveline import Driveline, simulate_driveline
 from ballbot.simulation.held_robot import HeldRobot
-from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.twin.imperfections import true_model
 from ballbot.twin.scenario_file import load_scenario
 
@@ -34,9 +34,12 @@ def test_wheels_in_the_air_are_free_drivelines():
     torques = np.sin(0.1 * np.arange(400))[:, None] * [0.6, -0.5, 0.4]  # slower than the supply lets them be
     found = np.array([plant.step(one, STEP).wheel_angles for one in torques])
     lines = [Driveline.of_wheel(plant.robot, i) for i in range(3)]
-    wanted = simulate_drivelines(lines, torques.T, sample_time=STEP)
+    wanted = [
+        simulate_driveline(line, row, sample_time=STEP).angles
+        for line, row in zip(lines, torques.T, strict=True)
+    ]
     # a count of the encoder, and what a sample by itself rounds differently
-    np.testing.assert_allclose(found.T, wanted.angles, atol=1.01 * resolution(plant.robot))
+    np.testing.assert_allclose(found.T, wanted, atol=1.01 * resolution(plant.robot))
 
 
 def test_supply_limits_the_speed_of_a_free_wheel():
@@ -64,7 +67,7 @@ def test_upside_down_the_ball_turns_as_on_clamped_wheels():
         found.append(plant.ball_omega)
     wanted = simulate_balls(
         ClampedBall.of_robot(robot),
-        friction=friction_row(robot.friction)[None],
+        frictions=[robot.friction],
         initial=np.zeros((1, 3)),
         torques=torques[None],
         sample_time=STEP,

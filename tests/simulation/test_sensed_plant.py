@@ -13,7 +13,6 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller, write_controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
-from ballbot.mechanics.friction import dry_friction_size
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.file import write_robot
 from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, Push, Supply, rest_on_slope
@@ -418,15 +417,6 @@ def test_a_scenarios_drive_pushes_and_timing_are_the_loops():
     # a first-order lag of 1/(2 pi f) has 71 % left at f
     assert abs(1.0 / (1.0 + 2j * np.pi * 80.0 * found.lag)) == pytest.approx(np.sqrt(0.5))
     assert found.imbalance == pytest.approx((0.1, -0.04))
-
-
-def test_asymmetry_is_dry_friction_larger_forward_than_backward():
-    robot = Robot.load("alten")
-    scenario = replace(Scenario.nominal(robot), asymmetry=0.2)
-    speeds = np.array([[0.7, 0.7, 0.7], [-0.7, -0.7, -0.7]])
-    plain = dry_friction_size(speeds, scenario.friction)
-    found = dry_friction_size(speeds, true_model(robot, scenario).robot.friction)
-    np.testing.assert_allclose(found, plain * np.array([[1.2], [0.8]]), rtol=1e-12)
 
 
 def test_a_payload_off_the_axis_leans_the_robot_as_the_twin():

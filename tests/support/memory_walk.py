@@ -24,20 +24,20 @@ from ballbot.control.references import hold
 from ballbot.control.safety import SafeController
 from ballbot.estimation import Fix, OnboardState, Reading
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.identification.axis.model import AXIS_LAWS, Axis
+from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.swing import Swing
 from ballbot.identification.swing import _motion as swing_motion
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
-from ballbot.mechanics.friction_laws import Classical, LuGre, advance, follow, friction_at
+from ballbot.mechanics.friction_laws import Classical
 from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
 from ballbot.simulation.batch import Verdict
-from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.driveline import Driveline, simulate_driveline
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.simulation.upside_down import follow as follow_ball
 from ballbot.twin import Twin
 
@@ -55,7 +55,6 @@ SENSED = SensedPlant(MODEL, Imperfections(sensors=ROBOT.sensors, backlash=0.02, 
 CONTROLLER = nominal_controller(ROBOT)
 BALL = ClampedBall.of_robot(ROBOT)
 CURVE = {"viscous": 0.01, "coulomb": 0.1, "stribeck": 0.05, "stribeck_speed": 0.6}
-LUGRE = LuGre(**CURVE, stiffness=20.0, micro_damping=0.015625)
 STATE = 0.05 * np.sin(1.0 + np.arange(10.0))
 TORQUES = np.array([0.125, -0.0625, 0.25])
 Arrays = dict[str, np.ndarray]
@@ -111,7 +110,6 @@ def cases() -> Iterator[tuple[str, Case]]:
         ),
     )
     yield "minimise", _minimise()
-    yield from _friction_laws()
     yield from _control()
     yield from _estimators()
     yield from _plants()
@@ -129,27 +127,8 @@ def _minimise() -> Case:
         "free": np.arange(5.0) / 4.0,
         "C": C,
         "limits": np.array([0.5, 0.25, 1.0]),
-        "start": np.arange(5.0) / 8.0,
     }
     return Case(call=lambda a: minimise(rolling_force=0.1, h=0.001, **a), arrays=arrays, rows=("C",))
-
-
-def _friction_laws() -> Iterator[tuple[str, Case]]:
-    state = LUGRE.initial_state(1.0)
-    yield (
-        "friction_at",
-        Case(call=lambda a: friction_at(LUGRE, 0.5, **a), arrays={"state": state}, optional=("state",)),
-    )
-    yield "advance", Case(call=lambda a: advance(LUGRE, speed=0.5, step=H, **a), arrays={"state": state})
-    speeds = np.array([0.5, 0.25, -0.5])
-    yield (
-        "follow",
-        Case(
-            call=lambda a: follow(LUGRE, a["speeds"], sample_time=H, applied=a["applied"]),
-            arrays={"speeds": speeds, "applied": speeds},
-            rows=("applied",),
-        ),
-    )
 
 
 def _control() -> Iterator[tuple[str, Case]]:
@@ -285,35 +264,27 @@ def _simulations() -> Iterator[tuple[str, Case]]:
 
 
 def _drivelines() -> Iterator[tuple[str, Case]]:
-    for friction in (Classical(**CURVE, stribeck_exponent=1.1), LUGRE):
-        line = Driveline(inertia=0.003, friction=friction)
-        yield (
-            f"simulate_drivelines, {type(friction).__name__}",
-            Case(
-                call=lambda a, line=line: simulate_drivelines(
-                    line, a["u"], sample_time=H, initial_speeds=a["w"]
-                ),
-                arrays={
-                    "u": np.array([TORQUES, -TORQUES]),
-                    "w": np.array([0.5, 0.25]),
-                },
-                rows=("u", "w"),
-                lengths=("u", "w"),
-            ),
-        )
+    line = Driveline(inertia=0.003, friction=Classical(**CURVE, stribeck_exponent=1.1))
+    yield (
+        "simulate_driveline",
+        Case(
+            call=lambda a: simulate_driveline(line, a["u"], sample_time=H, initial_speed=0.5),
+            arrays={"u": np.array(TORQUES)},
+            lengths=("u",),
+        ),
+    )
 
 
 def _clamped_ball() -> Iterator[tuple[str, Case]]:
     yield (
         "simulate_balls",
         Case(
-            call=lambda a: simulate_balls(BALL, sample_time=H, **a),
+            call=lambda a: simulate_balls(BALL, frictions=[FRICTION], sample_time=H, **a),
             arrays={
-                "friction": friction_row(FRICTION)[None],
                 "initial": np.array([[0.5, 0.25, -0.5], [0.0, 0.125, 0.5]]),
                 "torques": np.array([[TORQUES] * 3] * 2),
             },
-            rows=("friction", "torques"),
+            rows=("torques",),
         ),
     )
     yield (
@@ -342,7 +313,7 @@ def _log() -> Case:
 
 
 def _identification() -> Iterator[tuple[str, Case]]:
-    axis = Axis(law=AXIS_LAWS["coulomb"], values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0})
+    axis = Axis(values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0})
     path = np.sin(np.arange(200.0) / 8.0)
 
     def moved(a: Arrays) -> object:

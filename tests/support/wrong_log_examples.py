@@ -123,14 +123,6 @@ def spliced(log: Log, start: float, end: float, *shifted: str) -> Log:
     return Log(columns)
 
 
-def copied(log: Log, source: int, to: int, rows: int) -> Log:
-    """Return the log in which rows were overwritten by others, but for their time."""
-    columns = {name: log[name].copy() for name in log if name != "t"}
-    for values in columns.values():
-        values[to : to + rows] = values[source : source + rows]
-    return log.with_columns(columns)
-
-
 def random_torques(log: Log, *names: str) -> Log:
     random = np.random.default_rng(0)
     return log.with_columns({name: 0.5 * random.standard_normal(len(log)) for name in names or TORQUES})

@@ -22,9 +22,6 @@ from ballbot.cli.main import main
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold
-from ballbot.errors import InputError
-from ballbot.fitting.sweep import Processes
-from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
@@ -34,39 +31,34 @@ from tests.support.symbolic_oracle import random_state
 
 pytest.importorskip("mujoco")
 
+from ballbot.file_formats import results_text
+from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.thesis.reproduce import figures, mistakes, recordings
+from ballbot.thesis.reproduce import figures, mistakes
 from ballbot.thesis.reproduce.bench import Bench, linear_run
 from ballbot.thesis.reproduce.campaign import Reproduction, item_name, items_named
 from ballbot.thesis.reproduce.figures import ITEMS
 from ballbot.thesis.reproduce.item import Check, Item, Mistake, run_seed
 from ballbot.thesis.reproduce.item import check as check_of
 from ballbot.thesis.reproduce.mistakes import MISTAKES
-from ballbot.thesis.reproduce.page import (
-    friction_line,
-    item_markdown,
-    mistake_markdown,
-    write_reproduction,
-)
+from ballbot.thesis.reproduce.page import reproduction_report, reproduction_results
 from ballbot.thesis.reproduce.recordings import (
     CHANGE,
-    Logs,
     ModelOnGrid,
     TwinOnGrid,
     balance,
-    record,
 )
 from ballbot.thesis.reproduce.runs import above, distance_at
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.comparison import median_with_interval
+from campaigns.reproduce import friction_line, item_markdown, mistake_markdown
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+def bench() -> Bench:
     """A bench without recordings: enough for what is of models and parameters alone."""
-    robot = Robot.load("alten")
-    return Bench(robot=robot, seed=0, folder=tmp_path_factory.mktemp("runs"))
+    return Bench(robot=Robot.load("alten"), seed=0)
 
 
 def check(*, value: float, lowest: float = -math.inf, highest: float = math.inf) -> Check:
@@ -195,8 +187,8 @@ def test_mistakes_are_shown_by_their_numbers(
 def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian(seed: int) -> None:
     """(II.34) as printed less (II.34) with d'Alembert's principle first, derived by SymPy at any state."""
     pytest.importorskip("sympy")
-    from ballbot.thesis.lagrangian import equations as derived
-    from ballbot.thesis.symbols import corrections_of
+    from tests.support.lagrangian import corrections_of
+    from tests.support.lagrangian import equations as derived
 
     robot, printed = Robot.load("alten"), corrections_of("thesis")
     q, q_dot, _ = random_state(np.random.default_rng(seed), 3)
@@ -313,52 +305,7 @@ def documented_friction(page: str) -> Friction:
     )
 
 
-def counted(robot: Robot, seed: int, number: int) -> Logs:
-    """Record something small, and leave a mark that it was made."""
-    t = np.linspace(0.0, 1.0, 11)
-    mark = Path(str(robot.name))
-    mark.write_text(mark.read_text(encoding="utf-8") + "x" if mark.exists() else "x", encoding="utf-8")
-    return {"log": Log({"t": t, "theta": np.sin(seed + number + t)}), "film": Log({"t": t, "qw": t / 3.0})}
-
-
-@pytest.mark.slow
-def test_recordings_are_made_once_and_read_back_bit_for_bit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # the robot's name is where the recording counts itself, for it is made in another process
-    robot = Robot.load("alten").replace(name=str(tmp_path / "made"))
-    monkeypatch.setattr(recordings, "KINDS", {"small": (1, counted)})
-    reported: list[float] = []
-
-    def again(seed: int) -> Logs:
-        (made,) = record(
-            "small", robot, seed=seed, folder=tmp_path, progress=lambda now: reported.append(now.share)
-        )
-        return made
-
-    first = again(3)
-    # one process has shown that recordings come from others; threads begin at once
-    monkeypatch.setattr(recordings, "ALL_CORES", Processes(count=1))
-    second = again(3)
-    assert (tmp_path / "made").read_text(encoding="utf-8") == "x"
-    assert reported == [0.0, 1.0, 1.0]
-    for name in ("log", "film"):
-        for column in first[name]:
-            np.testing.assert_array_equal(first[name][column], second[name][column])
-    with pytest.raises(InputError, match="differ from these in: seed;"):
-        again(4)
-    # what a full disk or a stopped copy left is made again, and so is what was edited
-    path = tmp_path / "small" / "0.npz"
-    whole = path.read_bytes()
-    edited = bytearray(whole)
-    edited[len(whole) // 2] ^= 1
-    for content in (whole[:-20], bytes(edited)):
-        path.write_bytes(content)
-        np.testing.assert_array_equal(again(3)["log"]["theta"], first["log"]["theta"])
-    assert (tmp_path / "made").read_text(encoding="utf-8") == "xxx"
-
-
-def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
+def test_page_has_figures_beside_words(bench: Bench) -> None:
     t = np.arange(10.0)
     series = TimeSeries(
         t=t, panels=[Panel(label="x", lines=[Line(name="x", values=t, look="first")])], caption=""
@@ -369,8 +316,8 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
         replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"),
     )
     made = Reproduction(bench=bench, items=items, mistakes=(mistakes.seam_curve(bench),))
-    index = write_reproduction(made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0))
-    page = index.read_text(encoding="utf-8")
+    origin = provenance(command="ballbot", files=[], seed=0)
+    page = page_of(replace(reproduction_report(made), made=origin))
     assert figure_count(page) == 2
     assert len(page) < LARGEST_PAGE
     # one self-contained file: nothing is fetched from beside it
@@ -383,20 +330,19 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
     assert not any("Figure" in one or "Table" in one for one in headings)
     assert "Figure III.1 of the thesis, reproduced." in page
     assert "Figure 5.6 of the thesis, reproduced." in page
-    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    results = json.loads(results_text(reproduction_results(made)))
     assert [one["verdict"] for one in results["items"]] == ["agrees", "agrees", "does not agree"]
     assert results["mistakes"][0]["proven"] is True
-    assert "(V.4)" in (tmp_path / "reproduce.md").read_text(encoding="utf-8")
+    assert "(V.4)" in page
 
 
-def test_one_figure_alone_makes_only_the_recordings_it_needs(tmp_path: Path) -> None:
+def test_one_figure_alone_needs_no_recording(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["reproduce", "--only", "figure iii.1", "--out", str(out)]) == 0
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
     assert [one["name"] for one in results["items"]] == ["Figure III.1"]
     assert results["mistakes"] == []
     assert results["friction_identified"] is None
-    assert list(out.glob("runs/**/*.npz")) == []
 
 
 def test_every_item_has_the_name_that_it_is_asked_for_by(bench: Bench) -> None:

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
-from ballbot.mechanics.friction_laws import Dahl
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction
 from ballbot.simulation.imperfections import Push
@@ -238,9 +237,6 @@ def test_disabled_faults_are_not_built() -> None:
     assert 'impratio="10"' in document
 
 
-DAHL = Dahl(coulomb=0.1, stiffness=60.0, viscous=0.014)
-
-
 @pytest.mark.parametrize(
     ("faults", "sentence"),
     [
@@ -248,11 +244,8 @@ DAHL = Dahl(coulomb=0.1, stiffness=60.0, viscous=0.014)
         ({"compliance": Compliance(frequency=-1.0, damping_ratio=0.1)}, r"compliance\.frequency is -1"),
         ({"timing": Timing(jitter=0.003)}, "half a sample"),
         ({"timing": Timing(delay=-1)}, r"timing\.delay"),
-        ({"asymmetry": 1.5}, "asymmetry is 1.5; it must be at most 1"),
         ({"load_dependence": LoadDependence(fraction=1.5)}, "must be at most 1"),
         ({"floor_tilt": (0.5, 0.0)}, "floor_tilt"),
-        ({"driveline_laws": (DAHL,)}, "friction for 1 wheels"),
-        ({"driveline_laws": (DAHL,) * 3, "asymmetry": 0.1}, "classical"),
         ({"payload": Payload(mass=0.0, position=(0, 0, 0))}, r"payload\.mass is 0"),
         ({"pushes": (Push(time=0, duration=1, force=(np.nan, 0, 0), height=0),)}, r"pushes\.force is nan"),
         ({"backlash": float("inf")}, "finite"),

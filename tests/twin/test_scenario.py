@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
-from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.imperfections import Push, Supply
 from ballbot.twin import Scenario, Twin, mjcf
@@ -70,24 +69,11 @@ number = st.floats(-30.0, 30.0)
         ),
         max_size=3,
     ).map(tuple),
-    asymmetry=st.floats(-0.99, 0.99),
     name=st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]), max_size=20),
 )
 def test_every_fault_round_trips(tmp_path_factory: pytest.TempPathFactory, **parts: object) -> None:
     scenario = replace(NOMINAL, **parts)  # type: ignore[arg-type]
     assert read(scenario_text(scenario), tmp_path_factory.getbasetemp()) == scenario
-
-
-def test_other_friction_laws_round_trip(tmp_path: Path) -> None:
-    curve = {"viscous": 0.01, "coulomb": 0.1, "stribeck": 0.01, "stribeck_speed": 0.5}
-    laws = (
-        LuGre(**curve, stiffness=50.0, micro_damping=0.05),
-        Armstrong(**curve, stiffness=50.0),
-        Dahl(coulomb=0.1, stiffness=50.0),
-    )
-    scenario = replace(NOMINAL, driveline_laws=laws)
-    assert read(scenario_text(scenario), tmp_path) == scenario
-    assert "smoothed" in str(Smoothed).lower()  # the fourth law has its own numbers
 
 
 def test_scenario_file_contains_only_differences(tmp_path: Path) -> None:
@@ -146,11 +132,6 @@ def test_every_line_of_a_file_has_a_comment() -> None:
         ("base = 3", "base is 3"),
         ("[timing]\ndelay = 1.5", "timing.delay is 1.5; it must be a whole number"),
         ("wheel_contact = 'wheels'", "wheel_contact is 'wheels'"),
-        ("[[driveline_laws]]\nlaw = 'lugr'", "must be one of armstrong, dahl, lugre, smoothed"),
-        ("driveline_laws = 3", "[[driveline_laws]]"),
-        ("[[driveline_laws]]\nlaw = 'dahl'\nstifness = 3", "did you mean 'stiffness'?"),
-        ("[[driveline_laws]]\nlaw = 'dahl'\ncoulomb = 3", "stiffness is missing"),
-        ("[[driveline_laws]]\nlaw = 'dahl'\ncoulomb = 3\nstiffness = -1", "stiffness is -1"),
         ("x = ", "not valid TOML"),
     ],
 )

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.viewer import replay_page, replay_part
-from ballbot.viewer.packing import RESOLUTION, packed, unpacked
+from ballbot.viewer.packing import RESOLUTION, packed
 from tests.support.log_examples import smooth_log, with_wheels
+from tests.support.packing import unpacked
 
 ALTEN = Robot.load("alten")
 

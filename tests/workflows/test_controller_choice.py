@@ -32,7 +32,7 @@ from ballbot.workflows.controller_choice import (
 )
 from ballbot.workflows.metrics import QUANTITIES, Performance, Score
 from ballbot.workflows.study import sampled_at
-from ballbot.workflows.twin_confirmation import Confirmation, TwinRolling
+from ballbot.workflows.twin_confirmation import Confirmation
 from tests.support.control_examples import FRICTION, alten
 from tests.support.scores import score_of as run
 
@@ -43,7 +43,7 @@ def nominal() -> Controller:
 
 
 def trial(*runs: Score) -> Trial:
-    return Trial(controller=nominal(), scores=runs, performances=())
+    return Trial(controller=nominal(), scores=runs)
 
 
 def around(peak: float, roughness: float) -> Trial:
@@ -82,7 +82,6 @@ def choice_of(trials: dict[str, Trial]) -> ControllerChoice:
         trials=trials,
         equals=equal_best(trials),
         chosen=smoothest_of_best(trials),
-        runs={},
     )
 
 
@@ -213,7 +212,6 @@ def test_a_draw_on_the_loop_is_the_plant_one_period_at_a_time_and_another_with_a
 def confirmed(*, loop: tuple[Trial, Trial], twin: tuple[Trial, Trial]) -> Confirmation:
     return Confirmation(
         course=SQUARE,
-        rolling=TwinRolling(identified=0.01, added=0.0),
         on_loop=dict(zip(("none", "precise"), loop, strict=True)),
         on_twin=dict(zip(("none", "precise"), twin, strict=True)),
     )

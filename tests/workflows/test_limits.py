@@ -287,7 +287,7 @@ def test_check_reports_whether_a_reference_is_feasible(tmp_path, capsys):
     assert "The robot can follow circle; its tightest margin is" in capsys.readouterr().out
     results = json.loads((tmp_path / "results.json").read_text())["reference"]
     assert results["can_be_followed"] is True
-    assert {use["quantity"] for use in results["followed_exactly"]} == {
+    assert {use["quantity"] for use in results["uses"]} == {
         "torque",
         "wheel speed",
         "lean",

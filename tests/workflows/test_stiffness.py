@@ -39,7 +39,7 @@ def controller() -> Controller:
 def trial(peak: float, ended: str | None = None) -> Trial:
     scores: list[Score] = [score_of(peak * factor) for factor in SPREAD]
     scores[0] = replace(scores[0], ended=ended)
-    return Trial(controller=controller(), scores=tuple(scores), performances=())
+    return Trial(controller=controller(), scores=tuple(scores))
 
 
 def found(
@@ -53,7 +53,7 @@ def found(
         gains.append(
             Stiffness(
                 position_gain=float(place),
-                sensitivities=dict.fromkeys((False, True), sensitivity if last else 1.0),
+                sensitivity=sensitivity if last else 1.0,
                 trials={v: trial(with_it) if v.compensation else one for v in VARIANTS},
             )
         )
@@ -98,14 +98,13 @@ def measured(monkeypatch: pytest.MonkeyPatch, scenario: Scenario) -> FrictionByS
     """Return three gains on two robots in a scenario, on 8 s of the square."""
     monkeypatch.setattr(stiffness, "_GAINS", 3)
     plants = tuple(PlantDraw(robot=ROBOT, known=ROBOT, scenario=scenario, seed=seed) for seed in (0, 1))
-    base = Trial(controller=controller(), scores=(), performances=())
+    base = Trial(controller=controller(), scores=())
     choice = ControllerChoice(
         plants=plants,
         course=replace(SQUARE, duration=8.0),
         trials={"precise": base},
         equals=(),
         chosen=None,
-        runs={},
     )
     return measure_stiffness(choice)
 
@@ -120,7 +119,7 @@ def test_delay_lag_and_resonance_end_the_margins_at_a_softer_gain(monkeypatch):
         one = measured(monkeypatch, scenario)
         gains = [each.position_gain for each in one.gains]
         assert one.margins_end == (scenario is not nominal)
-        assert one.gains[0].sensitivities[False] < one.gains[-1].sensitivities[False]
+        assert one.gains[0].sensitivity < one.gains[-1].sensitivity
         ends.append(gains[-1])
     assert ends[0] > 1.5 * max(ends[1:])
     assert "too few to tell where friction matters" in stiffness_sentences(measured(monkeypatch, late))

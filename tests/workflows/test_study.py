@@ -341,7 +341,7 @@ def test_report_is_self_contained(folder: Path):
 def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Path, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.setattr(twin_confirmation, "CONFIRMED_ON", NamedCourse(name="square", duration=8.0))
-    found = confirm(small.found, small.choice)
+    found = confirm(small.choice)
     assert found is not None
     assert list(found.on_twin) == ["none", small.choice.chosen]
     assert found.contradiction is None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, input_files, open_result
+from ballbot.cli.context import PAGE, MappingFile, OutFolder, open_result
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
 from ballbot.log import Log
@@ -13,11 +13,9 @@ from ballbot.report.alignment import alignment_report, alignment_results
 from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
 
-_WRITTEN = (PAGE, "results.json", "aligned.csv")
-
 
 def align(
-    log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None, accept: Accept = None
+    log: Path, mocap: Path, /, *, out: OutFolder, mapping: MappingFile = None, accept: Accept = None
 ) -> None:
     """Compare a log's sensors with motion capture of the same run; clocks and frames may differ.
 
@@ -36,31 +34,23 @@ def align(
     mocap
         The motion-capture file: t, qw qx qy qz of the body, and x y z of the ball's centre or of any point of the
         body.
-    out
-        The folder to write into.
-    mapping
-        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     """
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
-    findings = check_input(None, {log: run}, accept=accept, mappings=[mapping])
-    inputs = input_files(log, mocap, mapping)
+    findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
     (name,) = named_files([log])
-    with open_result(out, command="align", writes=_WRITTEN, inputs=inputs) as result:
-        with result.progress("aligning") as bar:
-            bar.show(0.0, note=name)
-            try:
-                alignment = align_log(run, film)
-            except InputError as error:
-                raise InputError(f"{log} and {mocap}: {error}") from None
+    with open_result(
+        out, command="align", doing="aligning", writes=["aligned.csv"], inputs=[log, mocap, mapping]
+    ) as result:
+        try:
+            alignment = align_log(run, film)
+        except InputError as error:
+            raise InputError(f"{log} and {mocap}: {error}") from None
         page = alignment_report(
             alignment,
             title=f"{name}: sensors against motion capture",
             lead=f"{logs_words({name: run})}, beside the motion capture in {mocap.name}.",
             log_findings=findings,
         )
-        with result.replaced() as new:
-            alignment.log.write(new / "aligned.csv")
-            result.write_json(alignment_results(alignment, log_findings=findings), new)
-            result.write_page(page, new)
-    result.show(page.parts())
-    result.show_file(PAGE)
+        results = alignment_results(alignment, log_findings=findings)
+        result.write(results, page, files={"aligned.csv": alignment.log.write})
+    result.show(page.parts(), PAGE)

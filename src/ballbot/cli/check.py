@@ -6,26 +6,23 @@ reference.
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
-from ballbot.cli import OUTPUT
-from ballbot.cli.context import PAGE, input_files, open_result
-from ballbot.cli.findings import Accept, show_findings
-from ballbot.cli.output import emit, print_parts, progress_bar, standard_output, suggest_page
+from ballbot.cli.context import PAGE, RESULTS, RobotName, open_result
+from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.cli.output import print_parts
 from ballbot.errors import InputError
 from ballbot.files import check_file
-from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
+from ballbot.findings import check_codes
 from ballbot.report.console import finding_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
-    from ballbot.workflows.reference_check import ReferenceMargins
     from ballbot.workflows.robot_check import CheckedSwing
 
 
@@ -48,13 +45,11 @@ class SwingOptions:
     """Standard deviation of that distance [m]."""
 
 
-_WRITTEN = (PAGE, "results.json")
-
 _SWING = SwingOptions()
 
 
 def check(
-    robot: str,
+    robot: RobotName,
     /,
     *,
     figure: Path | None = None,
@@ -78,8 +73,6 @@ def check(
 
     Parameters
     ----------
-    robot : str
-        A preset's name or a robot file.
     figure : Path
         File to save a drawing to scale to: .svg, .pdf or .png.
     reference : str
@@ -91,64 +84,36 @@ def check(
     out : Path
         Folder for report.html and results.json.
     """
-    hung, console = Robot.load(robot), standard_output()
-    findings = _robot_findings(hung, accept)
+    hung = Robot.load(robot)
+    stop_or_show(robot_findings(hung), accept=accept, show=False)
     if figure is not None:
         check_file(figure)
     # compiled code, once the robot has passed its checks
     from ballbot.report.robot_check import robot_check_report
-    from ballbot.workflows.robot_check import check_robot
-
-    inputs = input_files(robot, reference, controller, swinging.swing)
-    held = open_result(out, command="check", writes=_WRITTEN, inputs=inputs) if out else nullcontext()
-    with held as result:
-        with progress_bar(console, "checking the robot"):
-            checked = check_robot(
-                hung,
-                findings,
-                controller=controller,
-                swing=_swing(hung, swinging, accept),
-                following=_following(hung, reference, controller),
-            )
-        if OUTPUT.get().json:
-            emit(checked.results())
-        report = robot_check_report(checked)
-        console.print(report.title, markup=False)
-        print_parts((finding_line(one, accepted=True) for one in checked.findings), console)
-        print_parts(report.parts(), console)
-        if figure is not None:
-            _save_figure(checked.robot, figure)
-            console.print(f"Wrote {figure}.", soft_wrap=True)
-        if result is None:
-            suggest_page()
-            return
-        with result.replaced() as new:
-            result.write_json(checked.results(), new)
-            result.write_page(report, new)
-        result.show_file(*_WRITTEN)
-
-
-def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ...]:
-    """Return what is unusual in the robot; print it all and stop if there is an error that is not accepted."""
+    from ballbot.robot.figure import save_robot_figure
     from ballbot.twin.recording import twin_findings
+    from ballbot.workflows.robot_check import check_robot, follow_reference
 
-    codes = check_codes(accept or ())
-    findings = robot_findings(robot)
-    if all(one.severity != "error" or one.code in codes for one in findings):
-        findings = by_severity([*findings, *twin_findings(robot)])
-    refused = [one for one in findings if one.severity == "error" and one.code not in codes]
-    if refused:
-        show_findings(findings, accept=codes)
-        stop_on_errors(refused, others="above")
-    return findings
+    findings = stop_or_show([*robot_findings(hung), *twin_findings(hung)], accept=accept, show=False)
 
-
-def _following(robot: Robot, reference: str | None, controller: str) -> ReferenceMargins | None:
-    if reference is None:
-        return None
-    from ballbot.workflows.robot_check import follow_reference
-
-    return follow_reference(robot, reference, controller)
+    inputs = [robot, reference, controller, swinging.swing]
+    with open_result(out, command="check", doing="checking the robot", inputs=inputs) as result:
+        checked = check_robot(
+            hung,
+            findings,
+            controller=controller,
+            swing=_swing(hung, swinging, accept),
+            following=None if reference is None else follow_reference(hung, reference, controller),
+        )
+        report = robot_check_report(checked)
+        result.write(checked.results(), report)
+    result.console.print(report.title, markup=False)
+    print_parts((finding_line(one, accepted=True) for one in checked.findings), result.console)
+    print_parts(report.parts(), result.console)
+    if figure is not None:
+        save_robot_figure(checked.robot, figure)
+        result.console.print(f"Wrote {figure}.", soft_wrap=True)
+    result.show((), PAGE, RESULTS)
 
 
 def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:
@@ -165,9 +130,3 @@ def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> Che
     pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)
     codes = check_codes(accept or ())
     return check_swing(robot, options.swing, pivot, column=options.swing_column, accept=codes)
-
-
-def _save_figure(robot: Robot, path: Path) -> None:
-    from ballbot.robot.figure import save_robot_figure
-
-    save_robot_figure(robot, path)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 
 from rich.text import Text
 
-from ballbot.cli.context import PAGE, CommandResult, input_files, open_result
-from ballbot.cli.output import emit, print_parts, progress_bar, standard_output, suggest_page
+from ballbot.cli.context import PAGE, CommandResult, Content, MappingFile, open_result
+from ballbot.cli.output import print_parts, progress_bar, suggest_page
 from ballbot.errors import InputError
-from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
@@ -19,6 +17,7 @@ from ballbot.log.mapping_search.names import InputKind
 from ballbot.log.mapping_search.proposal import (
     Evaluation,
     Proposal,
+    answer_lines,
     contradictions,
     evaluate,
     propose,
@@ -29,14 +28,10 @@ from ballbot.report.log_check import (
     CheckedLog,
     checked_log_parts,
     log_check_report,
-    proposal_parts,
     proposal_report,
     proposal_results,
 )
 from ballbot.robot import Robot
-
-_WRITTEN = (PAGE, "results.json")
-_PROPOSED = (PAGE, "results.json", "mapping.toml", "log.csv")  # of a foreign file
 
 
 def check_log(
@@ -44,7 +39,7 @@ def check_log(
     /,
     *others: Path,
     robot: str | None = None,
-    mapping: Path | None = None,
+    mapping: MappingFile = None,
     command: InputKind | None = None,
     full_scale: float | None = None,
     counts_per_turn: float | None = None,
@@ -53,9 +48,9 @@ def check_log(
 ) -> None:
     """Show the columns of a log and its problems. The exit code is 2 if there is an error.
 
-    For files that are not in Ballbot's format, propose a mapping and test it against the robot's equations. Several
-    logs of one robot give one mapping. What cannot be determined is asked for all at once, in the mapping file, and the
-    exit code is 2.
+    For files that are not in Ballbot's format and have no mapping, propose one and test it against the robot's
+    equations. Several logs of one robot give one mapping. What cannot be determined is asked for all at once, in the
+    mapping file, and the exit code is 2.
 
     Example: `ballbot check-log run1.csv --robot alten`
 
@@ -69,8 +64,6 @@ def check_log(
         More logs of the same robot and firmware.
     robot
         A preset's name or a robot file: checks the wheels' order, signs and gains against its kinematics.
-    mapping
-        A TOML file that describes the columns and units of a foreign log. If not given, one is proposed.
     command
         What the firmware's command of a motor is: torque at the wheel, current, voltage or PWM duty.
     full_scale
@@ -98,10 +91,8 @@ def check_log(
             raise InputError(f"{option} is {value:g}; it must be above zero.")
     if out and others and not proposes:
         raise InputError("--out takes one log in Ballbot's format; give the others commands of their own.")
-    names = _PROPOSED if proposes else _WRITTEN
-    inputs = input_files(*files, mapping, robot)
-    held = open_result(out, command="check-log", writes=names, inputs=inputs) if out else nullcontext()
-    with held as result:
+    writes = ("mapping.toml", "log.csv") if proposes else ()
+    with open_result(out, command="check-log", writes=writes, inputs=[files, mapping, robot]) as result:
         if robot and described and proposes:
             stated = Stated(
                 command=command,
@@ -113,7 +104,7 @@ def check_log(
         else:
             for one in files:
                 _check(one, described, mapping, result)
-        if result is None:
+        if result.folder is None:
             suggest_page()
 
 
@@ -132,55 +123,44 @@ def _column_names(columns: str | None) -> list[str] | None:
     return named
 
 
-def _check(file: Path, robot: Robot | None, mapping: Path | None, result: CommandResult | None) -> None:
+def _check(file: Path, robot: Robot | None, mapping: Path | None, result: CommandResult) -> None:
     """Show a log and its problems; raise InputError if one is an error."""
     checked = CheckedLog.of(file, Log.read(file, mapping=mapping), robot)
-    console = standard_output()
-    print_parts(checked_log_parts(checked), console)
-    emit(checked.results())
-    if result:
-        with result.replaced() as new:
-            result.write_json(checked.results(), new)
-            result.write_page(log_check_report(checked, robot, result.origin), new)
-        result.show_file(PAGE)
+    result.write(checked.results(), log_check_report(checked, robot, result.origin))
+    print_parts(checked_log_parts(checked), result.console)
+    if result.folder:
+        result.show((), PAGE)
     errors = [finding for finding in checked.findings if finding.severity == "error"]
     if errors:
         more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
         raise InputError(f"{file}: {errors[0].text}{more}")
 
 
-def _show(
-    files: Sequence[Path], robot: Robot, stated: Stated, *, source: str, result: CommandResult | None
-) -> None:
+def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, result: CommandResult) -> None:
     """Show the mapping proposed for foreign files; with a folder, write it, the surest log and results.json.
 
-    Raises
-    ------
-    InputError
-        If something cannot be determined, or a log contradicts the others or the robot; everything that was determined
-        is shown and written first.
+    InputError if something cannot be determined, or a log contradicts the others or the robot; everything that was
+    determined is shown and written first.
     """
-    console, evaluated = standard_output(), list[Evaluation]()
-    for file in files:
+    console, evaluated = result.console, list[Evaluation]()
+    for file in paths:
         with progress_bar(console, f"comparing {file.name} with the robot"):
             evaluated.append(evaluate(propose(file, robot, stated), robot))
     found = surest(evaluated)
-    if len(files) > 1:
+    if len(paths) > 1:
         evaluated = [evaluate(one.proposal, robot, common=found.proposal) for one in evaluated]
         found = surest(evaluated)
     for one in evaluated:
-        print_parts(proposal_parts(one), console)
-    if result is None:
+        print_parts(map(Text, answer_lines(one)), console)
+    texts: dict[str, Content] = {"mapping.toml": found.text}
+    files = texts if found.log is None else texts | {"log.csv": found.log.write}
+    results: dict[str, object] = {"files": [proposal_results(one) for one in evaluated]}
+    results |= {} if result.folder else {"mapping_file": found.text}
+    result.write(results, proposal_report(found, robot, result.origin), files=files)
+    if result.folder is None:
         console.print(Text("\n" + found.text), soft_wrap=True)
-        emit(proposal_results(evaluated) | {"mapping_file": found.text})
     else:
-        with result.replaced() as new:
-            write_text(new / "mapping.toml", found.text)
-            if found.log is not None:
-                found.log.write(new / "log.csv")
-            result.write_json(proposal_results(evaluated), new)
-            result.write_page(proposal_report(found, robot, result.origin), new)
-        result.show_file(PAGE, *("mapping.toml", "log.csv")[: 1 if found.log is None else 2])
+        result.show((), PAGE, *files)
     for other, words in contradictions([one.proposal for one in evaluated], found.proposal):
         raise InputError(
             f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."
@@ -194,7 +174,7 @@ def _show(
     refused = next((one for one in evaluated if one.refusal), None)
     if refused is not None:
         raise InputError(f"{refused.proposal.file}: {refused.refusal}")
-    if result is not None and found.proposal.roles.commands:
+    if result.folder is not None and found.proposal.roles.commands:
         written = result.folder.path / "mapping.toml"
         console.print(_next_step(found.proposal, source=source, mapping=written), soft_wrap=True)
 

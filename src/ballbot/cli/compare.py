@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from ballbot.cli.context import (
     PAGE,
     ClusterAddress,
@@ -21,11 +19,9 @@ from ballbot.fitting.run import Run
 from ballbot.report.comparison import league_report
 from ballbot.robot import Robot
 from ballbot.summary import counted
-from ballbot.workflows.candidates import Candidate, parse_candidates
-from ballbot.workflows.courses import Course, PlantName, choose_courses
-from ballbot.workflows.league import kept_runs, league_identity, league_results, run_league, user_files
-
-_WRITTEN = (PAGE, "results.json")
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.courses import PlantName, choose_courses
+from ballbot.workflows.league import kept_runs, league_identity, league_results, run_league
 
 
 def compare(
@@ -78,19 +74,17 @@ def compare(
     candidates, courses = parse_candidates(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in candidates}
-    own = user_files(made.values())
-    files = _files(robot, candidates, courses, scenarios)
-    files += [path for path in own if path.resolve() not in {one.resolve() for one in files}]
+    given = [word.strip() for word in scenarios.split(",") if word.strip().endswith(".toml")]
+    references = [one.reference_spec.name for one in courses if is_reference_file(one.reference_spec.name)]
+    files = input_files(robot, [one.file for one in candidates if one.file], given, references)
     made_from = league_identity(described, candidates, courses, numbers)
-    made_from |= {str(path): checksum for path, checksum in own.items()}
     warn_of_idle_compensation(made)
+    doing = f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}"
     with (
-        open_result(
-            out, command="compare", writes=_WRITTEN, inputs=files, seed=seeds, keeps_runs=True
-        ) as result,
+        open_result(out, command="compare", doing=doing, inputs=files, seed=seeds, keeps_runs=True) as result,
         workers(cluster, processes=processes) as made_by,
-        result.progress(f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}") as bar,
     ):
+        assert result.folder is not None
         league = run_league(
             described,
             made,
@@ -99,19 +93,8 @@ def compare(
             processes=processes,
             kept=kept_runs(result.folder.runs, made_from),
             workers=made_by,
-            run=Run(progress=bar.report),
+            run=Run(progress=result.report),
         )
-        bar.begin_writing()
         page = league_report(league)
         result.write(league_results(league), page)
-    result.show(page.parts())
-    result.show_file(PAGE)
-
-
-def _files(
-    robot: str, candidates: tuple[Candidate, ...], courses: tuple[Course, ...], scenarios: str
-) -> list[Path]:
-    """Return the files that the result is made from, each once."""
-    given = [word.strip() for word in scenarios.split(",") if word.strip().endswith(".toml")]
-    references = [one.reference_spec.name for one in courses if is_reference_file(one.reference_spec.name)]
-    return input_files(robot, [one.file for one in candidates if one.file], given, references)
+    result.show(page.parts(), PAGE)

@@ -1,10 +1,9 @@
 """The command context: what every command needs around its own work.
 
-    with open_result(out, command="align", writes=_WRITTEN, inputs=[robot, log, mapping]) as result:
-        with result.progress("aligning") as bar:
-            found = align_log(run, film)
+    with open_result(out, command="align", doing="aligning", inputs=[robot, log, mapping]) as result:
+        found = align_log(run, film, progress=result.report)
         result.write(found.to_dict(), align_report(found), findings=findings)
-    result.show_file("report.html")
+    result.show(parts, "report.html")
 
 The provenance of a result is the command line itself (`main` records it), without the options that do not change the
 result. Logs and lists of seeds are read here, too, and a Dask cluster is found.
@@ -12,9 +11,8 @@ result. Logs and lists of seeds are read here, too, and a Dask cluster is found.
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,15 +24,16 @@ from rich.console import Console, RenderableType
 
 from ballbot.cli import ARGV, OUTPUT
 from ballbot.cli.app import OUTPUT_OPTIONS
-from ballbot.cli.output import Bar, print_parts, progress_bar, standard_output
+from ballbot.cli.output import WRITING, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError, either
 from ballbot.file_formats import results_text
-from ballbot.files import write_text
+from ballbot.files import write_bytes, write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Executor, Threads
 from ballbot.log.collection import named_files
 from ballbot.log.formats import WRITTEN_FORMATS, is_bag_folder
 from ballbot.printable import shell_line
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
@@ -49,6 +48,8 @@ if TYPE_CHECKING:
 ROBOT_BESIDE = "robot.toml"
 #: the page that every result has
 PAGE = "report.html"
+#: what programs read of every result
+RESULTS = "results.json"
 
 _MAX_SEEDS = 100_000
 #: options that do not change a result, with the number of tokens that follow each
@@ -63,10 +64,9 @@ def _whole_number(_: type, tokens: Sequence[Token]) -> int:
     return int(given)
 
 
-def _check_positive(_: type, value: float) -> None:
-    if not 0.0 < value < math.inf:
-        raise ValueError("It must be above 0.")
-
+_MAPPING = (
+    "A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it."
+)
 
 #: the robot of a command
 RobotName = Annotated[str, Parameter(help="A preset's name or a robot file.")]
@@ -74,8 +74,8 @@ RobotName = Annotated[str, Parameter(help="A preset's name or a robot file.")]
 #: the option --out of every command that needs a folder
 OutFolder = Annotated[Path, Parameter(help="The folder to write into.")]
 
-#: the length of a live run
-Seconds = Annotated[float, Parameter(validator=_check_positive)]
+#: the mapping of a command's logs
+MappingFile = Annotated[Path | None, Parameter(help=_MAPPING)]
 
 #: every integer option
 WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
@@ -128,17 +128,18 @@ def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
     return list(paths)
 
 
+#: a file's content, or what writes it at a path
+Content = str | bytes | Callable[[Path], object]
+
+
 @dataclass(frozen=True, kw_only=True)
 class CommandResult:
-    """A command's result while it is made: its folder, where it came from, and the console."""
+    """A command's result while it is made: its folder, where it came from, the console, and how far the work is."""
 
-    folder: ResultFolder
+    folder: ResultFolder | None  #: None if the command got no --out
     origin: Provenance
     console: Console
-
-    def progress(self, doing: str) -> AbstractContextManager[Bar]:
-        """Show progress while a block runs; see `ballbot.cli.output.progress_bar`."""
-        return progress_bar(self.console, doing)
+    report: ProgressCallback
 
     @contextmanager
     def replaced(self) -> Iterator[Path]:
@@ -146,97 +147,85 @@ class CommandResult:
 
         The results.json among them is what --json prints.
         """
+        assert self.folder is not None
+        self.report(Progress(stage=WRITING))
         with self.folder.replaced() as new:
             yield new
-        written = self.folder.path / "results.json"
+        written = self.folder.path / RESULTS
         if OUTPUT.get().json and written.exists():
             OUTPUT.get().results = written.read_text(encoding="utf-8")
-
-    def write_json(
-        self, results: Mapping[str, object], folder: Path, *, findings: Collection[Finding] | None = None
-    ) -> None:
-        """Write results.json into a folder, with the findings if there are any to show, and the provenance."""
-        whole = dict(results)
-        if findings is not None:
-            whole["findings"] = finding_results(findings)
-        write_text(folder / "results.json", results_text(whole | {"provenance": self.origin}))
-
-    def write_page(self, report: Report, folder: Path) -> None:
-        """Write report.html into a folder, with the command and the files that it was made from."""
-        from ballbot.report.page import page_of  # with templates and scripts, which a refusal does without
-
-        write_text(folder / PAGE, page_of(replace(report, made=report.made or self.origin)))
 
     def write(
         self,
         results: Mapping[str, object],
-        report: Report,
+        page: Report,
         *,
-        findings: Collection[Finding] | None = None,
-        texts: Mapping[str, str] = MappingProxyType({}),
+        findings: Collection[Finding] | None = None,  # part of results.json, if they are given
+        # A text, bytes, or what writes the file at a path
+        files: Mapping[str, Content] = MappingProxyType({}),
     ) -> None:
-        """Write results.json, report.html and other texts by their names; all of them, or none."""
+        """Write results.json, report.html and other files by their names; all of them, or none."""
+        whole = dict(results)
+        if findings is not None:
+            whole["findings"] = finding_results(findings)
+        text = results_text(whole if "provenance" in whole else whole | {"provenance": self.origin})
+        if self.folder is None:
+            OUTPUT.get().results = text
+            return
+        from ballbot.report.page import page_of  # with templates and scripts, which a refusal does without
+
         with self.replaced() as new:
-            for name, text in texts.items():
-                (new / name).parent.mkdir(parents=True, exist_ok=True)
-                write_text(new / name, text)
-            self.write_json(results, new, findings=findings)
-            self.write_page(report, new)
+            own = {RESULTS: text, PAGE: page_of(replace(page, made=self.origin))}
+            for name, content in (own | dict(files)).items():
+                path = new / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                if callable(content):
+                    content(path)
+                else:
+                    write_bytes(path, content) if isinstance(content, bytes) else write_text(path, content)
 
-    def show(self, parts: Iterable[RenderableType]) -> None:
-        """Print tables and lines."""
+    def show(self, parts: Iterable[RenderableType] = (), *names: str) -> None:
+        """Print tables and lines, and then where files of the result are, or that --out would write a page."""
         print_parts(parts, self.console)
-
-    def show_file(self, *names: str) -> None:
-        """Print where files of the result are."""
+        if self.folder is None:
+            suggest_page()
+            return
         for name in names:
             self.console.print(str(self.folder.path / name), markup=False, soft_wrap=True)
 
 
 @contextmanager
 def open_result(
-    out: Path,
+    out: Path | None,  # without it, the results are printed only
     *,
-    command: str,
-    writes: Collection[str],
+    command: str,  # whose result it is, as "study"
+    doing: str = "",  # what is being done; nothing is shown without it
+    # the files that the command may write there besides report.html and results.json
+    writes: Collection[str] = (),
+    # the files that the result is made from, as the command line names them: see `input_files`
     inputs: Sequence[str | Path | Sequence[str | Path] | None] = (),
-    seed: int | str = 0,
-    keeps_runs: bool = False,
+    seed: int | str = 0,  # for the provenance
+    keeps_runs: bool = False,  # whether the command goes on with finished runs in the folder
 ) -> Iterator[CommandResult]:
-    """Hold a command's folder while the block runs.
+    """Hold a command's folder while the block runs, and show how far the work is.
 
-    Parameters
-    ----------
-    out : Path
-    command : str
-        Whose result it is, as "study".
-    writes : collection of str
-        The files that the command may write there.
-    inputs : sequence
-        The files that the result is made from, as the command line names them: see `input_files`.
-    seed : int or str
-        For the provenance.
-    keeps_runs : bool
-        Whether the command goes on with finished runs in the folder.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
+    InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
     """
-    files = input_files(*inputs)
+    files, console = input_files(*inputs), standard_output()
     origin = provenance(command=shell_line(argv()), files=files, seed=seed)
-    with result_folder(out, command=command, names=writes, inputs=files, keeps_runs=keeps_runs) as folder:
-        yield CommandResult(folder=folder, origin=origin, console=standard_output())
+    names = {PAGE, RESULTS, *writes}
+    held = (
+        result_folder(out, command=command, names=names, inputs=files, keeps_runs=keeps_runs) if out else None
+    )
+    bar = progress_bar(console, doing) if doing else nullcontext(ignore_progress)
+    with held or nullcontext() as folder, bar as report:
+        yield CommandResult(folder=folder, origin=origin, console=console, report=report)
 
 
 def executor(cluster: str | None) -> AbstractContextManager[Executor]:
     """Return the workers of a Dask scheduler at an address, or the threads of this process.
 
-    Raises
-    ------
-    InputError
-        If there is no such cluster.
+    InputError if there is no such cluster.
     """
     return nullcontext(Threads()) if cluster is None else _cluster(cluster)
 
@@ -244,10 +233,7 @@ def executor(cluster: str | None) -> AbstractContextManager[Executor]:
 def workers(cluster: str | None, *, processes: int | None = None) -> AbstractContextManager[Workers]:
     """Return who make runs: the workers of a Dask scheduler at an address, or so many processes.
 
-    Raises
-    ------
-    InputError
-        If there is no such cluster.
+    InputError if there is no such cluster.
     """
     from ballbot.fitting.sweep import Processes  # with compiled code, which short commands do without
 
@@ -261,13 +247,7 @@ def _cluster(address: str) -> Cluster:
 
 
 def parse_seeds(text: str) -> list[int]:
-    """Return the seeds that a text lists, each once.
-
-    Raises
-    ------
-    InputError
-        If it lists none, or too many.
-    """
+    """Return the seeds that a text lists, each once; InputError if it lists none, or too many."""
     seeds: dict[int, None] = {}
     for part in text.split(","):
         found = re.fullmatch(r"\s*(\d{1,9})(?:-(\d{1,9}))?\s*", part)
@@ -283,10 +263,7 @@ def parse_seeds(text: str) -> list[int]:
 def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
     """Return the logs by their names; see `ballbot.log.collection.named_files`.
 
-    Raises
-    ------
-    InputError
-        If no log is given, one is named twice or cannot be read.
+    InputError if no log is given, one is named twice or cannot be read.
     """
     from ballbot.log import Log
 
@@ -296,10 +273,7 @@ def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
 def read_balancing_logs(paths: Sequence[Path], mapping: Path | None, robot: Robot) -> dict[str, Log]:
     """Return logs by their names, each with the ball's position: its own, else that by its wheels.
 
-    Raises
-    ------
-    InputError
-        As `read_logs`; and if a log has no position and lacks what gives it.
+    InputError as `read_logs`; and if a log has no position and lacks what gives it.
     """
     return {name: read_balancing_log(path, mapping, robot) for name, path in named_files(paths).items()}
 

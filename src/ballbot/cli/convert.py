@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ballbot.cli.context import MappingFile
 from ballbot.cli.output import show_written
 from ballbot.files import check_new_file
 from ballbot.log import Log
-from ballbot.log.formats import write_columns, written_format
+from ballbot.log.formats import written_format
 
 
 def convert(
@@ -15,8 +16,7 @@ def convert(
     out: Path,
     /,
     *,
-    mapping: Path | None = None,
-    decimal_comma: bool = False,
+    mapping: MappingFile = None,
     force: bool = False,
 ) -> None:
     """Write a log in another file format, that of the suffix of OUT: .csv, .parquet, .npz, .mat, .mcap or .db3.
@@ -33,18 +33,11 @@ def convert(
         A log, or with --mapping any table.
     out
         The file to write.
-    mapping
-        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
-    decimal_comma
-        Write CSV with decimal commas, and semicolons between the cells.
     force
         Replace an existing file.
     """
     written_format(out)  # refuses a suffix before the log is read
     check_new_file(out, force=force)
     read = Log.read(log, mapping=mapping)
-    if decimal_comma:
-        write_columns(out, read.columns, decimal_comma=True)
-    else:
-        read.write(out)
+    read.write(out)
     show_written(out, results={"rows": len(read), "columns": read.names})

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
-import webbrowser
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.output import emit, notice_output, progress_bar, show_written, standard_output
-from ballbot.errors import InputError
+from ballbot.cli.output import emit, open_page, progress_bar, show_written, standard_output
 from ballbot.files import check_folder, write_text
 from ballbot.log import Log
 from ballbot.progress import Progress
@@ -44,28 +41,27 @@ def demo(
     Parameters
     ----------
     out
-        The folder for the page, report.html and results.json. If not given, ballbot-demo in the current folder, or a
-        temporary one if that cannot be written.
+        The folder for the page, report.html and results.json; ballbot-demo if not given.
     browser
         Whether to open the page.
     """
-    folder, console = _folder(out), standard_output()
+    folder, console = check_folder(out or "ballbot-demo"), standard_output()
     runs = read_runs()
     title = "One robot, two controllers, the same square"
     write_text(folder / _RESULT, result_text(_state_before(0.0, "preparing the model")))
     page = replay_page(runs, robot_of_runs(), title=title, lead=_lead(runs), result_beside=_RESULT)
     write_text(folder / _PAGE, page)
     show_written(folder / _PAGE)
-    if browser and not webbrowser.open((folder / _PAGE).resolve().as_uri()):
-        notice_output().print("No browser could be opened; open the page in one.")
+    if browser:
+        open_page((folder / _PAGE).resolve().as_uri())
     shown = ResultState(heading=_HEADING, sentences=("The command was stopped before it was found.",))
     written = -1
     try:
-        with progress_bar(console, "preparing the model") as bar:
+        with progress_bar(console, "preparing the model") as shown_on:
 
             def report(progress: Progress) -> None:
                 nonlocal written
-                bar.show(progress.share, doing=_DOING)
+                shown_on(Progress(stage=_DOING, done=progress.share, total=1.0))
                 if (percent := int(100.0 * progress.share)) > written:
                     written = percent
                     write_text(folder / _RESULT, result_text(_state_before(progress.share, _DOING)))
@@ -110,13 +106,3 @@ def _lead(runs: dict[str, Log]) -> str:
 def _state_before(share: float, doing: str) -> ResultState:
     sentence = f"On this computer, from the log of “{SOFT}” alone: {doing}."
     return ResultState(heading=_HEADING, sentences=(sentence,), share=share)
-
-
-def _folder(out: Path | None) -> Path:
-    """Return the folder to write into: the given one, or the first of the usual ones that can be written."""
-    if out is not None:
-        return check_folder(out)
-    try:
-        return check_folder("ballbot-demo")
-    except InputError:
-        return Path(tempfile.mkdtemp(prefix="ballbot-demo-"))

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ballbot.arguments import numbers_listed
 from ballbot.cli.context import PAGE, OutFolder, Seed, WholeNumber, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
@@ -36,8 +37,7 @@ from ballbot.workflows.controller_design import (
 from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, robust_design
 
-#: of a design with and without a search
-DESIGN_FILES = (PAGE, "controller.toml", "results.json")
+_WRITTEN = ("controller.toml",)
 
 
 @Parameter(name="*")
@@ -127,30 +127,38 @@ def design(
     described = Robot.load(robot)
     findings = check_robot(described, accept=accept)
     if robust:
-        _refuse_with_robust(weights, parts)
+        plain = replace(
+            parts,
+            compensation=DEFAULT_PARTS.compensation,
+            allow_overcompensation=DEFAULT_PARTS.allow_overcompensation,
+        )
+        if replace(weights, sample_time=None) != _WEIGHTS or plain != DEFAULT_PARTS:
+            raise InputError(
+                "--robust searches for the weights of the nominal kind; remove --kind, "
+                "--q, --r, --compensation-gain, --notch and --delay."
+            )
         if weights.sample_time is not None:
             sensors = replace(described.sensors, sample_time=weights.sample_time)
             described = described.replace(sensors=sensors)
         compensation = parts.compensation or "none"
         _search(described, compensation, search=search, inputs=[robot], findings=findings, out=out)
         return
+    state_weights = None
+    if weights.q is not None:
+        state_weights = numbers_listed(weights.q, "--q", count=10, wanted="ten numbers with commas between")
     gain = GainOptions(
         kind=weights.kind,
-        state_weights=None if weights.q is None else _numbers(weights.q),
+        state_weights=state_weights,
         torque_weight=weights.r,
         sample_time=weights.sample_time,
     )
-    with (
-        open_result(out, command="design", writes=DESIGN_FILES, inputs=[robot]) as result,
-        result.progress("designing the controller") as bar,
-    ):
+    doing = "designing the controller"
+    with open_result(out, command="design", doing=doing, writes=_WRITTEN, inputs=[robot]) as result:
         found = design_controller(described, gain=gain, parts=parts)
-        bar.begin_writing()
         page = controller_design_report(found, findings)
-        result.write(found.results(), page, texts={"controller.toml": controller_text(found.controller)})
-    result.show(page.parts())
+        result.write(found.results(), page, files={"controller.toml": controller_text(found.controller)})
+    result.show(page.parts(), "controller.toml", PAGE)
     warn_of_idle_compensation({"controller.toml": found.controller})
-    result.show_file("controller.toml", PAGE)
 
 
 def _search(
@@ -172,19 +180,17 @@ def _search(
         population=search.population,
         fresh=search.fresh,
     )
-    with (
-        open_result(out, command="design", writes=DESIGN_FILES, inputs=inputs, seed=search.seed) as result,
-        result.progress("robust design") as bar,
-    ):
+    with open_result(
+        out, command="design", doing="robust design", writes=_WRITTEN, inputs=inputs, seed=search.seed
+    ) as result:
         found = robust_design(
             robot,
             compensation=compensation,
             spread=spread,
             scenario=scenario,
             effort=effort,
-            run=Run(seed=search.seed, progress=bar.report),
+            run=Run(seed=search.seed, progress=result.report),
         )
-        bar.begin_writing()
         results = {
             "robot": robot.name,
             "sample_time": found.controller.sample_time,
@@ -197,27 +203,5 @@ def _search(
         }
         page = robust_design_report(found, findings)
         text = search_comment(found, result.origin.command) + controller_text(found.controller)
-        result.write(results, page, texts={"controller.toml": text})
-    result.show(page.parts())
-    result.show_file("controller.toml", PAGE)
-
-
-def _refuse_with_robust(weights: WeightOptions, parts: PartOptions) -> None:
-    """Raise InputError if options are given that a search for the weights decides itself."""
-    plain = replace(
-        parts,
-        compensation=DEFAULT_PARTS.compensation,
-        allow_overcompensation=DEFAULT_PARTS.allow_overcompensation,
-    )
-    if replace(weights, sample_time=None) != _WEIGHTS or plain != DEFAULT_PARTS:
-        raise InputError(
-            "--robust searches for the weights of the nominal kind; remove --kind, "
-            "--q, --r, --compensation-gain, --notch and --delay."
-        )
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(weight) for weight in text.split(",")]
-    except ValueError:
-        raise InputError(f"--q is {text!r}; it must be ten numbers separated by commas.") from None
+        result.write(results, page, files={"controller.toml": text})
+    result.show(page.parts(), "controller.toml", PAGE)

@@ -56,17 +56,18 @@ def export(
     findings = check_robot(described, accept=accept)
     check_belongs(controller, described)
     read = read_controller(controller, described)
-    writes = [*exported_names(), PAGE, "results.json"]
-    with (
-        open_result(out, command="export", writes=writes, inputs=[robot, controller]) as result,
-        result.progress("writing the firmware") as bar,
-    ):
+    with open_result(
+        out,
+        command="export",
+        doing="writing the firmware",
+        writes=exported_names(),
+        inputs=[robot, controller],
+    ) as result:
         exported = export_controller(read, lean=lean)
         to_install = what_to_install()
         if not to_install:
-            bar.report(Progress(stage="counting instructions"))
+            result.report(Progress(stage="counting instructions"))
         load = None if to_install else measure_load(read, exported, clock=clock)
-        bar.begin_writing()
         results = {
             "robot": described.name,
             "estimator": read.estimator,
@@ -78,7 +79,6 @@ def export(
             "processor": None if load is None else load.to_dict(),
         }
         page = export_report(exported, read, load, to_install=to_install, findings=findings)
-        result.write(results, page, texts=exported.files)
-    result.show(page.parts())
+        result.write(results, page, files=exported.files)
     warn_of_idle_compensation({controller.name: read})
-    result.show_file(_README, PAGE)
+    result.show(page.parts(), _README, PAGE)

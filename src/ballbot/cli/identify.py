@@ -13,7 +13,6 @@ from ballbot.arguments import names_listed
 from ballbot.cli.context import (
     PAGE,
     ClusterAddress,
-    CommandResult,
     LogPath,
     OutFolder,
     RobotName,
@@ -24,12 +23,9 @@ from ballbot.cli.context import (
 )
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
-from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import Run
 from ballbot.identification import (
     Bounds,
-    HoldoutResult,
-    Identification,
     cross_validate,
     read_bounds,
 )
@@ -43,13 +39,10 @@ from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
 from ballbot.log.pose import causal_states
-from ballbot.report.blocks import Report
 from ballbot.report.identification import identification_report
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.summary import counted
-
-_WRITTEN = (PAGE, "robot.toml", "results.json")
 
 
 @Parameter(name="*")
@@ -138,9 +131,10 @@ def identify(
     back_emf = common_back_emf(mappings)
     inputs = [robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep]
     with (
-        open_result(out, command="identify", writes=_WRITTEN, inputs=inputs, seed=fit.seed) as result,
+        open_result(
+            out, command="identify", doing="identifying", writes=["robot.toml"], inputs=inputs, seed=fit.seed
+        ) as result,
         executor(cluster) as made_by,
-        result.progress("identifying") as bar,
     ):
         found, selection = identify_by_law(
             described,
@@ -155,16 +149,27 @@ def identify(
                 sweep=sweep,
                 search=fit.search,
             ),
-            run=Run(seed=fit.seed, executor=made_by, progress=bar.report),
+            run=Run(seed=fit.seed, executor=made_by, progress=result.report),
         )
-        bar.begin_writing()
         holdouts = [
             cross_validate(found, one.log, name=name, starts=one.starts(described))
             for name, one in others.items()
         ]
-        page = _write(found, checked, selection, holdouts, result)
-    result.show(page.parts())
-    result.show_file(PAGE, *["robot.toml"] * found.verdict.usable)
+        results = found.to_dict()
+        if selection:
+            results["ladder"] = law_results(selection)
+        if holdouts:
+            results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
+        page = identification_report(
+            found,
+            checked.logs,
+            findings=checked.findings,
+            selection=selection,
+            holdouts=holdouts,
+        )
+        files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
+        result.write(results, page, files=files)
+    result.show(page.parts(), PAGE, *["robot.toml"] * found.verdict.usable)
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
 
@@ -218,33 +223,9 @@ def _checked(
     both = (*named.values(), *others.values())
     findings = check_input(
         robot,
-        {one.path: one.log for one in both},
+        [one.path for one in both],
+        [one.log for one in both],
         accept=accept,
         mappings=[one.mapping for one in both],
     )
     return CheckedLogs(logs={name: one.log for name, one in named.items()}, findings=findings)
-
-
-def _write(
-    found: Identification,
-    checked: CheckedLogs,
-    selection: ModelSelection[Identification] | None,
-    holdouts: Sequence[HoldoutResult],
-    result: CommandResult,
-) -> Report:
-    """Write the results and return their page."""
-    results = found.to_dict()
-    if selection:
-        results["ladder"] = law_results(selection)
-    if holdouts:
-        results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
-    page = identification_report(
-        found,
-        checked.logs,
-        findings=checked.findings,
-        selection=selection,
-        holdouts=holdouts,
-    )
-    texts = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
-    result.write(results, page, texts=texts)
-    return page

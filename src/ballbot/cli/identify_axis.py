@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, WholeNumber, input_files, open_result
-from ballbot.cli.findings import Accept, stop_or_show
-from ballbot.findings import Finding, by_severity, check_codes
+from ballbot.cli.context import PAGE, OutFolder, open_result
+from ballbot.cli.findings import Accept, in_file, stop_or_show
+from ballbot.findings import check_codes
 from ballbot.fitting.run import Run
-from ballbot.identification.axis import AxisOptions, AxisRecord
+from ballbot.identification.axis import AxisOptions
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.report.axis import axis_parts, axis_report
-
-_WRITTEN = (PAGE, "results.json")
 
 
 @Parameter(name="*")
@@ -32,12 +30,8 @@ class MethodOptions:
     bandwidth: float | None = None
     """Bandwidth of the motion, in hertz, which sets the filters."""
 
-    harmonics: Annotated[tuple[WholeNumber, ...] | None, Parameter(negative="--no-harmonics")] = None
-    """Harmonics of a force that depends on the angle: 1 is gravity, higher ones are cogging. If not given, gravity is
-    tried; --no-harmonics tries none."""
-
-    spring: bool | None = None
-    """Whether a force is proportional to position, as of a spring or a cable."""
+    gravity: bool | None = None
+    """Whether gravity acts on an axis that turns: S sin q + C cos q."""
 
     load_friction: bool | None = None
     """Whether dry friction grows with the load that the gears transmit, |F + G| / 2."""
@@ -50,7 +44,7 @@ def identify_axis(
     record: Path,
     /,
     *against: Path,
-    out: Path,
+    out: OutFolder,
     also: Annotated[list[Path] | None, Parameter(negative="")] = None,
     columns: Annotated[AxisColumns, Parameter(name="*")] = _COLUMNS,
     method: MethodOptions = _METHOD,
@@ -71,8 +65,6 @@ def identify_axis(
         A log file (docs/logs.md), its columns or variables by name.
     against
         Other records of the same axis, with the same columns, used only for validation.
-    out
-        The folder to write into.
     also
         A further record that is fitted together with the first one; may be given several times.
     """
@@ -81,34 +73,21 @@ def identify_axis(
     fitted = (record, *(also or ()))
     paths = (*fitted, *against)
     read = [read_axis_record(path, columns) for path in paths]
-    findings = _checked(dict(zip(paths, read, strict=True)), method.bandwidth, accept)
-    inputs = input_files(record, (*fitted[1:], *against))
-    with (
-        open_result(out, command="identify-axis", writes=_WRITTEN, inputs=inputs) as result,
-        result.progress("inverse model") as bar,
-    ):
+    findings = stop_or_show(
+        [
+            finding
+            for path, one in zip(paths, read, strict=True)
+            for finding in in_file(path, record_findings(one, bandwidth=method.bandwidth))
+        ],
+        accept=accept,
+    )
+    with open_result(out, command="identify-axis", doing="inverse model", inputs=[paths]) as result:
         found = identify_record(
             read[: len(fitted)],
             options=options,
             validation_records=read[len(fitted) :],
-            run=Run(progress=bar.report),
+            run=Run(progress=result.report),
         )
-        bar.begin_writing()
-        with result.replaced() as new:
-            result.write_json(found.to_dict(), new, findings=[*findings, *found.findings])
-            result.write_page(axis_report(found, read[0], result.origin, findings), new)
-    result.show(axis_parts(found))
-    result.show_file(PAGE)
-
-
-def _checked(
-    records: dict[Path, AxisRecord], bandwidth: float | None, accept: list[str] | None
-) -> tuple[Finding, ...]:
-    """Return what is wrong with the records; stop on an error that is not accepted."""
-    findings = by_severity(
-        replace(one, where=replace(one.where, file=str(path)))
-        for path, record in records.items()
-        for one in record_findings(record, bandwidth=bandwidth)
-    )
-    stop_or_show(findings, accept=accept)
-    return findings
+        page = axis_report(found, read[0], result.origin, findings)
+        result.write(found.to_dict(), page, findings=[*findings, *found.findings])
+    result.show(axis_parts(found), PAGE)

@@ -2,46 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, input_files, open_result
-from ballbot.cli.findings import Accept, stop_or_show
-from ballbot.file_formats import results_text
-from ballbot.files import write_text
-from ballbot.findings import Finding, by_severity
+from ballbot.cli.context import PAGE, MappingFile, OutFolder, RobotName, open_result
+from ballbot.cli.findings import Accept, in_file, stop_or_show
+from ballbot.findings import by_severity
 from ballbot.fitting.run import Run
 from ballbot.identification.agreement import file_findings
 from ballbot.identification.bench_checks import sweep_findings
-from ballbot.identification.driveline import (
-    Sweep,
-    fit_drivelines,
-    robot_of_sweep,
-    sweep_estimate,
-    sweeps_of,
-)
+from ballbot.identification.driveline import fit_drivelines, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping import dead_band_findings
-from ballbot.report.driveline import (
-    driveline_parts,
-    driveline_report,
-    driveline_results,
-)
+from ballbot.report.driveline import driveline_parts, driveline_report, driveline_results
 from ballbot.robot import Robot
-from ballbot.robot.file import write_robot
-
-_WRITTEN = (PAGE, "results.json", "robot.toml")
+from ballbot.robot.file import robot_text
 
 
 def identify_driveline(
-    robot: str,
+    robot: RobotName,
     log: Path,
     /,
     *,
-    out: Path,
-    mapping: Path | None = None,
+    out: OutFolder,
+    mapping: MappingFile = None,
     speed_limit: float | None = None,
     accept: Accept = None,
 ) -> None:
@@ -55,51 +39,31 @@ def identify_driveline(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file, which gives the inertia.
     log
         A log with torques and wheel speeds of a slow sweep with the wheels off the ball, not of the robot balancing.
-    out
-        The folder to write into.
-    mapping
-        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     speed_limit
         Speed limit of the supply [rad/s]. If not given, the greatest speed in the log.
     """
     described = Robot.load(robot)
     read = Log.read(log, mapping=mapping)
     sweeps = sweeps_of(described, read, limit=speed_limit)
-    findings = _checked(described, log, read, sweeps, mapping, accept)
-    inputs = input_files(robot, log, mapping)
-    with open_result(out, command="identify-driveline", writes=_WRITTEN, inputs=inputs) as result:
-        with result.progress("sweep") as bar:
-            fits = fit_drivelines(sweeps, run=Run(progress=bar.report))
-        findings = by_severity([*findings, *file_findings(described, sweep_estimate(fits))])
-        identified = robot_of_sweep(described, fits, log=log.name)
-        made = result.origin
-        page = driveline_report(described.name, sweeps, fits, made, findings)
-        with result.replaced() as new:
-            write_text(new / "results.json", results_text(driveline_results(fits, made, findings)))
-            result.write_page(page, new)
-            write_robot(identified, new / "robot.toml")
-    result.show(driveline_parts(fits))
-    result.show_file(PAGE)
-
-
-def _checked(
-    robot: Robot,
-    file: Path,
-    log: Log,
-    sweeps: Sequence[Sweep],
-    mapping: Path | None,
-    accept: list[str] | None,
-) -> tuple[Finding, ...]:
-    """Return what checks of the robot, the log and the sweeps found; stop on an error that is not accepted."""
-    of_sweeps = (
-        replace(one, where=replace(one.where, file=str(file))) for one in sweep_findings(robot, sweeps)
+    findings = stop_or_show(
+        [
+            *bench_findings(described, {str(log): read}),
+            *in_file(log, sweep_findings(described, sweeps)),
+            *dead_band_findings([mapping]),
+        ],
+        accept=accept,
     )
-    findings = by_severity(
-        [*bench_findings(robot, {str(file): log}), *of_sweeps, *dead_band_findings([mapping])]
-    )
-    stop_or_show(findings, accept=accept)
-    return findings
+    with open_result(
+        out, command="identify-driveline", doing="sweep", writes=["robot.toml"], inputs=[robot, log, mapping]
+    ) as result:
+        fits = fit_drivelines(sweeps, run=Run(progress=result.report))
+        estimate = sweep_estimate(fits)
+        findings = by_severity([*findings, *file_findings(described, estimate)])
+        source = f"identified: sweep of the free wheels, {log.name}"
+        identified = robot_with_friction(described, estimate, source=source)
+        page = driveline_report(described.name, sweeps, fits, result.origin, findings)
+        results = driveline_results(fits, result.origin, findings)
+        result.write(results, page, files={"robot.toml": robot_text(identified)})
+    result.show(driveline_parts(fits), PAGE)

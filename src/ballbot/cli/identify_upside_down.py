@@ -2,42 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
-
 from ballbot.cli.context import (
     PAGE,
-    CommandResult,
     LogPath,
-    WholeNumber,
-    input_files,
+    MappingFile,
+    OutFolder,
+    RobotName,
+    Seed,
     open_result,
     read_logs,
 )
-from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.cli.findings import Accept, in_file, stop_or_show
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity
 from ballbot.fitting.run import Run, check_seed
 from ballbot.identification.bench_checks import upside_down_findings
-from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
-from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.bench import upside_down_parts, upside_down_report
 from ballbot.robot import Robot
+from ballbot.robot.file import robot_text
 from ballbot.workflows.ball_movement import ball_movement
-
-_WRITTEN = (PAGE, "robot.toml", "results.json")
 
 
 def identify_upside_down(
-    robot: str,
+    robot: RobotName,
     /,
     *logs: LogPath,
-    out: Path,
-    mapping: Path | None = None,
-    seed: WholeNumber = 0,
+    out: OutFolder,
+    mapping: MappingFile = None,
+    seed: Seed = 0,
     window: float = 1.0,
     accept: Accept = None,
 ) -> None:
@@ -52,69 +45,39 @@ def identify_upside_down(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file.
     logs
         One or more logs with u1, u2 .. and ball_omega_x, _y, _z in the robot's frame.
-    out
-        The folder to write into.
-    mapping
-        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
-    seed
-        Random seed. The same seed gives the same result.
     window
         Length of the predicted windows [s].
     """
     described = Robot.load(robot)
     named = read_logs(logs, mapping)
-    findings = _checked(described, dict(zip(logs, named.values(), strict=True)), accept)
+    by_path = dict(zip(logs, named.values(), strict=True))
+    of_ball = [
+        one for path, log in by_path.items() for one in in_file(path, upside_down_findings(described, log))
+    ]
+    of_bench = bench_findings(described, {str(path): log for path, log in by_path.items()})
+    findings = stop_or_show([*of_bench, *of_ball], accept=accept)
     check_seed(seed)
     with open_result(
         out,
         command="identify-upside-down",
-        writes=_WRITTEN,
-        inputs=input_files(logs, mapping, robot),
+        doing="identifying",
+        writes=["robot.toml"],
+        inputs=[logs, mapping, robot],
         seed=seed,
     ) as result:
-        with result.progress("identifying") as bar:
-            found = find_friction(
-                described,
-                list(named.values()),
-                window=window,
-                run=Run(seed=seed, progress=bar.report),
-            )
-        with result.replaced() as new:
-            _write(found, described, named, result, findings, new)
-    result.show(upside_down_parts(found, described))
-    result.show_file(PAGE, *(["robot.toml"] if found.verdict.usable else []))
-    if not found.verdict.usable:
+        found = find_friction(
+            described, list(named.values()), window=window, run=Run(seed=seed, progress=result.report)
+        )
+        movement, usable = ball_movement(found.robot), found.verdict.usable
+        page = upside_down_report(found, described, named, movement, made=result.origin, findings=findings)
+        result.write(
+            found.to_dict() | {"movement": movement},
+            page,
+            findings=[*findings, *found.findings],
+            files={"robot.toml": robot_text(found.robot)} if usable else {},
+        )
+    result.show(upside_down_parts(found, described), PAGE, *["robot.toml"] * usable)
+    if not usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
-
-
-def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -> tuple[Finding, ...]:
-    """Return what is wrong with the robot and with the logs; stop on an error that is not accepted."""
-    of_ball = (
-        replace(one, where=replace(one.where, file=str(path)))
-        for path, log in logs.items()
-        for one in upside_down_findings(robot, log)
-    )
-    of_bench = bench_findings(robot, {str(path): log for path, log in logs.items()})
-    findings = by_severity([*of_bench, *of_ball])
-    stop_or_show(findings, accept=accept)
-    return findings
-
-
-def _write(
-    found: UpsideDown,
-    described: Robot,
-    named: Mapping[str, Log],
-    result: CommandResult,
-    findings: Sequence[Finding],
-    folder: Path,
-) -> None:
-    movement = ball_movement(found.robot)
-    result.write_json(found.to_dict() | {"movement": movement}, folder, findings=[*findings, *found.findings])
-    if found.verdict.usable:
-        found.robot.write(folder / "robot.toml")
-    page = upside_down_report(found, described, named, movement, made=result.origin, findings=findings)
-    result.write_page(page, folder)

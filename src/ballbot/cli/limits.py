@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ballbot.cli.context import PAGE, OutFolder, WholeNumber, open_result
+from ballbot.cli.context import PAGE, OutFolder, RobotName, Seed, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run, check_seed
@@ -20,18 +20,17 @@ from ballbot.workflows.recovery_region import Loop
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
-_WRITTEN = (PAGE, "results.json")
 
 
 def limits(
-    robot: str,
+    robot: RobotName,
     controllers: tuple[str, ...] = ("none", "full"),
     /,
     *,
     grip: float = 1.0,
     twin: bool = False,
     scenario: str = "nominal",
-    seed: WholeNumber = 1,
+    seed: Seed = 1,
     out: OutFolder,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
@@ -46,8 +45,6 @@ def limits(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file, with its friction.
     controllers
         none, full and partial (the nominal gain with that compensation), precise, and controller files. As in
         compare, LABEL=... renames one, and a trailing @kalman selects the estimator.
@@ -57,31 +54,31 @@ def limits(
         Also find the limits on the twin, in four directions: with slip and play.
     scenario
         A scenario's name or file.
-    seed
-        Random seed of the runs.
     """
     described, candidates = Robot.load(robot), parse_candidates(controllers)
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
-    _check(len(chosen), grip=grip, seed=seed)
+    if len(chosen) > MOST_CONTROLLERS:
+        raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")
+    if not grip > 0.0:
+        raise InputError(
+            f"--grip is {grip:g}; it must be a positive friction coefficient, such as 1 for rubber on rubber."
+        )
+    check_seed(seed)
     truth = load_scenario(scenario, described)
     models: dict[str, RobotLimits] = {}
     twins: dict[str, Sequence[TwinLimit]] = {}
     inputs = [robot, [one.file for one in candidates if one.file], scenario]
-    with (
-        open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result,
-        result.progress("limits") as bar,
-    ):
+    with open_result(out, command="limits", doing="limits", inputs=inputs, seed=seed) as result:
         for name, controller in chosen.items():
 
             def report(now: Progress, name: str = name) -> None:
-                bar.report(replace(now, note=name))
+                result.report(replace(now, note=name))
 
             loop = Loop(robot=described, controller=controller, scenario=truth, grip=grip, seed=seed)
             run = Run(seed=seed, progress=report)
             models[name] = find_limits(loop, run=run)
             if twin:
                 twins[name] = twin_limits(loop, models[name], directions=_ON_TWIN, run=run)
-        bar.begin_writing()
         results = {
             "robot": described.name,
             "grip": grip,
@@ -92,19 +89,7 @@ def limits(
         }
         page = limits_report(described, models, twins, grip=grip, scenario=truth.name)
         result.write(results, page)
-    result.show(page.parts())
-    result.show_file(PAGE)
-
-
-def _check(controllers: int, *, grip: float, seed: int) -> None:
-    """Raise InputError unless the numbers are in range."""
-    if controllers > MOST_CONTROLLERS:
-        raise InputError(f"There are {controllers} controllers; at most {MOST_CONTROLLERS} can be compared.")
-    if not grip > 0.0:
-        raise InputError(
-            f"--grip is {grip:g}; it must be a positive friction coefficient, such as 1 for rubber on rubber."
-        )
-    check_seed(seed)
+    result.show(page.parts(), PAGE)
 
 
 def _law(name: str, controller: object) -> Controller:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import sys
+import webbrowser
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -23,11 +24,13 @@ from rich.text import Text
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
-from ballbot.progress import Progress, fraction, progress_line, stage_words
+from ballbot.progress import Progress, ProgressCallback, fraction, ignore_progress, progress_line, stage_words
 from ballbot.report.blocks import Sheet
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
+#: the last stage of a command, which is no news to who has heard of no other
+WRITING = "writing the report"
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
 
@@ -67,6 +70,12 @@ def suggest_page() -> None:
         PlainConsole(file=sys.stderr).print("--out FOLDER also writes report.html.", soft_wrap=True)
 
 
+def open_page(address: str) -> None:
+    """Open a page in the browser."""
+    if not webbrowser.open(address):
+        notice_output().print("No browser could be opened; open the page in one.")
+
+
 def print_parts(parts: Iterable[RenderableType], console: Console) -> None:
     """Print tables, which keep to the width, and lines, which are not broken."""
     for part in parts:
@@ -80,75 +89,56 @@ def print_verdict(verdict: Iterable[tuple[str, str]], console: Console) -> None:
         console.print(Text.assemble((start, "bold"), sentences), soft_wrap=True)
 
 
-class Bar:
-    """Shows how far work has come; made by `progress_bar`. This one, of --quiet, shows nothing."""
+def _drawn(bar: RichProgress, task: TaskID) -> ProgressCallback:
+    """Return what moves a bar on a terminal."""
+    stage = ""
 
-    def show(self, share: float, *, doing: str = "", note: str = "") -> None:
-        """Show that a share of the work, 0 to 1, is done, what is being done now if that is new, and a short note."""
-        self.report(Progress(stage=doing, done=share, total=1.0, note=note))
-
-    def begin_writing(self) -> None:
-        """Show that the work is done and its result is being written."""
-        self.report(Progress(stage="writing the report"))
-
-    def report(self, progress: Progress) -> None:
-        """Show the progress of work, its stage and its note; a `ballbot.progress.ProgressCallback`."""
-
-
-class _DrawnBar(Bar):
-    """A bar that moves, on a terminal."""
-
-    def __init__(self, progress: RichProgress, task: TaskID) -> None:
-        self._progress, self._task, self._stage = progress, task, ""
-
-    def report(self, progress: Progress) -> None:
-        if progress.stage != self._stage:  # another total forgets the pace of the stage before
-            self._stage = progress.stage
-            self._progress.update(self._task, total=None)
-        self._progress.update(
-            self._task,
+    def report(progress: Progress) -> None:
+        nonlocal stage
+        if progress.stage != stage:  # another total forgets the pace of the stage before
+            stage = progress.stage
+            bar.update(task, total=None)
+        bar.update(
+            task,
             completed=progress.share,
             total=1.0 if progress.total else None,
             description=stage_words(progress) or None,
             note=" ".join(filter(None, (fraction(progress), printable_line(progress.note)))),
         )
 
+    return report
 
-class _WrittenLines(Bar):
-    """Lines on standard error, for output that is piped or kept: one a stage, and one now and then in between.
+
+def _written(doing: str) -> ProgressCallback:
+    """Return what writes lines on standard error, for output that is piped or kept: one a stage, and some in between.
 
     Nothing is written in the first seconds, so that input that is refused is answered by one sentence alone.
     """
+    stage, written, due = doing, "", monotonic() + _BEFORE_LINES
 
-    def __init__(self, doing: str) -> None:
-        self._stage, self._written = doing, ""
-        self._next = monotonic() + _BEFORE_LINES
-
-    def report(self, progress: Progress) -> None:
-        self._stage = progress.stage or self._stage
-        if monotonic() < self._next and self._written in ("", self._stage):
+    def report(progress: Progress) -> None:
+        nonlocal stage, written, due
+        stage = progress.stage or stage
+        if (monotonic() < due and written in ("", stage)) or (not written and stage == WRITING):
             return
-        self._written, self._next = self._stage, monotonic() + _BETWEEN_LINES
-        line = progress_line(replace(progress, stage=self._stage), "")
+        written, due = stage, monotonic() + _BETWEEN_LINES
+        line = progress_line(replace(progress, stage=stage), "")
         print(f"ballbot: {printable_line(line)}", file=sys.stderr, flush=True)
+
+    return report
 
 
 @contextmanager
-def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
-    """Show a bar with the elapsed and the remaining time while the block runs; lines on standard error if piped.
-
-    Parameters
-    ----------
-    console : Console
-        From `standard_output`.
-    doing : str
-        What is being done.
-    """
+def progress_bar(
+    console: Console,  # from `standard_output`
+    doing: str,  # what is being done
+) -> Iterator[ProgressCallback]:
+    """Show a bar with the elapsed and the remaining time while the block runs; lines on standard error if piped."""
     if OUTPUT.get().quiet:
-        yield Bar()
+        yield ignore_progress
         return
     if not console.is_terminal:
-        yield _WrittenLines(doing)
+        yield _written(doing)
         return
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -157,5 +147,5 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),  # of the stage
     )
-    with RichProgress(*columns, console=console, transient=True) as progress:
-        yield _DrawnBar(progress, progress.add_task(printable_line(doing), total=None, note=""))
+    with RichProgress(*columns, console=console, transient=True) as bar:
+        yield _drawn(bar, bar.add_task(printable_line(doing), total=None, note=""))

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from ballbot.cli import OUTPUT
-from ballbot.cli.context import ClusterAddress, LogFormatName, WholeNumber, argv, parse_seeds, workers
+from ballbot.cli.context import ClusterAddress, LogFormatName, OutFolder, Seed, argv, parse_seeds, workers
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
-from ballbot.cli.output import emit, print_verdict, progress_bar, standard_output
+from ballbot.cli.output import emit, print_parts, print_verdict, progress_bar, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import read_results
@@ -23,7 +21,7 @@ from ballbot.log.formats import check_format
 from ballbot.printable import shell_line
 from ballbot.progress import Progress, in_stage
 from ballbot.report.page import page_of
-from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.provenance import provenance
 from ballbot.report.twin import recording_report, seeds_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
@@ -63,8 +61,7 @@ class ExperimentOptions:
 class SeedOptions:
     """Random seeds, and where the runs of several are made."""
 
-    seed: WholeNumber = 1
-    """Random seed. The same seed gives the same recording, bit for bit."""
+    seed: Seed = 1
 
     seeds: str | None = None
     """Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Runs that are there are kept
@@ -86,7 +83,7 @@ def record(
     estimator: EstimatorName | None = None,
     random: SeedOptions = _SEEDS,
     accept: Accept = None,
-    out: Path,
+    out: OutFolder,
 ) -> None:
     """Record logs from the twin, a MuJoCo robot with real rollers, sensors and faults.
 
@@ -106,8 +103,6 @@ def record(
         The state estimate that the controller feeds back and the log contains: onboard (a sum of wheel
         speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
         controller's file names.
-    out
-        The folder to write into.
     """
     described = Robot.load(robot)
     check_robot(described, accept=accept)
@@ -125,85 +120,54 @@ def record(
         duration=DURATIONS[run.experiment] if run.duration is None else run.duration,
         log_format=check_format(run.format),
     )
-    console = standard_output()
     if run.experiment == "balance":
-        name = chosen.controller or "nominal controller"
-        warn_of_idle_compensation({name: job.controller})
+        warn_of_idle_compensation({chosen.controller or "nominal controller": job.controller})
     sample_count(job.duration, job.controller.sample_time)
     check_folder(out)
     if all_seeds is None:
-        _one(job, random.seed, out, console)
+        outcomes = [_one(job, random.seed, out)]
     else:
-        _many(job, all_seeds, out, console, cluster=random.cluster)
-
-
-def _emit(outcomes: Sequence[RecordOutcome]) -> None:
-    """Give --json the results of each run."""
+        outcomes = _many(job, all_seeds, out, cluster=random.cluster)
     if OUTPUT.get().json:
-        emit(
-            {
-                "runs": [
-                    to_results(one) | {"results": read_results(one.folder / "results.json")}
-                    for one in outcomes
-                ]
-            }
-        )
+        runs = [to_results(one) | {"results": read_results(one.folder / "results.json")} for one in outcomes]
+        emit({"runs": runs})
 
 
-def _one(job: RecordJob, seed: int, out: Path, console: Console) -> None:
-    verdict: list[tuple[str, str]] = []
-    with progress_bar(console, f"recording {job.duration:g} s") as bar:
+def _one(job: RecordJob, seed: int, out: Path) -> RecordOutcome:
+    console, doing, verdict = standard_output(), f"recording {job.duration:g} s", list[tuple[str, str]]()
+    with progress_bar(console, doing) as report:
 
         def page(recording: Recording) -> str:
-            bar.report(Progress(stage="writing the files"))
-            report = recording_report(job, seed, recording)
-            verdict.extend(report.verdict)
-            return page_of(report)
+            report(Progress(stage="writing the files"))
+            made = recording_report(job, seed, recording)
+            verdict.extend(made.verdict)
+            return page_of(made)
 
-        outcome = record_run(
-            job,
-            seed,
-            out,
-            page=page,
-            progress=in_stage(bar.report, f"recording {job.duration:g} s"),
-        )
-    _emit([outcome])
+        outcome = record_run(job, seed, out, page=page, progress=in_stage(report, doing))
     print_verdict(verdict, console)
-    for path in sorted(out.iterdir()):
-        if not path.name.startswith("."):
-            console.print(str(path), soft_wrap=True)
+    print_parts((str(path) for path in sorted(out.iterdir()) if not path.name.startswith(".")), console)
     if outcome.ended and not verdict:
         console.print(f"The run ended early: {outcome.ended}.", soft_wrap=True)
+    return outcome
 
 
-def _many(job: RecordJob, seeds: list[int], out: Path, console: Console, *, cluster: str | None) -> None:
-    with (
-        workers(cluster) as made_by,
-        progress_bar(console, f"recording {counted(len(seeds), 'run')} of {job.duration:g} s") as bar,
-    ):
+def _many(job: RecordJob, seeds: list[int], out: Path, *, cluster: str | None) -> list[RecordOutcome]:
+    console, doing = standard_output(), f"recording {counted(len(seeds), 'run')} of {job.duration:g} s"
+    listed = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else str(seeds[0])
+    made = provenance(command=shell_line(argv()), files=(), seed=listed)
+    with workers(cluster) as made_by, progress_bar(console, doing) as report:
         outcomes = record_runs(
             job,
             seeds,
             out,
             workers=made_by,
-            page=lambda runs: page_of(seeds_report(job, runs, _made(seeds))),
-            progress=bar.report,
+            page=lambda runs: page_of(seeds_report(job, runs, made)),
+            progress=report,
         )
-    _emit(outcomes)
-    console.print(_summary(outcomes, out), soft_wrap=True)
-    for outcome in outcomes:
-        if outcome.ended:
-            console.print(f"{outcome.folder}: ended early, {outcome.ended}.", soft_wrap=True)
-
-
-def _made(seeds: Sequence[int]) -> Provenance:
-    """Return the provenance of several runs."""
-    listed = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else str(seeds[0])
-    return provenance(command=shell_line(argv()), files=(), seed=listed)
-
-
-def _summary(outcomes: list[RecordOutcome], out: Path) -> str:
     before = sum(outcome.was_there for outcome in outcomes)
-    early = sum(outcome.ended is not None for outcome in outcomes)
+    early = [outcome for outcome in outcomes if outcome.ended is not None]
     kept = f", {before} of them kept from before" if before else ""
-    return f"{counted(len(outcomes), 'run')} in {out}{kept}; {early} ended early."
+    lines = [f"{counted(len(outcomes), 'run')} in {out}{kept}; {len(early)} ended early."]
+    lines += [f"{outcome.folder}: ended early, {outcome.ended}." for outcome in early]
+    print_parts(lines, console)
+    return outcomes

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from rich.console import RenderableType
 
-from ballbot.cli.context import WholeNumber, open_result
+from ballbot.cli.context import PAGE, OutFolder, Seed, open_result
 from ballbot.fitting.run import check_seed
 from ballbot.report.blocks import table
 
 
-def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> None:
+def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> None:
     """Reproduce the figures and tables of the thesis from the twin and the models, and show its mistakes.
 
-    Writes report.html, results.json and reproduce.md, and keeps its recordings in runs/: the same command goes on
-    after it was stopped. The same seed gives the same result.
+    Writes report.html and results.json.
 
     Example: ballbot reproduce --out thesis
 
@@ -21,36 +20,24 @@ def reproduce(*, out: Path, only: str | None = None, seed: WholeNumber = 0) -> N
 
     Parameters
     ----------
-    out
-        The folder to write into.
     only
         One figure or table by its name in the thesis, such as "Table 4.1". If not given, all, and the mistakes.
-    seed
-        Random seed. The same seed gives the same result.
     """
     check_seed(seed)
     # imported late: the twin is an extra
     from ballbot.thesis.reproduce.campaign import items_named
     from ballbot.thesis.reproduce.campaign import reproduce as remake
-    from ballbot.thesis.reproduce.page import REPRODUCTION_FILES, write_reproduction
+    from ballbot.thesis.reproduce.page import reproduction_report, reproduction_results
 
     items_named(only)
-    with (
-        open_result(out, command="reproduce", writes=REPRODUCTION_FILES, seed=seed) as result,
-        result.progress("reproducing the thesis") as bar,
-    ):
-        found = remake(
-            result.folder.path / "runs",
-            seed=seed,
-            only=only,
-            progress=bar.report,
-        )
-        with result.replaced() as new:
-            write_reproduction(found, new, provenance=result.origin)
-    console = result.console
+    with open_result(
+        out, command="reproduce", doing="reproducing the thesis", writes=(PAGE, "results.json"), seed=seed
+    ) as result:
+        found = remake(seed=seed, only=only, progress=result.report)
+        result.write(reproduction_results(found), reproduction_report(found))
     rows = [[item.name, item.title, item.verdict] for item in found.items]
-    console.print(table("The thesis reproduced", ("", "title", "verdict"), rows))
+    parts: list[RenderableType] = [table("The thesis reproduced", ("", "title", "verdict"), rows)]
     if found.mistakes:
         proven = sum(mistake.proven for mistake in found.mistakes)
-        console.print(f"{proven} of {len(found.mistakes)} misprints and mistakes are confirmed by numbers.")
-    result.show_file("report.html")
+        parts.append(f"{proven} of {len(found.mistakes)} misprints and mistakes are confirmed by numbers.")
+    result.show(parts, PAGE)

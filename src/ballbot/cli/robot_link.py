@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -44,6 +45,14 @@ _PICTURE, _LINE = 0.1, 5.0
 #: what is typed at the terminal to let the robot arm
 _CONFIRMATION = "arm"
 
+
+def _check_positive(_: type, value: float) -> None:
+    if not 0.0 < value < math.inf:
+        raise ValueError("It must be above 0.")
+
+
+#: the length of a live run
+Seconds = Annotated[float, Parameter(validator=_check_positive)]
 
 #: the robot's port
 Port = Annotated[str | None, Parameter(help="A serial port such as /dev/ttyACM0?baud=921600.")]
@@ -108,45 +117,45 @@ class ControllerOnRobot:
 class Connection:
     """A robot at the other end of a link, and the person beside it."""
 
+    link: LinkOptions
     robot: LiveRobot
     operator: Operator
     address: str  #: port or "emulated"
     camera: EmulatedCamera | None = None  #: above an emulated robot that is upside down
 
+    @property
+    def words(self) -> str:
+        """Which robot it is, and where, in a sentence."""
+        described = self.link.described
+        name = "A robot" if described is None else f"The robot {described.name}"
+        where = ", emulated on this computer" if self.address == "emulated" else f" at {self.address}"
+        return f"{name}{where}."
+
 
 @contextmanager
 def connected(
-    port: str | None,
+    port: str | None,  # None for an emulated robot
     link: LinkOptions,
     *,
+    # how an emulated robot is held; in the air and upside down it stays so when it arms
     hold: Hold = "on_ball",
+    # whether an emulated robot runs no faster than a real one, for a person who drives or watches it
     real_time: bool = False,
-    imu_checked: bool = True,
+    imu_checked: bool = True,  # whether the IMU's axes of an emulated robot count as checked
 ) -> Iterator[Connection]:
     """Hold the link to a robot while the block runs.
 
-    Parameters
-    ----------
-    port : str or None
-        None for an emulated robot.
-    link : LinkOptions
-    hold : {"on_ball", "in_air", "upside_down"}
-        How an emulated robot is held; in the air and upside down it stays so when it arms.
-    real_time : bool
-        Whether an emulated robot runs no faster than a real one, for a person who drives or watches it.
-    imu_checked : bool
-        Whether the IMU's axes of an emulated robot count as checked.
-
-    Raises
-    ------
-    InputError
-        If there is no such robot, both or neither of port and --emulated are given, or the link fails.
+    InputError if there is no such robot, both or neither of port and --emulated are given, or the link fails.
     """
     if link.emulated == (port is not None):
         raise InputError("Give the robot's port, such as /dev/ttyACM0, or --emulated.")
     if port is not None and link.plant != LinkOptions.plant:
         raise InputError("--plant is of an emulated robot; give --emulated in place of the port.")
-    if port is None:
+    with ExitStack() as held:
+        if port is not None:
+            robot = _robot_at(open_transport(port), time.monotonic, held)
+            yield Connection(link=link, robot=robot, operator=TerminalOperator(), address=port)
+            return
         check_seed(link.seed)
         described = Robot.load(link.robot or _EMULATED_ROBOT)
         emulated = emulated_robot(
@@ -158,28 +167,20 @@ def connected(
             real_time=real_time,
             imu_checked=imu_checked,
         )
-        hand = emulated.hand
-        with _session(emulated, emulated.clock) as robot:
-            camera = None
-            if hold == "upside_down":
-                camera = EmulatedCamera(
-                    hand, clock=emulated.clock, sample_time=robot.sample_time, seed=link.seed
-                )
-            yield Connection(robot=robot, operator=EmulatedOperator(hand), address="emulated", camera=camera)
-        return
-    transport = open_transport(port)
-    with _session(transport, time.monotonic) as robot:
-        yield Connection(robot=robot, operator=TerminalOperator(), address=port)
+        robot, camera = _robot_at(emulated, emulated.clock, held), None
+        if hold == "upside_down":
+            camera = EmulatedCamera(
+                emulated.hand, clock=emulated.clock, sample_time=robot.sample_time, seed=link.seed
+            )
+        operator = EmulatedOperator(emulated.hand)
+        yield Connection(link=link, robot=robot, operator=operator, address="emulated", camera=camera)
 
 
-@contextmanager
-def _session(transport: Transport, clock: Callable[[], float]) -> Iterator[LiveRobot]:
+def _robot_at(transport: Transport, clock: Callable[[], float], held: ExitStack) -> LiveRobot:
     session = Session(transport, clock=clock)
-    try:
-        session.connect()
-        yield LiveRobot(session, clock=clock)
-    finally:
-        session.close()
+    held.callback(session.close)
+    session.connect()
+    return LiveRobot(session, clock=clock)
 
 
 class TerminalOperator:
@@ -189,13 +190,7 @@ class TerminalOperator:
         self._console = notice_output()
 
     def confirm_arming(self) -> bool:
-        """Let the person type the confirmation; nobody else can give it.
-
-        Raises
-        ------
-        InputError
-            If the input is not a terminal.
-        """
+        """Let the person type the confirmation; nobody else can give it. InputError if the input is not a terminal."""
         if not sys.stdin.isatty():
             raise InputError("Arming is confirmed at a terminal, and the input of this command is none.")
         self._console.print(
@@ -216,12 +211,7 @@ class TerminalOperator:
 
 
 class Monitor:
-    """Shows a robot while it runs: a line that changes on a terminal, or a line every five seconds elsewhere.
-
-    Parameters
-    ----------
-    console : PlainConsole
-    """
+    """Shows a robot while it runs: a line that changes on a terminal, or a line every five seconds elsewhere."""
 
     def __init__(self, console: PlainConsole) -> None:
         self._live: Live | None = None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from contextlib import closing
 from hashlib import sha256
 from pathlib import Path
 
@@ -12,24 +12,33 @@ from cyclopts import App
 from numpy.typing import NDArray
 from rich.text import Text
 
-from ballbot.cli.context import PAGE, CommandResult, OutFolder, Seconds, WholeNumber, open_result
+from ballbot.cli.context import PAGE, CommandResult, Content, OutFolder, WholeNumber, open_result
 from ballbot.cli.output import emit, notice_output, print_parts, standard_output, suggest_page
-from ballbot.cli.robot_link import Connection, ControllerOnRobot, LinkOptions, Monitor, Port, connected
-from ballbot.control.controller import Controller
+from ballbot.cli.robot_link import (
+    Connection,
+    ControllerOnRobot,
+    LinkOptions,
+    Monitor,
+    Port,
+    Seconds,
+    connected,
+)
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.file_formats import results_text
-from ballbot.files import write_text
-from ballbot.findings import finding_results
 from ballbot.firmware.export import export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
-from ballbot.link.live import Commander, ControlFromHost, FollowReference, Sample, TorqueProgram
-from ballbot.link.messages import ControllerPlace
+from ballbot.link.live import (
+    Commander,
+    ControlFromHost,
+    FollowReference,
+    LiveRun,
+    Sample,
+    TorqueProgram,
+    recorded_run,
+)
 from ballbot.link.recorder import SUFFIX, check_no_recording
-from ballbot.link.references import KEYBOARD, LiveReference, live_reference
-from ballbot.link.runs import LiveRun, recorded_run, require_log
+from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
-from ballbot.log import Log
 from ballbot.report.console import finding_line
 from ballbot.report.live import (
     alternation_report,
@@ -45,13 +54,8 @@ from ballbot.report.live import (
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
-from ballbot.workflows.alternation import MIN_RUNS, Alternation, alternate
-from ballbot.workflows.controller_prediction import (
-    Prediction,
-    check_controller,
-    evaluate_log,
-    read_prediction,
-)
+from ballbot.workflows.alternation import MIN_RUNS, alternate
+from ballbot.workflows.controller_prediction import check_controller, evaluate_log, read_prediction
 from ballbot.workflows.metrics import SETTLE, Performance, settled
 
 ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
@@ -67,8 +71,6 @@ Example: ballbot run wiring --emulated
 run = App(name="run", help=ABOUT)
 
 
-#: what a recorded run leaves in its folder
-_WRITTEN = (PAGE, "log.csv", "results.json")
 _LINK, _CONTROLLER = LinkOptions(), ControllerOnRobot()
 
 
@@ -106,48 +108,25 @@ def balance(
         The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
     controller = chosen.read(link)
-    driven = live_reference(reference)
-    try:
-        with connected(port, link, real_time=reference == KEYBOARD) as connection:
-            _balance(connection, link, chosen, controller, driven, duration=duration, ramp=ramp, out=out)
-    finally:
-        driven.close()
-
-
-def _balance(
-    connection: Connection,
-    link: LinkOptions,
-    chosen: ControllerOnRobot,
-    controller: Controller | None,
-    driven: LiveReference,
-    *,
-    duration: float,
-    ramp: float,
-    out: Path | None,
-) -> None:
-    robot = connection.robot
-    if controller is not None:
-        robot.use_parameters(export_controller(controller, lean=chosen.lean).parameters)
-    check_balancing_parameters(robot.parameters)
-    commander: Commander = FollowReference(driven, sample_time=robot.sample_time)
-    if chosen.on_host and controller is not None:
-        commander = ControlFromHost(controller, driven)
-    place = ControllerPlace.HOST if chosen.on_host else ControllerPlace.ROBOT
-    plan = _Plan(commander=commander, controller=place, duration=duration, ramp=ramp)
-    if out is None:
-        made = _make_run(connection, plan)
-        emit({"ended": made.ending.kind, "reason": made.ending.text})
-        _finish(connection, made)
-        suggest_page()
-        return
-
-    def performance(log: Log) -> dict[str, object]:
-        if not settled(log, SETTLE).any():
-            return {}
-        return {"performance": to_results(Performance.of(log, torque_limit=robot.torque_limit))}
-
-    inputs: list[str | Path | None] = [link.robot, chosen.controller, link.scenario]
-    _record(connection, link, plan, out=out, inputs=inputs, kept=lambda log: log, summary=performance)
+    with (
+        closing(live_reference(reference)) as driven,
+        connected(port, link, real_time=reference == KEYBOARD) as connection,
+    ):
+        robot = connection.robot
+        if controller is not None:
+            robot.use_parameters(export_controller(controller, lean=chosen.lean).parameters)
+        check_balancing_parameters(robot.parameters)
+        commander: Commander = FollowReference(driven, sample_time=robot.sample_time)
+        if chosen.on_host and controller is not None:
+            commander = ControlFromHost(controller, driven)
+        if out is None:
+            made = _made(connection, commander, duration=duration, ramp=ramp)
+            emit({"ended": made.ending.kind, "reason": made.ending.text})
+            _finish(connection, made)
+            suggest_page()
+            return
+        inputs = [chosen.controller]
+        _record(connection, commander, duration=duration, ramp=ramp, out=out, inputs=inputs)
 
 
 @run.command
@@ -195,16 +174,14 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
         check = check_turns(turns, robot.ball_from_wheels)
         verdict = "The wiring is right." if check.passed else "The wiring is not right."
         print_parts([Text(verdict), wiring_sheet(check), *map(finding_line, check.findings)], console)
-        emit(wiring_results(check) | {"findings": finding_results(check.findings)})
         if check.passed:
             robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
+    with open_result(out, command="run wiring", inputs=[link.robot, link.scenario]) as result:
+        page = wiring_report(check, about=connection.words)
+        result.write(wiring_results(check), page, findings=check.findings)
     if out is not None:
-        writes, inputs = (PAGE, "results.json"), [link.robot, link.scenario]
-        with open_result(out, command="run wiring", writes=writes, inputs=inputs) as result:
-            page = wiring_report(check, about=_about_words(connection, link))
-            result.write(wiring_results(check), page, findings=check.findings)
-        result.show_file(PAGE)
+        result.show((), PAGE)
     if not check.passed:
         raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
     if out is None:
@@ -237,7 +214,7 @@ def sweep(
         Its largest torque [N m].
     """
     with connected(port, link, hold="in_air") as connection:
-        _bench(connection, link, sweep_of(connection.robot, torque), duration, out)
+        _bench(connection, sweep_of(connection.robot, torque), duration, out)
 
 
 @run.command
@@ -267,39 +244,18 @@ def upside_down(
         Random seed of the torques' phases.
     """
     with connected(port, link, hold="upside_down") as connection:
-        _bench(connection, link, stir(connection.robot, torque_seed), duration, out)
+        _bench(connection, stir(connection.robot, torque_seed), duration, out)
 
 
 def _bench(
-    connection: Connection,
-    link: LinkOptions,
-    torques: Callable[[float], NDArray[np.float64]],
-    duration: float,
-    out: Path,
+    connection: Connection, torques: Callable[[float], NDArray[np.float64]], duration: float, out: Path
 ) -> None:
     """Record given torques of a robot that is held, without a limit of its lean; then restore the limit."""
-    robot, camera = connection.robot, connection.camera
-    own = robot.parameters
+    robot, own = connection.robot, connection.robot.parameters
     robot.use_parameters(bench_parameters(own))
-
-    def kept(log: Log) -> Log:
-        return camera.added_to(bench_log(log)) if camera else bench_log(log)
-
     try:
-        _record(
-            connection,
-            link,
-            _Plan(
-                commander=TorqueProgram(torques, sample_time=robot.sample_time),
-                controller=ControllerPlace.HOST,
-                duration=duration,
-                held=True,
-            ),
-            out=out,
-            inputs=[link.robot, link.scenario],
-            kept=kept,
-            summary=lambda log: {"peak_wheel_speed": float(np.abs(log.wheel_speeds).max())},
-        )
+        commander = TorqueProgram(torques, sample_time=robot.sample_time)
+        _record(connection, commander, duration=duration, out=out)
     finally:
         if robot.session.connected:
             robot.use_parameters(own)
@@ -380,113 +336,102 @@ def compare(
     names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
     for name in names:
         check_no_recording(out / f"{name}{SUFFIX}")
-    writes = [*(f"{name}.csv" for name in names), PAGE, "results.json"]
-    inputs = [prediction, files, link.robot, link.scenario]
-    with open_result(out, command="run compare", writes=writes, inputs=inputs, seed=link.seed) as result:
+    with open_result(
+        out,
+        command="run compare",
+        writes=[f"{name}.csv" for name in names],
+        inputs=[prediction, files, link.robot, link.scenario],
+        seed=link.seed,
+    ) as result:
+        logs = []
         with connected(port, link) as connection:
-            about = _about_run(connection, link, result) | {"robot": described.name}
-            logs = []
+            about = _about_run(connection, result) | {"robot": described.name}
             for k, name in enumerate(names):
                 result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
                 parameters = export_controller(controllers[k % 2], lean=lean).parameters
                 connection.robot.use_parameters(parameters)
-                logs.append(_course_run(connection, predicted, out / f"{name}{SUFFIX}"))
-        found = _compared(predicted, logs, controllers)
-        with result.replaced() as new:
-            for name, log in zip(names, logs, strict=True):
-                log.write(new / f"{name}.csv")
-            compared = {"before": str(files[0]), "after": str(files[1])}
-            found_results = alternation_results(found) | {"controllers": compared, "provenance": about}
-            write_text(new / "results.json", results_text(found_results))
-            page = alternation_report(
-                found,
-                logs,
-                controllers=(compared["before"], compared["after"]),
-                about=_about_words(connection, link),
-            )
-            result.write_page(page, new)
+                course = live_reference(predicted.course.name)
+                commander = FollowReference(course, sample_time=connection.robot.sample_time)
+                recording = out / f"{name}{SUFFIX}"
+                made = _made(connection, commander, duration=predicted.course.duration, recording=recording)
+                _finish(connection, made)
+                logs.append(made.whole_log())
+        limits = [controllers[k % 2].torque_limit for k in range(len(logs))]
+        performances = [
+            Performance.of(log, torque_limit=limit) for log, limit in zip(logs, limits, strict=True)
+        ]
+        verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
+        found, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
+        page = alternation_report(found, logs, controllers=compared, about=connection.words)
+        results = alternation_results(found) | {
+            "controllers": dict(zip(("before", "after"), compared, strict=True)),
+            "provenance": about,
+        }
+        written: dict[str, Content] = {
+            f"{name}.csv": log.write for name, log in zip(names, logs, strict=True)
+        }
+        result.write(results, page, files=written)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
-    result.show(page.parts())
-    result.show_file(PAGE)
-
-
-def _course_run(connection: Connection, predicted: Prediction, recording: Path) -> Log:
-    """Return the log of one run of the predicted course."""
-    course = live_reference(predicted.course.name)
-    plan = _Plan(
-        commander=FollowReference(course, sample_time=connection.robot.sample_time),
-        controller=ControllerPlace.ROBOT,
-        duration=predicted.course.duration,
-    )
-    made = _make_run(connection, plan, recording=recording)
-    _finish(connection, made)
-    return require_log(made)
-
-
-def _compared(predicted: Prediction, logs: list[Log], controllers: list[Controller]) -> Alternation:
-    """Return the comparison of runs in turn; those of the second controller are compared with the prediction."""
-    limits = [controllers[k % 2].torque_limit for k in range(len(logs))]
-    performances = [Performance.of(log, torque_limit=limit) for log, limit in zip(logs, limits, strict=True)]
-    return alternate(performances, [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]])
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Plan:
-    """What a run is."""
-
-    commander: Commander
-    controller: ControllerPlace
-    duration: float  #: longest, from arming on [s]
-    ramp: float = 0.0  #: over which the torque limit rises from zero [s]
-    held: bool = False  #: whether the robot is held, and does not balance
+    result.show(page.parts(), PAGE)
 
 
 def _record(
     connection: Connection,
-    link: LinkOptions,
-    plan: _Plan,
+    commander: Commander,
     *,
+    duration: float,
+    ramp: float = 0.0,
     out: Path,
-    inputs: list[str | Path | None],
-    kept: Callable[[Log], Log],
-    summary: Callable[[Log], Mapping[str, object]],
+    inputs: list[Path | None] | None = None,
 ) -> None:
     """Make a run, and write its log and results into a folder; the log until then if the link is lost."""
-    recording = out / f"log{SUFFIX}"
+    recording, link = out / f"log{SUFFIX}", connection.link
     check_no_recording(recording)
-    with open_result(out, command="run", writes=_WRITTEN, inputs=inputs, seed=link.seed) as result:
-        made = _make_run(connection, plan, recording=recording)
-        log = kept(require_log(made))
+    files = [link.robot, *(inputs or ()), link.scenario]
+    with open_result(out, command="run", writes=["log.csv"], inputs=files, seed=link.seed) as result:
+        made = _made(connection, commander, duration=duration, ramp=ramp, recording=recording)
+        log, held = made.whole_log(), isinstance(commander, TorqueProgram)
+        summary: dict[str, object] = {}
+        if held:
+            log = connection.camera.added_to(bench_log(log)) if connection.camera else bench_log(log)
+            summary["peak_wheel_speed"] = float(np.abs(log.wheel_speeds).max())
+        elif settled(log, SETTLE).any():
+            summary["performance"] = Performance.of(log, torque_limit=connection.robot.torque_limit)
         results = {
             "rows": len(log),
             "sample_time": connection.robot.sample_time,
             "ended": made.ending.kind,
             "reason": made.ending.text,
-            **summary(log),
-            "provenance": _about_run(connection, link, result),
+            **summary,
+            "provenance": _about_run(connection, result),
         }
-        with result.replaced() as new:
-            log.write(new / "log.csv")
-            write_text(new / "results.json", results_text(results))
-            page = live_run_report(
-                log,
-                link.described,
-                held=plan.held,
-                ending=made.ending.text,
-                about=_about_words(connection, link),
-            )
-            result.write_page(page, new)
+        page = live_run_report(
+            log,
+            link.described,
+            held=held,
+            ending=made.ending.text,
+            about=connection.words,
+        )
+        result.write(results, page, files={"log.csv": log.write})
         recording.unlink(missing_ok=True)
     try:
         _finish(connection, made)
     finally:
-        result.show_file("log.csv", PAGE)
+        result.show((), "log.csv", PAGE)
 
 
-def _make_run(connection: Connection, plan: _Plan, *, recording: Path | None = None) -> LiveRun:
+def _made(
+    connection: Connection,
+    commander: Commander,
+    *,
+    duration: float,
+    ramp: float = 0.0,
+    recording: Path | None = None,
+) -> LiveRun:
     """Make a run, watched by the monitor; see `recorded_run`."""
-    monitor, line = Monitor(standard_output()), bench_line if plan.held else sample_line
+    monitor = Monitor(standard_output())
+    line = bench_line if isinstance(commander, TorqueProgram) else sample_line
 
     def watch(sample: Sample) -> None:
         monitor.show(sample.t, lambda: line(sample, torque_limit=connection.robot.torque_limit))
@@ -496,27 +441,18 @@ def _make_run(connection: Connection, plan: _Plan, *, recording: Path | None = N
     with monitor:
         return recorded_run(
             connection.robot,
-            plan.commander,
+            commander,
             operator=connection.operator,
-            controller=plan.controller,
-            duration=plan.duration,
-            ramp=plan.ramp,
+            duration=duration,
+            ramp=ramp,
             watch=watch,
             recording=recording,
         )
 
 
-def _about_words(connection: Connection, link: LinkOptions) -> str:
-    """Return which robot it is, and where, in a sentence."""
-    described = link.described
-    name = "A robot" if described is None else f"The robot {described.name}"
-    where = ", emulated on this computer" if connection.address == "emulated" else f" at {connection.address}"
-    return f"{name}{where}."
-
-
-def _about_run(connection: Connection, link: LinkOptions, result: CommandResult) -> dict[str, object]:
+def _about_run(connection: Connection, result: CommandResult) -> dict[str, object]:
     """Return the provenance of a log: how it was made, on which robot, with which parameters, in which session."""
-    described = link.described
+    described = connection.link.described
     return to_results(result.origin) | {
         "robot": described.name if described else None,
         "port": connection.address,

@@ -6,19 +6,28 @@ from dataclasses import dataclass
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, ROBOT_BESIDE, LogFormatName, OutFolder, WholeNumber, open_result
+from ballbot.cli.context import (
+    PAGE,
+    ROBOT_BESIDE,
+    Content,
+    LogFormatName,
+    OutFolder,
+    WholeNumber,
+    open_result,
+)
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
-from ballbot.cli.output import notice_output, print_verdict, standard_output
+from ballbot.cli.output import notice_output, print_verdict
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import WRITTEN_SUFFIXES, check_format
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
+from ballbot.progress import in_stage
 from ballbot.report.run import run_verdict, simulation_report
 from ballbot.robot import Robot
-from ballbot.robot.file import write_robot
+from ballbot.robot.file import robot_text
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -26,7 +35,7 @@ from ballbot.twin.imperfections import imperfections_of, left_out, with_identifi
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.metrics import run_results
 
-_WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json", ROBOT_BESIDE, PAGE)
+_WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), ROBOT_BESIDE)
 
 
 @Parameter(name="*")
@@ -86,35 +95,37 @@ def simulate(
     check_format(format)
     path = as_reference(reference)
     controller = chosen.read(described)
-    console = standard_output()
     warn_of_idle_compensation({chosen.controller or "nominal controller": controller})
     plant = _plant(Model(described, simulated.formulation), simulated.scenario, controller.estimator)
     inputs = [robot, reference, chosen.controller, simulated.scenario]
-    with open_result(out, command="simulate", writes=_WRITTEN, inputs=inputs, seed=simulated.seed) as result:
-        with result.progress(f"simulating {duration:g} s") as bar:
-            log = run(
-                plant,
-                controller,
-                path,
-                duration=duration,
-                seed=simulated.seed,
-                progress=lambda now: bar.show(now.share),
-            )
-        with result.replaced() as new:
-            log.write(new / f"log.{format}")
-            result.write_json(run_results(log), new)
-            write_robot(described, new / ROBOT_BESIDE)
-            page = simulation_report(
-                log,
-                described,
-                reference=reference,
-                formulation=simulated.formulation,
-                scenario=simulated.scenario,
-                findings=findings,
-            )
-            result.write_page(page, new)
-    print_verdict(run_verdict(log), console)
-    result.show_file(f"log.{format}", PAGE)
+    with open_result(
+        out,
+        command="simulate",
+        doing=f"simulating {duration:g} s",
+        writes=_WRITTEN,
+        inputs=inputs,
+        seed=simulated.seed,
+    ) as result:
+        log = run(
+            plant,
+            controller,
+            path,
+            duration=duration,
+            seed=simulated.seed,
+            progress=in_stage(result.report, f"simulating {duration:g} s"),
+        )
+        page = simulation_report(
+            log,
+            described,
+            reference=reference,
+            formulation=simulated.formulation,
+            scenario=simulated.scenario,
+            findings=findings,
+        )
+        files: dict[str, Content] = {f"log.{format}": log.write, ROBOT_BESIDE: robot_text(described)}
+        result.write(run_results(log), page, files=files)
+    print_verdict(run_verdict(log), result.console)
+    result.show((), f"log.{format}", PAGE)
 
 
 def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plant | Model:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cyclopts import Parameter
-from scipy.spatial.transform import Rotation
 
-from ballbot.cli.context import PAGE, input_files, open_result
+from ballbot.arguments import numbers_listed
+from ballbot.cli.context import PAGE, Content, MappingFile, OutFolder, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
-from ballbot.files import write_bytes
+from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.spin import spin_report, spin_results
@@ -29,7 +29,7 @@ from ballbot.vision.spin import (
 )
 from ballbot.vision.video import open_video
 
-_WRITTEN = (PAGE, "spin.csv", "results.json", "overlay.png", "log.csv")
+_WRITTEN = ("spin.csv", "overlay.png", "log.csv")
 
 
 @Parameter(name="*")
@@ -62,11 +62,11 @@ def spin(
     video: Path,
     /,
     *,
-    out: Path,
+    out: OutFolder,
     camera: CameraOptions = _CAMERA,
     log: Path | None = None,
     robot: str | None = None,
-    mapping: Path | None = None,
+    mapping: MappingFile = None,
     accept: Accept = None,
 ) -> None:
     """Measure the ball's angular velocity from a video of its seam, seen from above on the upside-down robot.
@@ -82,35 +82,38 @@ def spin(
     ----------
     video
         Any file that OpenCV reads. The camera stands still and looks down on the ball.
-    out
-        The folder to write into.
     log
         A log of the same run, with the wheels' speeds.
     robot
         A preset's name or a robot file; needed with a log.
-    mapping
-        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     """
     if log is not None and robot is None:
         raise InputError(
             "--log needs --robot, because the ball's velocity is "
             "computed from the wheel speeds with the robot's geometry."
         )
-    turn = _turn(camera.forward)
-    setup = Setup(
-        seam=seam_named(camera.seam),
-        colour=_colour(camera.colour) if camera.colour is not None else None,
-        circle=_circle(camera.circle) if camera.circle is not None else None,
-    )
+    turn = None
+    if camera.forward is not None:
+        if not math.isfinite(camera.forward):
+            raise InputError(f"--forward is {camera.forward:g}; it must be an angle in degrees.")
+        turn = facing(math.radians(camera.forward))
+    colour = None if camera.colour is None else _colour(camera.colour)
+    circle = None
+    if camera.circle is not None:
+        place = "x,y,radius in pixels, such as 320,240,150"
+        x, y, radius = numbers_listed(camera.circle, "--circle", count=3, wanted=place)
+        circle = (x, y, radius)
+    setup = Setup(seam=seam_named(camera.seam), colour=colour, circle=circle)
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
     findings = bench_findings(described, {str(log): run}) if described and run else ()
     stop_or_show(findings, accept=accept, others="`ballbot check-log`")
     film = open_video(video, frame_rate=camera.frame_rate)
-    with open_result(out, command="spin", writes=_WRITTEN, inputs=input_files(video, log, mapping)) as result:
-        with result.progress("looking") as bar:
-            found = measure_spin(film, setup, progress=lambda now: bar.report(replace(now, note=video.stem)))
-        comparison = None
+    with open_result(
+        out, command="spin", doing="looking", writes=_WRITTEN, inputs=[video, log, mapping]
+    ) as result:
+        found = measure_spin(film, setup, progress=lambda now: result.report(replace(now, note=video.stem)))
+        comparison, files = None, dict[str, Content]()
         if run is not None and described is not None:
             try:
                 comparison = compare_with_wheels(found, run, described, known=turn)
@@ -118,52 +121,23 @@ def spin(
                 raise InputError(f"{video} and {log}: {error}") from None
             turn = turn or comparison.robot_camera
         found = found.turned(turn) if turn is not None else found
-        with result.replaced() as new:
-            result.write_json(spin_results(found, comparison, log_findings=findings), new)
-            found.log().write(new / "spin.csv")
-            picture = overlay(found)
-            write_bytes(new / "overlay.png", picture)
-            if run is not None and comparison is not None:
-                log_with_spin(run, found, comparison.clock).write(new / "log.csv")
-            page = spin_report(
-                found,
-                comparison,
-                video=video.name,
-                picture=picture,
-                log_findings=findings,
-            )
-            result.write_page(page, new)
-    for finding in spin_findings(found, comparison):
-        result.console.print(finding.text, markup=False, soft_wrap=True)
-    result.show_file("spin.csv", PAGE)
-
-
-def _turn(forward: float | None) -> Rotation | None:
-    if forward is None:
-        return None
-    if not math.isfinite(forward):
-        raise InputError(f"--forward is {forward:g}; it must be an angle in degrees.")
-    return facing(math.radians(forward))
-
-
-def _circle(text: str) -> tuple[float, float, float]:
-    values = _numbers(text)
-    if len(values) != 3:
-        raise InputError(f"--circle is {text!r}; it must be x,y,radius in pixels, such as 320,240,150.")
-    return values[0], values[1], values[2]
+        if run is not None and comparison is not None:
+            files["log.csv"] = log_with_spin(run, found, comparison.clock).write
+        files |= {"spin.csv": found.log().write, "overlay.png": (picture := overlay(found))}
+        page = spin_report(
+            found,
+            comparison,
+            video=video.name,
+            picture=picture,
+            log_findings=findings,
+        )
+        result.write(spin_results(found, comparison, log_findings=findings), page, files=files)
+    result.show(texts(spin_findings(found, comparison)), "spin.csv", PAGE)
 
 
 def _colour(text: str) -> tuple[int, int, int]:
-    values = _numbers(text)
-    if len(values) != 3 or not all(0.0 <= value <= 255.0 for value in values):
-        raise InputError(
-            f"--colour is {text!r}; it must be red,green,blue from 0 to 255, such as 225,190,40."
-        )
-    return round(values[0]), round(values[1]), round(values[2])
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        return []
+    wanted = "red,green,blue from 0 to 255, such as 225,190,40"
+    red, green, blue = map(round, numbers_listed(text, "--colour", count=3, wanted=wanted))
+    if not all(0 <= value <= 255 for value in (red, green, blue)):
+        raise InputError(f"--colour is {text!r}; it must be {wanted}.")
+    return red, green, blue

@@ -10,8 +10,11 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli.context import (
+    PAGE,
+    RESULTS,
     ClusterAddress,
     LogPath,
+    MappingFile,
     OutFolder,
     RobotName,
     Seed,
@@ -61,8 +64,7 @@ class StudyFitOptions:
     """States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
     floor. They are still validated."""
 
-    mapping: Path | None = None
-    """A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it."""
+    mapping: MappingFile = None
 
     bounds: Path | None = None
     """A TOML file with lower and upper bounds of the friction parameters."""
@@ -104,12 +106,7 @@ def study(
     described = Robot.load(robot)
     named = read_balancing_logs(logs, fit.mapping, described)
     within = read_bounds(fit.bounds) if fit.bounds else None
-    findings = check_input(
-        described,
-        dict(zip(logs, named.values(), strict=True)),
-        accept=accept,
-        mappings=[fit.mapping],
-    )
+    findings = check_input(described, logs, named.values(), accept=accept, mappings=[fit.mapping])
     back_emf, excluded = back_emf_of(fit.mapping), names_listed(fit.exclude_states)
     scenario = load_scenario(trial.scenario, described)
     if trial.draws < MIN_RUNS:
@@ -119,10 +116,12 @@ def study(
         )
     inputs = [robot, logs, fit.mapping, fit.bounds, trial.scenario]
     with (
-        open_result(out, command="study", writes=STUDY_FILES, inputs=inputs, seed=seed) as result,
+        open_result(
+            out, command="study", doing="reading", writes=STUDY_FILES, inputs=inputs, seed=seed
+        ) as result,
         executor(cluster) as made_by,
-        result.progress("reading") as bar,
     ):
+        assert result.folder is not None
         found = run_study(
             described,
             CheckedLogs(logs=named, findings=findings),
@@ -135,10 +134,9 @@ def study(
                 confirm=trial.confirm,
                 quick=quick,
             ),
-            run=Run(seed=seed, executor=made_by, progress=bar.report),
+            run=Run(seed=seed, executor=made_by, progress=result.report),
         )
-        bar.begin_writing()
         with result.replaced() as new:
             write_study(found, new, made=result.origin, before=result.folder.path)
     print_verdict(summary(found), result.console)
-    result.show_file("results.json" if quick else "report.html")
+    result.show((), RESULTS if quick else PAGE)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from cyclopts import App
 
+from ballbot.cli.context import RobotName
 from ballbot.cli.output import show_written
 from ballbot.errors import InputError
 from ballbot.files import check_file, check_new_file, write_text
@@ -25,7 +26,7 @@ twin = App(name="twin", help=ABOUT)
 
 @twin.command
 def export(
-    robot: str,
+    robot: RobotName,
     /,
     *,
     scenario: str | None = None,
@@ -43,8 +44,6 @@ def export(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file.
     scenario
         A named scenario or a scenario file; "nominal" by default. URDF has none.
     mounting

@@ -11,18 +11,18 @@ from pathlib import Path
 
 from ballbot.cli.context import (
     PAGE,
-    WholeNumber,
-    input_files,
+    MappingFile,
+    Seed,
     open_result,
     read_balancing_log,
     read_balancing_logs,
 )
 from ballbot.cli.findings import Accept, check_input, show_findings
-from ballbot.cli.output import emit, print_parts, standard_output
+from ballbot.cli.output import print_parts
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.findings import by_severity, finding_results
+from ballbot.findings import by_severity
 from ballbot.fitting.run import Run, check_seed
 from ballbot.log.formats import is_log_file
 from ballbot.report.prediction import (
@@ -44,8 +44,6 @@ from ballbot.workflows.controller_prediction import (
     read_prediction,
 )
 
-_WRITTEN = (PAGE, "results.json")
-
 
 def _validate_prediction(
     results: Path,
@@ -65,7 +63,7 @@ def _validate_prediction(
     log = read_balancing_log(log_path, mapping, robot)
     # what the robot does wrong, the verdict is about
     accepted = [*(accept or ()), *sorted(EXPLAINED_CODES)]
-    found = check_input(robot, {log_path: log}, accept=accepted, mappings=[mapping], show=False)
+    found = check_input(robot, [log_path], [log], accept=accepted, mappings=[mapping], show=False)
     try:
         verdict = evaluate_log(prediction, log, driver, log_findings=found)
     except InputError as error:
@@ -80,15 +78,11 @@ def _validate_prediction(
         series=over_time(log, robot),
         findings=found,
     )
-    print_parts(page.parts(), standard_output())
-    show_findings(found)
-    emit({"prediction": stated, "findings": finding_results(found)})
-    if out is None:
-        return
-    used = [results, *input_files([log_path], controller, mapping)]
-    with open_result(out, command="validate", writes=_WRITTEN, inputs=used) as result:
+    with open_result(out, command="validate", inputs=[results, log_path, controller, mapping]) as result:
+        print_parts(page.parts(), result.console)
+        show_findings(found)
         result.write({"prediction": stated}, page, findings=found)
-    result.show_file(PAGE)
+    result.show((), PAGE)
 
 
 def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
@@ -126,8 +120,8 @@ def validate(
     prediction: Path | None = None,
     against: str | None = None,
     controller: Path | None = None,
-    mapping: Path | None = None,
-    seed: WholeNumber = 0,
+    mapping: MappingFile = None,
+    seed: Seed = 0,
     accept: Accept = None,
 ) -> None:
     """Validate a robot's model against logs that it was not fitted to: with and without friction, or any two
@@ -163,13 +157,13 @@ def validate(
     controller
         The controller file that was used when the logs were recorded. Without it, the gain is estimated from each log;
         with --prediction it is controller.toml beside the results.
-    mapping
-        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
-    seed
-        Random seed of the noise floors. The same seed gives the same result.
     """
     if prediction is not None:
-        _refuse_models(against, seed)
+        for option, is_given in {"--against": against is not None, "--seed": seed != 0}.items():
+            if is_given:
+                raise InputError(
+                    f"{option} does not go with --prediction, which compares no models; leave it out."
+                )
         inputs = (robot, *map(str, logs))
         _validate_prediction(
             prediction, inputs, out=out, controller=controller, mapping=mapping, accept=accept
@@ -182,19 +176,14 @@ def validate(
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)
     driver = read_controller(controller, described) if controller else None
-    found = check_input(
-        described,
-        dict(zip(logs, named.values(), strict=True)),
-        accept=accept,
-        mappings=[mapping],
-    )
+    found = check_input(described, logs, named.values(), accept=accept, mappings=[mapping])
     fitted = fitted_findings(models, named)
     show_findings(fitted)
     found = by_severity([*fitted, *found])
-    inputs = input_files(logs, controller, mapping)
-    with open_result(out, command="validate", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
-        with result.progress("validating") as bar:
-            parts = validate_logs(models, named, controller=driver, run=Run(seed=seed, progress=bar.report))
+    inputs = [logs, controller, mapping]
+    with open_result(out, command="validate", doing="validating", inputs=inputs, seed=seed) as result:
+        run = Run(seed=seed, progress=result.report)
+        parts = validate_logs(models, named, controller=driver, run=run)
         validation = replace(join_validations(tuple(parts.values())), log_findings=found)
         results = validation_results(validation)
         results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
@@ -205,17 +194,5 @@ def validate(
             title=title,
             lead=f"Validated on {logs_words(named)}.",
         )
-        with result.replaced() as new:
-            result.write_json({"validation": results}, new, findings=found)
-            result.write_page(page, new)
-    result.show(page.parts())
-    result.show_file(PAGE)
-
-
-def _refuse_models(against: str | None, seed: int) -> None:
-    """Refuse the options that choose models: a prediction is compared with a log, and no model is."""
-    for option, is_given in {"--against": against is not None, "--seed": seed != 0}.items():
-        if is_given:
-            raise InputError(
-                f"{option} does not go with --prediction, which compares no models; leave it out."
-            )
+        result.write({"validation": results}, page, findings=found)
+    result.show(page.parts(), PAGE)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import re
 import tempfile
-import webbrowser
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -14,8 +13,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import ROBOT_BESIDE, WholeNumber
-from ballbot.cli.output import notice_output, progress_bar, show_written, standard_output
+from ballbot.cli.context import ROBOT_BESIDE, MappingFile, WholeNumber
+from ballbot.cli.output import notice_output, open_page, progress_bar, show_written, standard_output
 from ballbot.errors import InputError, every, nearest
 from ballbot.files import check_file, write_text
 from ballbot.log import Log
@@ -58,7 +57,7 @@ def view(
     layout: Layout = "side",
     start: float | None = None,
     end: float | None = None,
-    mapping: Path | None = None,
+    mapping: MappingFile = None,
     save: Path | None = None,
     video: Path | None = None,
     live: LiveOptions = _LIVE,
@@ -88,8 +87,6 @@ def view(
         First time of the logs to show [s].
     end
         Time of the logs to stop at [s].
-    mapping
-        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
     save
         The HTML file to write; a robot is at rest in it. If no file is to be written, the browser opens.
     video
@@ -136,13 +133,13 @@ def _write(page: str, save: Path | None, video: Path | None) -> None:
     if video is not None:
         from ballbot.viewer.video import write_video
 
-        with progress_bar(standard_output(), "drawing the video") as bar:
-            write_video(page, video, progress=bar.report)
+        with progress_bar(standard_output(), "drawing the video") as report:
+            write_video(page, video, progress=report)
     if save is None and video is None:
         path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html"
         write_text(path, page)
         show_written(path)
-        _open_page(path.resolve().as_uri())
+        open_page(path.resolve().as_uri())
         return
     if save is not None:
         write_text(save, page)
@@ -195,11 +192,6 @@ def _owner(path: Path) -> Robot:
     return Robot.load(str(beside))
 
 
-def _open_page(address: str) -> None:
-    if not webbrowser.open(address):
-        notice_output().print("No browser could be opened; open the page in one.")
-
-
 def _simulate_live(robots: Mapping[str, Robot], options: LiveOptions) -> None:
     """Simulate robots, by their names, one of each for each controller, and serve their page until Ctrl-C."""
     from ballbot.viewer.live import World, live_entries, live_view_page
@@ -219,7 +211,7 @@ def _simulate_live(robots: Mapping[str, Robot], options: LiveOptions) -> None:
         words = f"The live view is at {address}\nCtrl-C ends it."
         notice_output().print(words, markup=False, highlight=False, soft_wrap=True)
         if options.browser:
-            _open_page(address)
+            open_page(address)
 
     access = Access(host=options.host)
     try:

@@ -21,7 +21,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import version
@@ -54,8 +53,6 @@ ZIG = (sys.executable, "-m", "ziglang")
 _SHARED = ("-O2", "-fPIC", "-shared")
 #: for a compiler [s]; the slowest takes some seconds
 _PATIENCE = 300.0
-#: builds that are kept; the least recently used ones go
-_KEPT = 16
 
 _Tool = TypeVar("_Tool")
 
@@ -78,21 +75,9 @@ def compilers() -> dict[str, tuple[str, ...]]:
 def chosen_tool(
     there: Mapping[str, _Tool], name: str | None, *, kind: str, install: str
 ) -> tuple[str, _Tool]:
-    """Return the name and the tool of that name, or the first one there is.
+    """Return the name and the tool of that name, or the first one there is; InputError if there is none.
 
-    Parameters
-    ----------
-    there : mapping
-    name : str or None
-    kind : str
-        What the tool is, to follow "There is no".
-    install : str
-        What to install if there is none.
-
-    Raises
-    ------
-    InputError
-        If there is no such tool.
+    `kind` says what the tool is, `install` what to install if there is none.
     """
     wanted = name or next(iter(there), "")
     if wanted not in there:
@@ -106,9 +91,9 @@ def chosen_tool(
 def run_tool(*command: str | Path, name: str = "The compiler") -> None:
     """Run a compiler or a linker; raise InputError with what it prints if it fails or does not end."""
     words = [str(word) for word in command]
-    environment = os.environ | (
-        {"ZIG_GLOBAL_CACHE_DIR": _zig_cache()} if tuple(words[: len(ZIG)]) == ZIG else {}
-    )
+    environment = dict(os.environ)
+    if tuple(words[: len(ZIG)]) == ZIG:  # which waits for ever where it cannot write
+        environment.setdefault("ZIG_GLOBAL_CACHE_DIR", str(_cache_folder("zig")))
     try:
         done = subprocess.run(
             words, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
@@ -120,50 +105,21 @@ def run_tool(*command: str | Path, name: str = "The compiler") -> None:
         raise InputError(f"{name} refuses the sources: {done.stderr.strip()}")
 
 
-@cache
-def _zig_cache() -> str:
-    """Return where zig keeps what it compiles once; in a place that it cannot write, it would wait for ever."""
-    given = os.environ.get("ZIG_GLOBAL_CACHE_DIR")
-    try:
-        folder = Path(given) if given else _cache_folder().with_name("zig")  # its own place
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return str(folder)
-    except OSError:
-        folder = Path(tempfile.mkdtemp(prefix="ballbot-zig-"))
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        return str(folder)
-
-
 def source_files(folder: Path = SOURCES) -> list[Path]:
     """Return the C sources of the library in a folder, in order."""
     return sorted(folder.rglob("*.c"))
 
 
 def compile_sources(
-    target: Path,
-    sources: Sequence[Path],
+    target: Path,  # the file to write
+    sources: Sequence[Path],  # files; they find the library's headers
     *,
-    flags: Sequence[str] = _SHARED,
-    compiler: str | None = None,
+    flags: Sequence[str] = _SHARED,  # more options of the compiler; by default those of a shared library
+    compiler: str | None = None,  # one of `compilers`; the first of them by default
 ) -> None:
     """Compile C sources for this computer without a warning.
 
-    Parameters
-    ----------
-    target : Path
-        The file to write.
-    sources : sequence of Path
-        Files; they find the library's headers.
-    flags : sequence of str
-        More options of the compiler; by default those of a shared library.
-    compiler : str, optional
-        One of `compilers`; the first of them by default.
-
-    Raises
-    ------
-    InputError
-        If there is no such compiler, or it refuses the sources.
+    InputError if there is no such compiler, or it refuses the sources.
     """
     name, command = _compiler(compiler)
     run_tool(*command, *NUMERICS, *WARNINGS, *flags, f"-I{SOURCES}", *sources, "-o", target, name=name)
@@ -174,23 +130,16 @@ def _compiler(name: str | None = None) -> tuple[str, tuple[str, ...]]:
 
 
 def compile_objects(
-    folder: Path, sources: Sequence[Path], *, command: Sequence[str | Path], own: Sequence[str]
+    folder: Path,
+    sources: Sequence[Path],
+    *,
+    command: Sequence[str | Path],  # start of the compiler's command line
+    # more options for all sources but `RUNTIME`, in whose functions the compiler must recognise none
+    own: Sequence[str],
 ) -> list[Path]:
     """Compile each source into an object of a folder, all at once, and return the objects.
 
-    Parameters
-    ----------
-    folder : Path
-    sources : sequence of Path
-    command : sequence
-        Start of the compiler's command line.
-    own : sequence of str
-        More options for all sources but `RUNTIME`, in whose functions the compiler must recognise none.
-
-    Raises
-    ------
-    InputError
-        If the compiler refuses a source.
+    InputError if the compiler refuses a source.
     """
 
     def compiled(number: int, source: Path) -> Path:
@@ -203,21 +152,15 @@ def compile_objects(
         return list(pool.map(compiled, itertools.count(), sources))
 
 
-def shared_library(name: str, sources: Sequence[Path], *, include: Sequence[Path] = ()) -> ctypes.CDLL:
+def shared_library(
+    name: str,  # of the file, before its digest
+    sources: Sequence[Path],
+    *,
+    include: Sequence[Path] = (),  # folders of headers besides the library's own
+) -> ctypes.CDLL:
     """Return C sources as a loaded library, compiled by the first of `compilers` unless that is kept.
 
-    Parameters
-    ----------
-    name : str
-        Of the file, before its digest.
-    sources : sequence of Path
-    include : sequence of Path
-        Folders of headers besides the library's own.
-
-    Raises
-    ------
-    InputError
-        If there is no compiler, or it refuses the sources.
+    InputError if there is no compiler, or it refuses the sources.
     """
     compiler, command = _compiler()
     headers = [path for folder in (SOURCES, *include) for path in sorted(folder.rglob("*.h"))]
@@ -239,78 +182,41 @@ def tool_identity(name: str, command: Sequence[str]) -> str:
     return f"{name} {compiler} {sys.platform} {platform.machine()}"
 
 
-def kept_build(name: str, parts: Iterable[str | bytes], build: Callable[[Path], None]) -> Path:
-    """Return a built file, from the user's cache folder if it was built before.
-
-    Parameters
-    ----------
-    name : str
-        Of the file; the digest is put before its ending.
-    parts : iterable of str or bytes
-        All that the file follows from.
-    build : callable
-        Writes the file.
-    """
+def kept_build(
+    name: str,  # of the file; the digest is put before its ending
+    parts: Iterable[str | bytes],  # all that the file follows from
+    build: Callable[[Path], None],  # writes the file
+) -> Path:
+    """Return a built file, from the user's cache folder if it was built before."""
     digest = sha256()
     for part in parts:
         content = part.encode() if isinstance(part, str) else part
         digest.update(len(content).to_bytes(8, "little") + content)
     stem, ending = os.path.splitext(name)
-    file = f"{stem}-{digest.hexdigest()[:32]}{ending}"
-    try:
-        folder = _cache_folder()
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        target = folder / file
-        if not _is_kept(target):
-            with tempfile.TemporaryDirectory(dir=folder) as room:
-                build(Path(room) / file)
-                (Path(room) / file).replace(target)  # at once: another process may look for it
-            _forget_old(folder)
-    except OSError:
-        target = Path(tempfile.mkdtemp(prefix="ballbot-")) / file
-        atexit.register(shutil.rmtree, target.parent, ignore_errors=True)
-        build(target)
+    target = _cache_folder("ballbot") / f"{stem}-{digest.hexdigest()[:32]}{ending}"
+    if not target.exists():
+        with tempfile.TemporaryDirectory(dir=target.parent) as room:
+            build(Path(room) / target.name)
+            (Path(room) / target.name).replace(target)  # at once: another process may look for it
     return target
 
 
-def _is_kept(target: Path) -> bool:
-    """Return whether there is a build; if so it is the last one used, which no other process forgets."""
+def _cache_folder(name: str) -> Path:
+    """Return a folder in the user's cache; if none can be written, a temporary one until this process ends."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     try:
-        os.utime(target)
-    except FileNotFoundError:
-        return False
-    except OSError:  # of another user, who may let this one read
-        return target.is_file()
-    return True
+        if not base.is_absolute():
+            raise FileNotFoundError(base)
+        folder = base / name
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        return _temporary_folder()
 
 
-def _cache_folder() -> Path:
-    """Return the folder of the builds: in the system's place for what a program can make again.
-
-    Raises
-    ------
-    OSError
-        If this user has no such place.
-    """
-    home = Path(os.path.expanduser("~"))
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = home / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
-    if not base.is_absolute():
-        raise FileNotFoundError(f"{base} is no place for a cache")
-    return base / "ballbot"
-
-
-def _forget_old(folder: Path) -> None:
-    """Remove the builds that were used the longest ago, but for the last few."""
-    used: list[tuple[float, Path]] = []
-    for path in folder.iterdir():
-        with suppress(FileNotFoundError):  # another process has removed it
-            if path.is_file():
-                used.append((path.stat().st_mtime, path))
-    for _, path in sorted(used, reverse=True)[_KEPT:]:
-        with suppress(OSError):
-            path.unlink()
+@cache
+def _temporary_folder() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="ballbot-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

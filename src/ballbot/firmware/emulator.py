@@ -75,10 +75,7 @@ class Image:
     def stack_bound(self, name: str) -> int:
         """Return the most stack [bytes] that a call of a function takes, along its deepest chain of calls.
 
-        Raises
-        ------
-        InputError
-            If functions call each other in a circle.
+        InputError if functions call each other in a circle.
         """
 
         def deepest(one: str, above: tuple[str, ...]) -> int:
@@ -90,15 +87,6 @@ class Image:
             return self.frames.get(self.functions[one].start, 0) + max(below, default=0)
 
         return deepest(name, ())
-
-    def reachable(self, name: str) -> set[str]:
-        """Return the names of a function and of all that it calls, directly or through others."""
-        found, left = {name}, [name]
-        while left:
-            new = self.calls(left.pop()) - found
-            found |= new
-            left += new
-        return found
 
     def calls(self, name: str) -> set[str]:
         """Return the names of the functions that a function calls."""
@@ -128,23 +116,14 @@ class Image:
 
 
 def compile_image(
-    sources: Sequence[Path], *, include: Sequence[Path] = (SOURCES,), flags: Sequence[str] = ()
+    sources: Sequence[Path],  # C sources; together they call nothing that they lack
+    *,
+    include: Sequence[Path] = (SOURCES,),  # folders of headers
+    flags: Sequence[str] = (),  # more options of the compiler
 ) -> Image:
     """Compile and link sources for a Cortex-M4F.
 
-    Parameters
-    ----------
-    sources : sequence of Path
-        C sources; together they call nothing that they lack.
-    include : sequence of Path
-        Folders of headers.
-    flags : sequence of str
-        More options of the compiler.
-
-    Raises
-    ------
-    InputError
-        If `ziglang` is not installed, or the compiler refuses the sources.
+    InputError if `ziglang` is not installed, or the compiler refuses the sources.
     """
     if not has_zig():
         raise InputError("Compiling for the emulated processor needs ziglang; `pip install ziglang`.")
@@ -168,10 +147,7 @@ _FUNCTION = 2
 def read_elf(content: bytes) -> Image:
     """Return the code, functions and sizes in an ELF32 file of a little-endian ARM.
 
-    Raises
-    ------
-    InputError
-        If it is no such file.
+    InputError if it is no such file.
     """
     if content[:6] != b"\x7fELF\x01\x01" or content[18:20] != b"\x28\x00":
         raise InputError("The firmware's image is no 32-bit ELF file of a little-endian ARM.")
@@ -258,14 +234,7 @@ def branch_target(code: bytes, address: int) -> int | None:
 class Board:
     """A Cortex-M4F with an image in its flash, and RAM.
 
-    Parameters
-    ----------
-    image : Image
-
-    Raises
-    ------
-    InputError
-        If `unicorn` is not installed.
+    InputError if `unicorn` is not installed.
     """
 
     def __init__(self, image: Image) -> None:
@@ -289,13 +258,7 @@ class Board:
         self._core.hook_add(unicorn.UC_HOOK_BLOCK, self._on_block, begin=FLASH, end=FLASH + FLASH_SIZE)
 
     def place(self, array: NDArray[np.generic]) -> int:
-        """Copy an array or a record into RAM and return its address.
-
-        Raises
-        ------
-        InputError
-            If RAM is full.
-        """
+        """Copy an array or a record into RAM and return its address; InputError if RAM is full."""
         content = np.ascontiguousarray(array).tobytes()
         address = self._free
         self._free += (len(content) + 7) // 8 * 8
@@ -314,13 +277,7 @@ class Board:
         return np.frombuffer(content, like.dtype).reshape(like.shape).copy()
 
     def call(self, name: str, *arguments: int) -> Run:
-        """Call a function with addresses or whole numbers, and count.
-
-        Raises
-        ------
-        InputError
-            If the image has no such function.
-        """
+        """Call a function with addresses or whole numbers, and count; InputError if the image has no such function."""
         if name not in self.image.functions:
             raise InputError(f"The firmware's image has no function {name!r}.")
         arm, core = self._arm, self._core

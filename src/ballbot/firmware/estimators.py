@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.records import MAX_WHEELS, converted, fill_record, number, schema_of, whole
-from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.kalman import filter_model, first_covariance
 from ballbot.estimation.kalman_model import (
@@ -115,38 +114,19 @@ class KalmanMemory:
 
 
 def onboard_record(robot: Robot, *, sample_time: float) -> OnboardRecord:
-    """Return the numbers of the on-board state for a robot.
-
-    Raises
-    ------
-    InputError
-        If the sample time is not positive.
-    """
-    if not sample_time > 0:
-        raise InputError(f"The sample time of an on-board state must be above 0 s, not {sample_time}.")
+    """Return the numbers of the on-board state for a robot."""
     return OnboardRecord(
         sample_time=sample_time, radius=robot.ball.radius, ball_from_wheels=transforms(robot).T_obw
     )
 
 
-def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> KalmanRecord:
-    """Return the numbers of the Kalman filter for a robot.
-
-    Parameters
-    ----------
-    robot : Robot
-    sample_time : float
-        [s]
-    noise : FilterNoise, optional
-        `FilterNoise.of(robot)` by default.
-
-    Raises
-    ------
-    InputError
-        If the sample time is not positive.
-    """
-    if not sample_time > 0:
-        raise InputError(f"The sample time of a Kalman filter must be above 0 s, not {sample_time}.")
+def kalman_record(
+    robot: Robot,
+    *,
+    sample_time: float,  # [s]
+    noise: FilterNoise | None = None,  # `FilterNoise.of(robot)` by default
+) -> KalmanRecord:
+    """Return the numbers of the Kalman filter for a robot."""
     noise = noise if noise is not None else FilterNoise.of(robot)
     model = filter_model(robot, sample_time=sample_time, noise=noise)
     T = firmware_states()

@@ -60,21 +60,15 @@ def exported_names() -> list[str]:
     return sorted([PARAMETERS_HEADER, *_fixed_files()])
 
 
-def export_controller(controller: Controller, *, lean: float = 0.35) -> Export:
+def export_controller(
+    controller: Controller,  # with the robot that it was read for
+    *,
+    lean: float = 0.35,  # largest |theta| and |phi| [rad]; the safety layer stops beyond it
+) -> Export:
     """Return a controller and its robot as firmware.
 
-    Parameters
-    ----------
-    controller : Controller
-        With the robot that it was read for.
-    lean : float
-        Largest |theta| and |phi| [rad]; the safety layer stops beyond it.
-
-    Raises
-    ------
-    InputError
-        If the loop with the robot has no stability margin, single precision cannot hold the controller, or the lean is
-        not above zero and at most 1.2 rad.
+    InputError if the loop with the robot has no stability margin, single precision cannot hold the controller, or the
+    lean is not above zero and at most 1.2 rad.
     """
     refuse_without_margin(controller)
     shaping = controller.parts.shaping

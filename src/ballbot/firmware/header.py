@@ -77,18 +77,13 @@ typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : 
 """
 
 
-def parameters_header(record: NDArray[np.void], schema: Schema, *, comment: str) -> str:
-    """Return the text of ballbot_parameters.h.
-
-    Parameters
-    ----------
-    record : structured array (1,)
-        The numbers in single precision.
-    schema : Schema
-        Of the record.
-    comment : str
-        Lines that name the robot and the controller.
-    """
+def parameters_header(
+    record: NDArray[np.void],  # (1,) The numbers in single precision
+    schema: Schema,  # of the record
+    *,
+    comment: str,  # lines that name the robot and the controller
+) -> str:
+    """Return the text of ballbot_parameters.h."""
     described = "".join(f" * {line}".rstrip() + "\n" for line in comment.splitlines())
     return f"""\
 /* The numbers of one controller, in single precision.

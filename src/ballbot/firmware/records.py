@@ -183,10 +183,7 @@ def schema_words(schema: Schema) -> tuple[int, ...]:
 def parameter_record(controller: Controller, limits: SafetyLimits) -> NDArray[np.void]:
     """Return a controller's parameters (1,) of `PARAMETERS` in single precision.
 
-    Raises
-    ------
-    InputError
-        If single precision cannot hold a number, or a limit is infinite.
+    InputError if single precision cannot hold a number, or a limit is infinite.
     """
     robot, sample_time = controller.robot, controller.sample_time
     record = PARAMETERS.zeros()

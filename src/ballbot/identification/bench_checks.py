@@ -13,8 +13,9 @@ show the ball's axes and unit by themselves.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import permutations, product
 
 import numpy as np
@@ -29,9 +30,8 @@ from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.upside_down import ClampedBall
 
-#: length of the pieces [s]
-_PIECE = 0.1
-_LEAST_PIECES = 20
+#: length of the pieces [s], and the fewest of them for each number
+_PIECE, _LEAST_PIECES = 0.1, 20
 #: gains; rollers that slip and play take up to a quarter of a torque, and rotors are often known to a factor of
 #: two only
 _USUAL, _POSSIBLE = (0.6, 1.6), (0.4, 2.5)
@@ -62,23 +62,24 @@ def _finding(code: str, text: str, *columns: str, severity: Severity = "error") 
 
 def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]:
     """Return the faults of the sweeps of all wheels of a robot, errors first."""
-    first, n = sweeps[0], len(sweeps)
-    speeds = np.column_stack([one.speed for one in sweeps])
+    first, names = sweeps[0], wheel_speed_names(len(sweeps))
+    speeds, torques = (np.column_stack([getattr(one, key) for one in sweeps]) for key in ("speed", "torque"))
     free = np.abs(speeds) < LIMITED * first.limit
-    findings = [*_of_sampling(first.sample_time), *_of_limit(sweeps)]
-    for name, speed, row in zip(wheel_speed_names(n), speeds.T, free.T, strict=True):
+    findings = []
+    for name, speed, row in zip(names, speeds.T, free.T, strict=True):
         findings += _frozen(first.t, np.where(row, speed, 0.0)[:, None], (name,))
-    equation = _equation(
-        A=np.eye(n),
-        J=first.inertia * np.eye(n),
-        x=speeds,
-        u=np.column_stack([one.torque for one in sweeps]),
-        valid=free,
-        sample_time=first.sample_time,
-        free_wheels=True,
-    )
-    if equation is not None and all(one.severity != "error" for one in findings):
-        findings += _of_torques(robot, equation, wheel_speed_names(n))
+    rows = _pieces(speeds, torques, first.sample_time)
+    counted = free[rows].all(axis=1)
+    if not findings and counted.sum() >= _LEAST_PIECES * len(sweeps):
+        bench = _Bench(
+            A=np.eye(len(sweeps)),
+            x=speeds[rows],
+            u=torques[rows],
+            sample_time=first.sample_time,
+            fit=partial(_fit_wheels, counted, first.inertia),
+            moved=names,
+        )
+        findings += _of_torques(robot, bench)
     return by_severity(findings)
 
 
@@ -91,20 +92,21 @@ def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
     log : Log
         With ball_omega_x, _y, _z; with u1 .. un the torques are checked, with wheel1_dot .. the axes.
     """
-    of_encoders, names = encoder_findings(robot, log), torque_names(robot.wheel_count)
-    findings = [*_of_sampling(log.sample_time), *of_encoders]
-    if not of_encoders and all(name in log for name in names):
-        ball, omega = ClampedBall.of_robot(robot), np.column_stack([log[name] for name in BALL_NAMES])
-        equation = _equation(
-            A=ball.A,
-            J=ball.inertia,
-            x=omega,
-            u=np.column_stack([log[name] for name in names]),
-            valid=np.ones_like(omega, dtype=bool),
-            sample_time=log.sample_time,
-            free_wheels=False,
-        )
-        findings += _of_torques(robot, equation, BALL_NAMES) if equation is not None else []
+    findings, names = list(encoder_findings(robot, log)), torque_names(robot.wheel_count)
+    if not findings and all(name in log for name in names):
+        ball, h = ClampedBall.of_robot(robot), log.sample_time
+        omega, torques = (np.column_stack([log[name] for name in several]) for several in (BALL_NAMES, names))
+        rows = _pieces(omega, torques, h)
+        if len(rows) >= _LEAST_PIECES:
+            bench = _Bench(
+                A=ball.A,
+                x=omega[rows],
+                u=torques[rows],
+                sample_time=h,
+                fit=partial(_fit_ball, ball),
+                moved=None,
+            )
+            findings += _of_torques(robot, bench)
     return by_severity(findings)
 
 
@@ -122,24 +124,10 @@ def encoder_findings(
         What wheel speeds by the encoders may be over those by the ball and the robot's radii.
     """
     omega = np.column_stack([log[name] for name in BALL_NAMES])
-    return (*_frozen(log.t, omega, BALL_NAMES), *_of_encoders(log, omega, ClampedBall.of_robot(robot), like))
-
-
-def _of_sampling(h: float) -> Iterator[Finding]:
-    if h > _SLOWEST_SAMPLING:
-        unit = f"t appears to be in milliseconds ({0.001 * h:.3g} s)" if h >= 1.0 else "log at 100 Hz or more"
-        yield _finding("scale", f"Rows come every {h:.3g} s, too slowly for this experiment; {unit}.", "t")
-
-
-def _of_limit(sweeps: Sequence[Sweep]) -> Iterator[Finding]:
-    """Yield a limit that no wheel comes near, so that where the supply limits the speed would count as free."""
-    fastest, limit = max(float(np.abs(one.speed).max()) for one in sweeps), sweeps[0].limit
-    if limit > _FASTEST * fastest:
-        text = (
-            f"The speed limit is {limit:.4g} rad/s and the wheels reach {fastest:.4g} rad/s. If the limit was given in "
-            f"rpm, it is {limit * math.pi / 30.0:.4g} rad/s."
-        )
-        yield _finding("speed-limit", text, severity="warning")
+    return (
+        *_frozen(log.t, omega, BALL_NAMES),
+        *_of_encoders(log, omega, ClampedBall.of_robot(robot).A, like),
+    )
 
 
 def _frozen(t: NDArray[np.float64], values: NDArray[np.float64], names: Sequence[str]) -> Iterator[Finding]:
@@ -157,11 +145,21 @@ def _frozen(t: NDArray[np.float64], values: NDArray[np.float64], names: Sequence
         yield Finding(code="stuck", severity="error", text=text, where=where)
 
 
+#: wheel speeds by the encoders over those by the ball, and what makes them so
+_ENCODER_UNITS = (
+    ("ball_omega is in deg/s, or the wheels' speeds are too small", np.pi / 180.0),
+    ("ball_omega is in rpm", np.pi / 30.0),
+    ("ball_omega is in turns a second, or the wheels' speeds are the motors'", 2.0 * np.pi),
+    ("the wheels' speeds are in deg/s", 180.0 / np.pi),
+    ("the wheels' speeds are in rpm", 30.0 / np.pi),
+)
+
+
 def _of_encoders(
-    log: Log, omega: NDArray[np.float64], ball: ClampedBall, like: tuple[float, float]
+    log: Log, omega: NDArray[np.float64], A: NDArray[np.float64], like: tuple[float, float]
 ) -> Iterator[Finding]:
     """Yield an error if the encoders contradict the ball's angular velocity."""
-    speeds = encoder_speeds(log, len(ball.A))
+    speeds = encoder_speeds(log, len(A))
     if not speeds:
         return
     wheels = np.column_stack(speeds)
@@ -169,7 +167,7 @@ def _of_encoders(
     wheels, omega = wheels[rows], omega[rows]
     if len(omega) < 10 or not np.any(wheels) or not np.any(omega):
         return
-    slope, left = _scaled_fit(omega @ ball.A.T, wheels)
+    slope, left = _scaled_fit(omega @ A.T, wheels)
     if left < 0.5 and like[0] < slope < like[1]:
         return
     if left < 0.5 and slope < 0.0:
@@ -177,41 +175,28 @@ def _of_encoders(
             "The wheels turn against the ball: ball_omega on all axes, or all wheels, have the opposite sign."
         )
     elif left < 0.5:
-        text = f"The wheels turn {slope:.3g} times as fast as the ball's angular velocity implies: {_unit_of(slope)}."
+        near = [words for words, factor in _ENCODER_UNITS if 0.75 < slope / factor < 1.33]
+        cause = [*near, "one of the two is in another unit, or ball.radius or wheels.radius is wrong"][0]
+        text = f"The wheels turn {slope:.3g} times as fast as the ball's angular velocity implies: {cause}."
     else:
-        others = [(words, *_scaled_fit(moved @ ball.A.T, wheels)) for words, moved in _turned_axes(omega)]
+        others = [(words, *_scaled_fit(moved @ A.T, wheels)) for words, moved in _turned_axes(omega)]
         others += [
-            (words, *_scaled_fit(omega @ ball.A.T, wheels[:, list(order)]))
-            for words, order in _other_orders(len(ball.A), "wheel{}_dot is that of wheel {}")
+            (words, *_scaled_fit(omega @ A.T, wheels[:, list(order)]))
+            for words, order in _other_orders(len(A), "wheel{}_dot is that of wheel {}")
         ]
         good = sorted((left, words) for words, slope, left in others if slope > 0.0)
         least = good[0][0]
         likely = [words for left, words in good if left < max(_AS_LIKELY * least, least + 0.02)]
-        cause = (
-            f"{', or '.join(likely[:3])}."
-            if least < 0.5
-            else "another frame, another log, or wheel azimuths that differ from the robot file."
-        )
-        text = f"The wheels do not turn as the ball's angular velocity implies: {cause}"
-    yield _finding("ball-omega", text, *BALL_NAMES, *wheel_speed_names(len(ball.A)))
+        cause = "another frame, another log, or wheel azimuths that differ from the robot file"
+        cause = ", or ".join(likely[:3]) if least < 0.5 else cause
+        text = f"The wheels do not turn as the ball's angular velocity implies: {cause}."
+    yield _finding("ball-omega", text, *BALL_NAMES, *wheel_speed_names(len(A)))
 
 
 def _scaled_fit(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
     """Return the factor from x to y, and the share of y that it leaves."""
     slope = float((x * y).sum() / ((x**2).sum() or 1.0))
     return slope, float(np.linalg.norm(y - slope * x) / np.linalg.norm(y))
-
-
-def _unit_of(slope: float) -> str:
-    units = (
-        ("ball_omega is in deg/s, or the wheels' speeds are too small", np.pi / 180.0),
-        ("ball_omega is in rpm", np.pi / 30.0),
-        ("ball_omega is in turns a second, or the wheels' speeds are the motors'", 2.0 * np.pi),
-        ("the wheels' speeds are in deg/s", 180.0 / np.pi),
-        ("the wheels' speeds are in rpm", 30.0 / np.pi),
-    )
-    near = [words for words, factor in units if 0.75 < slope / factor < 1.33]
-    return near[0] if near else "one of the two is in another unit, or ball.radius or wheels.radius is wrong"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,89 +218,72 @@ class _Fit:
         return bool((self.sizes & (self.gains > 0.0)).all())
 
 
+#: from motion (k, m, d), torques (k, m, n) and the sample time to the fit
+_Fitted = Callable[[NDArray[np.float64], NDArray[np.float64], float], _Fit]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Equation:
+class _Bench:
     """A log cut into k pieces of m rows."""
 
     A: NDArray[np.float64]  #: (n, d)
-    J: NDArray[np.float64]  #: (d, d)
     x: NDArray[np.float64]  #: (k, m, d)
     u: NDArray[np.float64]  #: (k, m, n)
-    valid: NDArray[np.bool_]  #: (k, d), which changes of speed count
-    free_wheels: bool  #: whether x are the speeds of wheels that turn alone
     sample_time: float
-
-    def fit(self, *, x: NDArray[np.float64] | None = None, u: NDArray[np.float64] | None = None) -> _Fit:
-        """Fit the equation, with other axes (k, m, d) or torques (k, m, n) where they are given."""
-        x, u, h, n = self.x if x is None else x, self.u if u is None else u, self.sample_time, len(self.A)
-        w = x[:, :-1] @ self.A.T
-        torque, drag = h * u[:, :-1].sum(axis=1), [h * w.sum(axis=1), h * np.sign(w).sum(axis=1)]
-        y = (x[:, -1] - x[:, 0]) @ self.J
-        if self.free_wheels:
-            columns = zip(torque.T, y.T, *(one.T for one in drag), self.valid.T, strict=True)
-            gains, errors, left = np.array([_inertia(*one) for one in columns]).T
-            return _Fit(gains=gains, errors=errors, left=float(left.mean()))
-        X = np.concatenate([part[:, None, :] * self.A.T for part in (torque, *drag)], axis=2).reshape(
-            y.size, -1
-        )
-        found = np.linalg.lstsq(X, y.ravel(), rcond=None)[0]
-        residual = y.ravel() - X @ found
-        variances = np.linalg.pinv(X.T @ X).diagonal() * np.mean(residual**2)
-        return _Fit(
-            gains=np.asarray(found[:n], dtype=np.float64),
-            errors=np.sqrt(np.maximum(variances[:n], 0.0)),
-            left=float(np.var(residual) / (np.var(y) or 1.0)),
-        )
+    fit: _Fitted
+    moved: Sequence[str] | None  #: the columns of the speeds of free wheels; None with a ball
 
 
-def _inertia(
-    torque: NDArray[np.float64],
-    change: NDArray[np.float64],
-    travel: NDArray[np.float64],
-    sign: NDArray[np.float64],
-    valid: NDArray[np.bool_],
-) -> tuple[float, float, float]:
-    """Return the gain of a free wheel's torque, its standard error, and the share of the torque that is unexplained.
-
-    The arguments (k,) are integrals over pieces. A torque that the motion does not explain has no gain.
-    """
-    X, y = np.column_stack([change, travel, sign, np.ones(len(sign))])[valid], torque[valid]
-    found, _, rank, _ = np.linalg.lstsq(X, y, rcond=None)
-    residual = y - X @ found
-    left = float(np.var(residual) / (np.var(y) or 1.0))
-    if rank < X.shape[1] or left > 1.0 - _EXPLAINED:
-        return 0.0, 0.0, 1.0
-    error = float(np.sqrt(np.linalg.inv(X.T @ X)[0, 0] * np.mean(residual**2)))
-    return 1.0 / found[0], error / found[0] ** 2, left
-
-
-def _equation(
-    *,
-    A: NDArray[np.float64],
-    J: NDArray[np.float64],
-    x: NDArray[np.float64],
-    u: NDArray[np.float64],
-    valid: NDArray[np.bool_],
-    sample_time: float,
-    free_wheels: bool,
-) -> _Equation | None:
-    """Return the equation of rows (N, .); None if there is too little of them, which the identification reports."""
-    rows = max(2, round(_PIECE / sample_time))
+def _pieces(x: NDArray[np.float64], u: NDArray[np.float64], h: float) -> NDArray[np.int64]:
+    """Return the rows (k, m) of pieces without a missing value; none of a log that rests."""
+    rows = max(2, round(_PIECE / h))
     within = np.arange(0, len(x) - rows, rows)[:, None] + np.arange(rows + 1)
     whole = np.isfinite(np.concatenate([x[within], u[within]], axis=2)).all(axis=(1, 2))
-    within = within[whole]
-    counted = np.asarray(valid[within].all(axis=1))
-    if counted.sum() < _LEAST_PIECES * x.shape[1] or not np.any(u) or not np.any(x):
-        return None
-    return _Equation(
-        A=A, J=J, x=x[within], u=u[within], valid=counted, free_wheels=free_wheels, sample_time=sample_time
+    return within[whole & bool(np.any(u) and np.any(x))]
+
+
+def _fit_wheels(
+    counted: NDArray[np.bool_], J: float, x: NDArray[np.float64], u: NDArray[np.float64], h: float
+) -> _Fit:
+    """Fit each free wheel's torque by its motion; a torque that the motion does not explain has no gain."""
+    found = []
+    for own, w, torque in zip(counted.T, x.T, u.T, strict=True):
+        w, y = w[:, own], h * torque[:-1, own].sum(axis=0)
+        X = np.column_stack(
+            [J * (w[-1] - w[0]), h * w[:-1].sum(axis=0), h * np.sign(w[:-1]).sum(axis=0), np.ones(len(y))]
+        )
+        values, _, rank, _ = np.linalg.lstsq(X, y, rcond=None)
+        residual = y - X @ values
+        left = float(np.var(residual) / (np.var(y) or 1.0))
+        if rank < X.shape[1] or left > 1.0 - _EXPLAINED:
+            found.append((0.0, 0.0, 1.0))
+            continue
+        error = float(np.sqrt(np.linalg.inv(X.T @ X)[0, 0] * np.mean(residual**2)))
+        found.append((1.0 / values[0], error / values[0] ** 2, left))
+    gains, errors, lefts = np.array(found).T
+    return _Fit(gains=gains, errors=errors, left=float(lefts.mean()))
+
+
+def _fit_ball(ball: ClampedBall, x: NDArray[np.float64], u: NDArray[np.float64], h: float) -> _Fit:
+    """Fit the changes of the ball's momentum by the torques and the wheels' friction."""
+    A, w = ball.A, x[:, :-1] @ ball.A.T
+    y = ((x[:, -1] - x[:, 0]) @ ball.inertia).ravel()
+    parts = (u[:, :-1].sum(axis=1), w.sum(axis=1), np.sign(w).sum(axis=1))
+    X = np.concatenate([h * part[:, None, :] * A.T for part in parts], axis=2).reshape(y.size, -1)
+    found = np.linalg.lstsq(X, y, rcond=None)[0]
+    residual = y - X @ found
+    variances = np.linalg.pinv(X.T @ X).diagonal() * np.mean(residual**2)
+    return _Fit(
+        gains=np.asarray(found[: len(A)], dtype=np.float64),
+        errors=np.sqrt(np.maximum(variances[: len(A)], 0.0)),
+        left=float(np.var(residual) / (np.var(y) or 1.0)),
     )
 
 
-def _of_torques(robot: Robot, equation: _Equation, moved: Sequence[str]) -> list[Finding]:
-    """Return what is wrong with the torques or with the speeds `moved`."""
-    fit, n = equation.fit(), len(equation.A)
-    explained, names = 1.0 - fit.left, (*torque_names(n), *moved)
+def _of_torques(robot: Robot, bench: _Bench) -> list[Finding]:
+    """Return what is wrong with the torques or with the speeds."""
+    fit, n = bench.fit(bench.x, bench.u, bench.sample_time), len(bench.A)
+    explained, names = 1.0 - fit.left, (*torque_names(n), *(bench.moved or BALL_NAMES))
     if fit.right and explained > _EXPLAINED:
         return [
             _finding(
@@ -329,20 +297,20 @@ def _of_torques(robot: Robot, equation: _Equation, moved: Sequence[str]) -> list
             if not _USUAL[0] < gain < _USUAL[1]
         ]
     if fit.sizes.all() and explained > _EXPLAINED:
-        return [_sign(fit, moved, free=equation.free_wheels)]
-    others = [one for one in _alternatives(equation) if one[0].right and one[0].left < _BETTER * fit.left]
+        return [_sign(fit, bench.moved)]
+    others = [one for one in _alternatives(bench) if one[0].right and one[0].left < _BETTER * fit.left]
     if others:
         others.sort(key=lambda one: one[0].left)
         likely = [one for one in others if one[0].left < _AS_LIKELY * others[0][0].left]
         causes = ", or ".join(words for _, _, words in likely[:3])
         text = f"The torques do not fit the motion; they would if {causes}."
         return [_finding(likely[0][1], text, *names)]
-    single = list(_single(fit, equation))
+    single = list(_single(fit, bench.u))
     if single:
         return single
     common = float(np.median(fit.gains))
     if explained > _EXPLAINED and common > 0.0 and np.ptp(np.log(np.abs(fit.gains))) < 1.0:
-        causes = list(_causes(common, robot, equation)) or ["torques, speeds or t are in another unit"]
+        causes = list(_causes(common, robot, bench)) or ["torques, speeds or t are in another unit"]
         text = (
             f"The motion shows {common:.3g} times the torques: {', or '.join(causes)}, or the robot's inertias are "
             "wrong (wheels.inertia, drive.motor_inertia, drive.gear_ratio)."
@@ -356,51 +324,48 @@ def _of_torques(robot: Robot, equation: _Equation, moved: Sequence[str]) -> list
     return [_finding("torque-unrelated", text, *names)]
 
 
-def _sign(fit: _Fit, moved: Sequence[str], *, free: bool) -> Finding:
+def _sign(fit: _Fit, moved: Sequence[str] | None) -> Finding:
     """Return the error about motors that push the other way."""
     wheels = np.flatnonzero(fit.gains < 0.0).tolist()
     if len(wheels) == len(fit.gains):
-        what = f"All torques, or {'all wheel speeds' if free else 'ball_omega on all axes'}, have"
+        what = f"All torques, or {'all wheel speeds' if moved else 'ball_omega on all axes'}, have"
     else:
-        pairs = [f"u{i + 1} or {moved[i]}" if free else f"u{i + 1}" for i in wheels]
+        pairs = [f"u{i + 1} or {moved[i]}" if moved else f"u{i + 1}" for i in wheels]
         what = f"{' and '.join(pairs)} {'has' if len(wheels) == 1 else 'have'}"
     text = f"{what} the opposite sign: the motion is the opposite one, as strong as it should be."
     return _finding("torque-sign", text, *(f"u{i + 1}" for i in wheels))
 
 
-def _single(fit: _Fit, equation: _Equation) -> Iterator[Finding]:
+def _single(fit: _Fit, u: NDArray[np.float64]) -> Iterator[Finding]:
     """Yield motors that do nothing, or something else, while the others do what they should."""
-    sizes = np.sqrt(np.mean(equation.u**2, axis=(0, 1)))
+    sizes = np.sqrt(np.mean(u**2, axis=(0, 1)))
     for i, (gain, error) in enumerate(zip(fit.gains, fit.errors, strict=True)):
+        name, code = f"u{i + 1}", "dead-motor"
         if sizes[i] < _DEAD * sizes.max():
-            text = (
-                f"u{i + 1} is almost zero ({sizes[i]:.2g} N m) compared with the others: it was not logged, or its "
-                "motor rests."
-            )
-            yield _finding("dead-motor", text, f"u{i + 1}")
-        elif not np.delete(fit.sizes, i).all():
+            text = f"{name} is almost zero ({sizes[i]:.2g} N m): it was not logged, or its motor rests."
+        elif fit.sizes[i] or not np.delete(fit.sizes, i).all():
             continue
         elif abs(gain) <= max(5.0 * error, 0.02):
             text = (
-                f"Nothing responds to u{i + 1} ({gain:.2g} times what it should) while the other motors work: its "
+                f"Nothing responds to {name} ({gain:.2g} times what it should) while the other motors work: its "
                 "motor or encoder is dead, its wheel does not touch the ball, or the column is wrong."
             )
-            yield _finding("dead-motor", text, f"u{i + 1}")
-        elif not fit.sizes[i]:
+        else:
+            code = "torque-scale"
             text = (
-                f"The motion shows {gain:.3g} times u{i + 1} while the other torques are right: that torque, or the "
+                f"The motion shows {gain:.3g} times {name} while the other torques are right: that torque, or the "
                 "speed of that wheel, has another unit."
             )
-            yield _finding("torque-scale", text, f"u{i + 1}")
+        yield _finding(code, text, name)
 
 
-def _alternatives(equation: _Equation) -> Iterator[tuple[_Fit, str, str]]:
+def _alternatives(bench: _Bench) -> Iterator[tuple[_Fit, str, str]]:
     """Yield the fits with other orders of torques and other axes of the ball, with the code and the words of each."""
-    for words, order in _other_orders(len(equation.A), "u{} were that of wheel {}"):
-        yield equation.fit(u=equation.u[..., list(order)]), "torque-order", words
-    if not equation.free_wheels:
-        for words, turned in _turned_axes(equation.x):
-            yield equation.fit(x=turned), "ball-omega", words
+    x, u, h = bench.x, bench.u, bench.sample_time
+    for words, order in _other_orders(len(bench.A), "u{} were that of wheel {}"):
+        yield bench.fit(x, u[..., list(order)], h), "torque-order", words
+    for words, turned in () if bench.moved else _turned_axes(x):
+        yield bench.fit(turned, u, h), "ball-omega", words
 
 
 def _other_orders(count: int, words: str) -> Iterator[tuple[str, tuple[int, ...]]]:
@@ -427,14 +392,14 @@ def _turned_axes(omega: NDArray[np.float64]) -> Iterator[tuple[str, NDArray[np.f
         yield " and ".join(parts), omega[..., list(order)] * np.array(signs)
 
 
-def _causes(gain: float, robot: Robot, equation: _Equation) -> Iterator[str]:
+def _causes(gain: float, robot: Robot, bench: _Bench) -> Iterator[str]:
     """Yield the slips of units that make such a gain and that leave torques, speeds and time of this robot."""
     drive, n = robot.drive, robot.drive.gear_ratio
     no_load = wheel_speed_limit(
         supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=n
     )
-    fastest = float(np.abs(equation.x @ equation.A.T).max()) / no_load
-    strongest, h = float(np.abs(equation.u).max()) / drive.torque_limit, equation.sample_time
+    fastest = float(np.abs(bench.x @ bench.A.T).max()) / no_load
+    strongest, h = float(np.abs(bench.u).max()) / drive.torque_limit, bench.sample_time
     slips = (
         # what it is, by what it multiplies torque, speed and time
         ("the torques are in mN m", 1e3, 1.0, 1.0),

@@ -20,8 +20,7 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.agreement import StageEstimate
-from ballbot.identification.axis import AxisOptions, AxisRecord, identify_axis
-from ballbot.identification.axis.reading import sampling
+from ballbot.identification.axis import AxisOptions, AxisRecord, identify_axis, record_of_rows
 from ballbot.identification.axis.record import LEAST_ROWS
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.stated_uncertainty import with_uncertainty
@@ -30,7 +29,7 @@ from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.progress import in_stage
 from ballbot.robot import Friction, Robot
-from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines
+from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_driveline
 from ballbot.summary import Summary, estimated, plotted, summarized
 
 if TYPE_CHECKING:
@@ -124,19 +123,12 @@ class Sweep:
                 f"short: {len(rows)} rows are free of it in pieces of {_SHORTEST_PIECE:g} s and more, and at least "
                 f"{LEAST_ROWS} are needed."
             )
-        name = f"wheel {self.wheel}"
         travels = 0.5 * np.diff(self.t) * (self.speed[1:] + self.speed[:-1])
         position = self.angle
         if position is None or np.abs(np.diff(position) - travels).max() > _LARGEST_JUMP:
             position = np.append(0.0, np.cumsum(travels))
-        sample_time, times = sampling(name, self.t[rows])
-        return AxisRecord(
-            name=name,
-            sample_time=sample_time,
-            force=self.torque[rows],
-            position=position[rows],
-            unit="rad",
-            times=times,
+        return record_of_rows(
+            f"wheel {self.wheel}", self.t[rows], self.torque[rows], position[rows], unit="rad"
         )
 
 
@@ -232,9 +224,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
         If the sweep does not determine it.
     """
     # a robot file has this law; a free wheel has no weight, and a sweep passes its ripple at every speed
-    options = AxisOptions(
-        law="stribeck", known={"mass": sweep.inertia}, harmonics=(), spring=False, load_friction=False
-    )
+    options = AxisOptions(law="stribeck", known={"mass": sweep.inertia}, gravity=False, load_friction=False)
     found = identify_axis(sweep.record(), options=options, run=run)
     places = [list(found.best.values).index(one.name) for one in QUANTITIES]
     values, errors, halves = (
@@ -272,14 +262,14 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
 def _simulated(line: Driveline, sweep: Sweep, first: int, end: int) -> NDArray[np.float64]:
     """Return the speeds of rows `first` to `end` under the recorded torque, from the measured first one."""
     start = float(sweep.speed[first])
-    motion = simulate_drivelines(
+    motion = simulate_driveline(
         line,
         sweep.torque[first : end - 1],
         sample_time=sweep.sample_time,
         step=2.5e-3,
-        initial_speeds=start,
+        initial_speed=start,
     )
-    return np.append(start, motion.speeds[0])
+    return np.append(start, motion.speeds)
 
 
 def fit_drivelines(sweeps: Sequence[Sweep], *, run: Run = DEFAULT_RUN) -> list[DrivelineFit]:
@@ -290,26 +280,22 @@ def fit_drivelines(sweeps: Sequence[Sweep], *, run: Run = DEFAULT_RUN) -> list[D
     ]
 
 
-def robot_with_friction(
-    robot: Robot, values: NDArray[np.float64], covariance: NDArray[np.float64], *, source: str
-) -> Robot:
+def robot_with_friction(robot: Robot, found: StageEstimate, *, source: str) -> Robot:
     """Return the robot with friction of its drivelines, its standard deviations and their correlations.
 
     Parameters
     ----------
     robot : Robot
-    values : ndarray (3 n + 1,)
-        b, c and s of each wheel, and v_s, NaN if no wheel has s; SI units.
-    covariance : ndarray (3 n + 1, 3 n + 1)
-        NaN or zero of a number without standard error.
+    found : StageEstimate
+        b, c and s of each wheel, and v_s, NaN if no wheel has s: k = 3 n + 1.
     source : str
         Where they are from.
     """
-    own, known = robot.friction, bool(np.isfinite(values[-1]))
+    own, known = robot.friction, bool(np.isfinite(found.values[-1]))
 
     def robot_of(numbers: NDArray[np.float64]) -> Robot:
         b, c, s = (tuple(row) for row in numbers[:-1].reshape(3, -1).tolist())
-        found = Friction(
+        friction = Friction(
             viscous=b,
             coulomb=c,
             stribeck=s,
@@ -317,48 +303,37 @@ def robot_with_friction(
             stribeck_exponent=1.0 if known else own.stribeck_exponent,
             rolling=own.rolling,
         )
-        return robot.replace(friction=found)
+        return robot.replace(friction=friction)
 
     names = [f"friction.{one.name}" for one in QUANTITIES]
-    moved = robot_of(values)
+    moved = robot_of(found.values)
     sources = {**moved.sources, **dict.fromkeys([*names, "friction.stribeck_exponent"], source)}
-    return with_uncertainty(moved.annotated(sources=sources), robot_of, values, covariance, names=names)
+    return with_uncertainty(
+        moved.annotated(sources=sources), robot_of, found.values, found.covariance, names=names
+    )
 
 
-def robot_of_sweep(robot: Robot, fits: Sequence[DrivelineFit], *, log: str) -> Robot:
-    """Return the robot with the friction of all its wheels, as a sweep's log of that name gives it.
+def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
+    """Return b, c and s of all wheels and the one v_s that a robot file has, with their covariance.
 
-    A robot file has one v_s: the mean over the wheels that determine it, with the standard deviation of a single
-    wheel's value, which combines the errors of the mean with the scatter of the wheels.
+    It is the mean over the wheels that determine it, with the standard deviation of a single wheel's value, which
+    combines the errors of the mean with the scatter of the wheels.
     """
     count = len(fits)
     faded = np.array([np.isfinite(fit.standard_errors[3]) for fit in fits])
     values, C = np.full(3 * count + 1, np.nan), np.zeros((3 * count + 1, 3 * count + 1))
     for number, fit in enumerate(fits):
         # the wheel's b, c, s and its share in v_s
+        places = [number, count + number, 2 * count + number]
         T = np.zeros((3 * count + 1, 4))
-        T[[number, count + number, 2 * count + number], range(3)] = 1.0
+        T[places, range(3)] = 1.0
         T[-1, 3] = faded[number] / max(faded.sum(), 1)
         errors = np.nan_to_num(fit.standard_errors)
         C += T @ (fit.correlation * np.outer(errors, errors)) @ T.T
-        values[[number, count + number, 2 * count + number]] = fit.values[:3]
+        values[places] = fit.values[:3]
     speeds = np.array([fit.values[3] for fit in fits])[faded]
     if len(speeds):
         values[-1] = speeds.mean()
         C[-1, -1] += np.var(speeds, ddof=1) if len(speeds) > 1 else 0.0
-    return robot_with_friction(robot, values, C, source=f"identified: sweep of the free wheels, {log}")
-
-
-def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
-    """Return b and c of all wheels with their covariance."""
-    count = len(fits)
-    C = np.zeros((2 * count, 2 * count))
-    for number, fit in enumerate(fits):
-        places, errors = [number, count + number], np.nan_to_num(fit.standard_errors[:2])
-        C[np.ix_(places, places)] = fit.correlation[:2, :2] * np.outer(errors, errors)
-    return StageEstimate(
-        source="the sweep",
-        labels=tuple(f"{symbol}{fit.wheel}" for symbol in ("b", "c") for fit in fits),
-        values=np.array([fit.values[place] for place in range(2) for fit in fits]),
-        covariance=C,
-    )
+    labels = (*(f"{symbol}{fit.wheel}" for symbol in ("b", "c", "s") for fit in fits), "v_s")
+    return StageEstimate(source="the sweep", labels=labels, values=values, covariance=C)

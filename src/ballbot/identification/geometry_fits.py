@@ -8,18 +8,12 @@ matter, and the noise of a rate averages out over the window.
 The cameras measure a balancing robot. Their increments are taken in the body's own frame and so do not depend on the
 cameras' frame.
 
-    body's turning        sum of log(R_k^T R_k+1)
     ball's rolling        sum of up x R_k^T (p_k+1 - p_k), in metres; divided by r_b it is the turning of a ball that
                           rolls without slip
 
 `up` is the mean direction of the body's z axis while it is upright: an error of e in it changes the rolling by e^2/2.
 
-The IMU's orientation on the body follows from the gyro and the body's turning as seen by the cameras.
-
-    integral of gyro dt = R_imu_body turning + bias T
-
-The cameras' clock is matched first: the correlation of both rates' magnitudes finds its offset without knowing how
-the IMU sits; then offset and rate are found with the rotation.
+The IMU's orientation on the body and the cameras' clock are those of `ballbot.identification.turning`.
 
 The wheels' rolling radius and azimuths from a balancing robot that cameras watched.
 
@@ -42,25 +36,28 @@ camera's delay are found as well. A turn of its frame about z is the same as one
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import ClusteredFit, fit_clustered
+from ballbot.identification.turning import (
+    GYRO_NAMES,
+    MotionFit,
+    Turning,
+    log_turning,
+    match_turning,
+    poses_turning,
+)
 from ballbot.identification.upside_down import BALL_NAMES
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.log.pose import read_poses
 from ballbot.robot import Robot
 
-_MOUNTING_UNDETERMINED = (
-    "The motion in this log does not determine the IMU's orientation and the cameras' clock; lean the robot "
-    "in both directions and turn it."
-)
 _ROLLING_UNDETERMINED = (
     "The motion in these logs does not determine the wheels' radius and azimuths; move in both directions "
     "and turn all wheels."
@@ -74,6 +71,8 @@ _UPSIDE_DOWN_UNDETERMINED = (
 CLUSTER = 2.0
 #: a sampling interval longer than this many usual ones is a gap
 LARGEST_GAP = 1.5
+#: share of the turning that must be common to log and cameras, or they are not of the same run
+_LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,62 +128,30 @@ def wheel_angles(log: Log, wheel_count: int) -> NDArray[np.float64]:
     return np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
 
 
-def mean_about(
-    at: NDArray[np.float64], t: NDArray[np.float64], total: NDArray[np.float64], *, width: float
-) -> NDArray[np.float64]:
-    """Return the means (k, c) of a total (N, c) with times (N,), over `width` [s] about the times `at` (k,).
-
-    A value between two noisy samples is their mean, and has less noise than either: who seeks a time offset by least
-    squares is drawn to such places. Over several samples the noise is the same everywhere.
-    """
-    twice = integral(t, total)
-    ends = [
-        np.column_stack([np.interp(at + half, t, column) for column in twice.T])
-        for half in (-0.5 * width, 0.5 * width)
-    ]
-    return (ends[1] - ends[0]) / width
-
-
-def integral(t: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the running integral (N, k) of rates (N, k) by the trapezium rule; a missing rate counts as zero."""
-    rates = np.nan_to_num(rates)
-    steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(t)[:, None]
-    return np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(steps, axis=0)])
-
-
 #: beyond this angle from upright [rad] a robot is falling or in hands
 LARGEST_LEAN = 0.35
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Mocap:
-    """Running totals at the cameras' times, in the body's frame."""
+class MocapRun:
+    """A balancing run: its log, the ball's rolling by cameras, and the alignment of the two."""
 
-    t: NDArray[np.float64]  #: (M,) [s], the cameras' clock
-    turning: NDArray[np.float64]  #: (M, 3) [rad]
-    rolling: NDArray[np.float64]  #: (M, 3) [m]
-    missing: NDArray[np.float64]  #: (M,), running number of intervals without a pose or with a falling robot
-
-    def rolling_at(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rolling (k, 3) at times (k,) of the cameras' clock."""
-        return _at(t, self.t, self.rolling)
-
-    def covers(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which windows (w,) the cameras saw whole."""
-        inside = (start > self.t[0]) & (end < self.t[-1])
-        missed = self.missing[np.clip(np.searchsorted(self.t, end), 0, len(self.t) - 1)]
-        before = self.missing[np.clip(np.searchsorted(self.t, start) - 1, 0, len(self.t) - 1)]
-        return inside & (missed == before)
+    log: Log
+    rolling: (
+        Turning  #: in the body's frame on the cameras' clock, totals in metres; a falling robot's is missing
+    )
+    motion: MotionFit  #: its `body_marker` takes vectors of the body's frame to the IMU's
 
 
-def read_mocap(film: Log) -> Mocap:
-    """Return the running totals of a log of motion capture: t, x y z of the ball's centre, qw qx qy qz of the body.
+def mocap_run(log: Log, film: Log) -> MocapRun:
+    """Return a balancing run: its log, with a gyro, and its motion capture of ball and body.
 
     Raises
     ------
     InputError
-        If a column is missing, or the robot is hardly ever seen upright.
+        If a column is missing, the robot is hardly ever seen upright, or both are not of one run.
     """
+    log.require(*GYRO_NAMES)
     poses = read_poses(film)
     seen = poses.seen & np.isfinite(poses.places).all(axis=1)
     if seen.sum() < 10:
@@ -192,147 +159,23 @@ def read_mocap(film: Log) -> Mocap:
             "The motion capture has no poses; it needs the columns "
             "x, y, z and the unit quaternion qw, qx, qy, qz."
         )
-    # an unseen pose is filled with the one before, so that nothing moves; `missing` counts it
+    # an unseen pose is filled with the one before, so that nothing moves
     last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
     positions, rotations = poses.places[last], Rotation.from_quat(poses.rotations.as_quat()[last])
     axis = rotations.apply([0.0, 0.0, 1.0])
     up = np.median(axis[seen], axis=0)
     up /= np.linalg.norm(up)
-    upright = axis @ up > np.cos(LARGEST_LEAN)
+    usable = seen & (axis @ up > np.cos(LARGEST_LEAN))
+    upright = poses_turning(replace(poses, seen=usable).seen_only())
+    motion, _ = match_turning(log_turning(log), upright, least_share=_LEAST_SHARE)
     turns = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
     middle = (rotations[:-1] * Rotation.from_rotvec(0.5 * turns)).inv()
     rolls = np.cross(middle.apply(up), middle.apply(np.diff(positions, axis=0)))
-    usable = seen & upright
-    whole = usable[1:] & usable[:-1]
-    missing = np.concatenate([[0.0], np.cumsum(~whole)])
-    turns, rolls = np.where(whole[:, None], turns, 0.0), np.where(whole[:, None], rolls, 0.0)
-    return Mocap(t=film.t, turning=_total(turns), rolling=_total(rolls), missing=missing)
-
-
-def _total(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-
-
-def _at(
-    t: NDArray[np.float64], times: NDArray[np.float64], total: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    return np.column_stack([np.interp(t, times, column) for column in total.T])
-
-
-GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
-#: length of a window [s]
-MOUNTING_WINDOW = 0.25
-#: rates are means over this long [s] where magnitudes are compared, against the noise of cameras
-SMOOTHING = 0.15
-#: magnitudes that correlate less than this are not of one and the same run
-LEAST_CORRELATION = 0.5
-#: for the search of the offset, both totals are means over this long [s], some samples of either
-CLOCK_MEAN = 0.05
-#: magnitudes above so many medians, as in a fall, count as this many
-_HIGHEST = 5.0
-_GRID = 0.005
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mounting:
-    """The IMU's orientation and the cameras' clock in one run."""
-
-    #: [rotation vector.. from the body's frame to the IMU's [rad], bias.. [rad/s], offset [s], rate [s/s]] (8,)
-    fit: ClusteredFit
-    middle: float  #: the log's t [s] at which the offset holds
-
-    @property
-    def R_imu_body(self) -> Rotation:
-        """The rotation that takes vectors of the body's frame to the IMU's."""
-        return Rotation.from_rotvec(self.fit.values[:3])
-
-    def camera_time(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cameras' time of times of the log."""
-        return t + self.fit.values[6] + self.fit.values[7] * (t - self.middle)
-
-    def body_turning(self, log: Log) -> NDArray[np.float64]:
-        """Return the body's turning (N, 3) [rad] by the gyro, in the body's frame and without bias."""
-        rates = np.column_stack([log[name] for name in GYRO_NAMES]) - self.fit.values[3:6]
-        return self.R_imu_body.inv().apply(integral(log.t, rates))
-
-
-def imu_mounting(log: Log, film: Mocap) -> Mounting:
-    """Find the IMU's rotation and the cameras' clock.
-
-    Raises
-    ------
-    InputError
-        If the gyro's columns are missing, or log and cameras are not of one run.
-    """
-    rates = np.column_stack([log[name] for name in GYRO_NAMES])
-    total, offset = integral(log.t, rates), _offset(log.t, rates, film)
-    cuts = cut(log, rates, window=MOUNTING_WINDOW)
-    start, end = log.t[cuts.first], log.t[cuts.last]
-    # a little to spare, for the offset moves while it is found
-    cuts = cuts.chosen(film.covers(start + offset - 0.1, end + offset + 0.1))
-    if not len(cuts):
-        raise InputError("The cameras saw no quarter of a second of this log without a gap.")
-    start, end = log.t[cuts.first], log.t[cuts.last]
-    middle = float(0.5 * (start[0] + end[-1]))
-
-    def seen(t: NDArray[np.float64]) -> NDArray[np.float64]:
-        return mean_about(t, film.t, film.turning, width=CLOCK_MEAN)
-
-    gyro = mean_about(end, log.t, total, width=CLOCK_MEAN) - mean_about(start, log.t, total, width=CLOCK_MEAN)
-    turned = seen(end + offset) - seen(start + offset)
-    guess = Rotation.align_vectors(gyro - gyro.mean(axis=0), turned - turned.mean(axis=0))[0]
-
-    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
-        later, earlier = (t + p[6] + p[7] * (t - middle) for t in (end, start))
-        turning = seen(later) - seen(earlier)
-        return gyro - Rotation.from_rotvec(p[:3]).apply(turning) - p[3:6] * (end - start)[:, None]
-
-    p = np.concatenate([guess.as_rotvec(), np.zeros(3), [offset, 0.0]])
-    scales = np.array([0.1, 0.1, 0.1, 0.01, 0.01, 0.01, 0.1, 1e-3])
-    fit = fit_clustered(
-        residuals, p, scales=scales, clusters=cuts.clusters, undetermined=_MOUNTING_UNDETERMINED
-    )
-    return Mounting(fit=fit, middle=middle)
-
-
-def _offset(t: NDArray[np.float64], rates: NDArray[np.float64], film: Mocap) -> float:
-    """Return the cameras' time at the log's zero [s], to a grid of 5 ms."""
-    ours = _magnitude(np.arange(t[0], t[-1], _GRID), t, integral(t, rates))
-    theirs = _magnitude(np.arange(film.t[0], film.t[-1], _GRID), film.t, film.turning)
-    if min(len(ours), len(theirs)) < 100:
-        raise InputError("Log and motion capture must each last half a second at least.")
-    likeness = scipy.signal.correlate(theirs, ours)
-    best = int(np.argmax(likeness))
-    if likeness[best] < LEAST_CORRELATION * np.linalg.norm(ours) * np.linalg.norm(theirs):
-        raise InputError(
-            "The gyro and the motion capture are not of the same run: the body rates correlate "
-            f"by only {likeness[best] / (np.linalg.norm(ours) * np.linalg.norm(theirs)):.2f}."
-        )
-    return float(film.t[0] - t[0] + _GRID * scipy.signal.correlation_lags(len(theirs), len(ours))[best])
-
-
-def _magnitude(
-    grid: NDArray[np.float64], t: NDArray[np.float64], total: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return |rate| on a grid of times, less its mean, from a running total (N, 3) and means over `SMOOTHING`."""
-    half = 0.5 * SMOOTHING
-    steps = [np.interp(grid + half, t, one) - np.interp(grid - half, t, one) for one in total.T]
-    size = np.linalg.norm(steps, axis=0)
-    size = np.minimum(size, _HIGHEST * np.median(size))
-    return size - size.mean()
+    return MocapRun(log=log, rolling=Turning.of(film.t, rolls, usable[1:] & usable[:-1]), motion=motion)
 
 
 #: length of a window [s]
 ROLLING_WINDOW = 0.5
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MocapRun:
-    """A balancing run: its log, its motion capture, and the alignment of the two."""
-
-    log: Log
-    film: Mocap
-    mounting: Mounting
 
 
 def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) -> ClusteredFit:
@@ -376,21 +219,18 @@ def _rolling_increments(
     NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]
 ]:
     """Return increments (w, .) of wheel angles, rolling, turning and rolling's rate, all level parts; clusters (w,)."""
-    log, film, mounting = run.log, run.film, run.mounting
+    log, rolling, motion = run.log, run.rolling, run.motion
     angles = wheel_angles(log, wheel_count)
     gyro = np.column_stack([log[name] for name in GYRO_NAMES])
     cuts = cut(log, np.hstack([angles, gyro]), window=ROLLING_WINDOW)
-    start, end = mounting.camera_time(log.t[cuts.first]), mounting.camera_time(log.t[cuts.last])
-    whole = film.covers(start - 0.05, end + 0.05)
+    start, end = (motion.clock.to_cameras(log.t[rows]) for rows in (cuts.first, cuts.last))
+    whole = rolling.covers(start - 0.05, end + 0.05)
     cuts, start, end = cuts.chosen(whole), start[whole], end[whole]
-    rolls = film.rolling_at(end) - film.rolling_at(start)
-    turns = cuts.of(mounting.body_turning(log))
-    return cuts.of(angles), rolls[:, :2], turns[:, :2], _rate(film, end) - _rate(film, start), cuts.clusters
-
-
-def _rate(film: Mocap, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rolling's rate (k, 2) [m/s] at times of the cameras, over 40 ms."""
-    return (film.rolling_at(t + 0.02) - film.rolling_at(t - 0.02))[:, :2] / 0.04
+    turning = motion.body_marker.inv().apply(Turning.of_rates(log.t, gyro - motion.bias).total)
+    # the rolling's rate [m/s] over 40 ms
+    before, after = (rolling.over(at - 0.02, at + 0.02)[:, :2] / 0.04 for at in (start, end))
+    rolls = rolling.over(start, end)
+    return cuts.of(angles), rolls[:, :2], cuts.of(turning)[:, :2], after - before, cuts.clusters
 
 
 #: length of a window [s]
@@ -452,7 +292,7 @@ def _upside_down_increments(
     angles = wheel_angles(log, wheel_count)
     omega = np.column_stack([log[name] for name in BALL_NAMES])
     cuts = cut(log, np.hstack([angles, omega]), window=UPSIDE_DOWN_WINDOW)
-    return cuts.of(angles), cuts.of(integral(log.t, omega)), cuts.of(omega), cuts.clusters
+    return cuts.of(angles), cuts.of(Turning.of_rates(log.t, omega).total), cuts.of(omega), cuts.clusters
 
 
 def _each_wheel(

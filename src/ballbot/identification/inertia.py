@@ -11,38 +11,27 @@ d_i of a result by each, its variance is the sum of (d_i s_i)^2.
 The checks find a wrong unit of the angle or of time, a clipped or frozen sensor, and another body.
 
 A pendulum's period grows with its amplitude, so that the shape of large swings distinguishes radians from degrees; its
-frequency and the lever to its pivot give a radius of gyration, which distinguishes seconds from milliseconds.
+frequency and the lever to its pivot give a radius of gyration, which a wrong unit of time or length makes impossible.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding, Place, by_severity, note
+from ballbot.findings import Finding, Place, Severity, by_severity, note
 from ballbot.identification.swing import Swing, SwingFit, fits_better_in_degrees, period_growth
 from ballbot.robot import Robot
 from ballbot.robot.derived import inertia_from_swing
 
 #: standard deviations to either side of a 95 % interval
 _NORMAL = 1.959964
-
-#: units of t that were mistaken for seconds, or another cause of a wrong clock, and the factor that corrects it
-_CLOCKS = (
-    ("milliseconds", "", 1e-3),
-    ("microseconds", "", 1e-6),
-    ("nanoseconds", "", 1e-9),
-    ("minutes", "", 60.0),
-    ("", "The clock appears to run at half its rate, as if frames were counted twice.", 0.5),
-    ("", "The clock appears to run at twice its rate, as if every second frame were missing.", 2.0),
-)
-#: over the distance to the pivot
-_USUAL_GYRATION = (0.15, 1.2)
+_CHECK_UNITS = "Check the units of t [s] and of the distance to the pivot [m]."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,11 +119,10 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
     about_pivot = inertia_from_swing(mass=m, gravity=g, distance=r, angular_frequency=fit.frequency)
     own = about_pivot - m * r**2
     if own <= 0.0:
-        cause = likely_cause(fit.frequency, robot, pivot)
         raise InputError(
             f"With {m:g} kg at {r:g} m, the swing of {fit.frequency:.4g} rad/s gives an inertia "
             f"of {own:.3g} kg m^2 about the centre of mass, which no body has; the distance "
-            f"must be below {g / fit.frequency**2:.4g} m.{(f' {cause}' if cause else '')}"
+            f"must be below {g / fit.frequency**2:.4g} m. {_CHECK_UNITS}"
         )
     # change of each result by one standard deviation of each cause; if r is l they are one cause
     omega = about_pivot / fit.frequency * -2.0 * fit.frequency_half_width / _NORMAL
@@ -173,24 +161,6 @@ def radius_of_gyration(frequency: float, robot: Robot, pivot: Pivot) -> float:
     return math.sqrt(square) if square > 0.0 else math.nan
 
 
-def likely_cause(frequency: float, robot: Robot, pivot: Pivot) -> str:
-    """Return the slip of units, in a sentence, that makes a usual body of one that no body is; "" if none does."""
-    times = {f"t appears to be in {unit}." if unit else words: factor for unit, words, factor in _CLOCKS}
-    distances = {
-        f"The distance to the pivot appears to be in {unit}, that is {factor * pivot.distance:.3g} m.": factor
-        for unit, factor in (("centimetres", 1e-2), ("millimetres", 1e-3))
-    }
-    causes = [(words, factor, 1.0) for words, factor in times.items()]
-    if not pivot.at_ball_center:
-        causes = [*((words, 1.0, factor) for words, factor in distances.items()), *causes]
-    for words, clock, scale in causes:
-        moved = replace(pivot, distance=scale * pivot.distance)
-        share = radius_of_gyration(frequency / clock, robot, moved) / moved.distance
-        if _USUAL_GYRATION[0] <= share <= _USUAL_GYRATION[1]:
-            return words
-    return ""
-
-
 def _estimate(value: float, changes: dict[str, float]) -> SwingEstimate:
     variance = sum(change**2 for change in changes.values())
     shares = {cause: change**2 / variance if variance else 0.0 for cause, change in changes.items()}
@@ -222,125 +192,95 @@ _FROZEN = 0.2
 
 
 def recording_findings(swing: Swing) -> tuple[Finding, ...]:
-    """Return the faults of a recording, before a pendulum is fitted to it."""
-    return tuple(_clipped(swing) or _frozen(swing))
+    """Return the faults of a recording, before a pendulum is fitted to it: a sensor that is clipped or that froze."""
+    values, name = swing.values, swing.source
+    share, side = max((float(np.mean(values == end)), side) for side, end in _ends(values))
+    if len(np.unique(values)) >= _FINE and share >= _CLIPPED:
+        text = (
+            f"{name} is clipped: {100.0 * share:.0f} % of its rows have its {side} "
+            "value. Choose a larger range of the sensor, or let the body swing less far."
+        )
+        return (_finding("swing-clipped", "error", text, name),)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
+    longest = int(np.argmax(np.diff(edges)))
+    first, last = int(edges[longest]), int(edges[longest + 1]) - 1
+    lasts = float(swing.t[last] - swing.t[first])
+    # at the end of the recording, the body rests
+    if last - first < 5 or last == len(swing.t) - 1 or lasts < _FROZEN * swing.period:
+        return ()
+    text = (
+        f"{name} repeats one value for {lasts:.2g} s from t = {swing.t[first]:.4g} s on, in the middle of the swing: "
+        "the sensor froze, or the body was held. Cut the recording to where it swings freely."
+    )
+    return (_finding("stuck", "error", text, name, time=float(swing.t[first])),)
+
+
+def _ends(values: NDArray[np.float64]) -> tuple[tuple[str, float], tuple[str, float]]:
+    return ("least", float(values.min())), ("largest", float(values.max()))
+
+
+def _finding(code: str, severity: Severity, text: str, column: str, *, time: float | None = None) -> Finding:
+    return Finding(code=code, severity=severity, text=text, where=Place(columns=(column,), time=time))
 
 
 def swing_findings(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) -> tuple[Finding, ...]:
     """Return the evidence against a swing's inertia, errors first."""
-    return by_severity(
-        [*_of_unit(fit), *_of_body(fit, robot, pivot), *_of_file(fit, found, robot), *_of_fit(fit)]
-    )
+    return by_severity([*_of_motion(fit), *_of_body(fit, found, robot, pivot)])
 
 
-def _clipped(swing: Swing) -> list[Finding]:
-    values = swing.values
-    levels = np.unique(values)
-    if len(levels) < _FINE:
-        return []
-    shares = {"largest": np.mean(values == values.max()), "least": np.mean(values == values.min())}
-    side, share = max(shares.items(), key=lambda one: one[1])
-    if share < _CLIPPED:
-        return []
-    text = (
-        f"{swing.source} is clipped: {100.0 * share:.0f} % of its rows have its {side} "
-        "value. Choose a larger range of the sensor, or let the body swing less far."
-    )
-    return [Finding(code="swing-clipped", severity="error", text=text, where=Place(columns=(swing.source,)))]
-
-
-def _frozen(swing: Swing) -> list[Finding]:
-    first, last = _longest_run(swing.values)
-    lasts = float(swing.t[last] - swing.t[first])
-    # at the end of the recording, the body rests
-    if last - first < 5 or last == len(swing.t) - 1 or lasts < _FROZEN * swing.period:
-        return []
-    text = (
-        f"{swing.source} repeats one value for {lasts:.2g} s from t = "
-        f"{swing.t[first]:.4g} s on, in the middle of the swing: the sensor froze, "
-        "or the body was held. Cut the recording to where it swings freely."
-    )
-    where = Place(columns=(swing.source,), time=float(swing.t[first]))
-    return [Finding(code="stuck", severity="error", text=text, where=where)]
-
-
-def _longest_run(values: NDArray[np.float64]) -> tuple[int, int]:
-    """Return the first and last row of the longest run of equal values."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
-    longest = int(np.argmax(np.diff(edges)))
-    return int(edges[longest]), int(edges[longest + 1]) - 1
-
-
-def _of_unit(fit: SwingFit) -> Iterator[Finding]:
-    swing, (first, _) = fit.swing, fit.amplitudes
-    where = Place(columns=(swing.source,))
-    if first > _LARGE and fits_better_in_degrees(swing, fit):
+def _of_motion(fit: SwingFit) -> Iterator[Finding]:
+    name, (first, _) = fit.swing.source, fit.amplitudes
+    size = f"{name} swings by {math.degrees(first):.2g} degrees"
+    if first > _LARGE and fits_better_in_degrees(fit):
         text = (
-            f"{swing.source} appears to be in degrees: read in radians, "
-            f"its swings of {math.degrees(first):.3g} degrees would slow "
-            "down as they grow, and they do not. Multiply it by pi/180."
+            f"{name} appears to be in degrees: read in radians, its swings of {math.degrees(first):.3g} degrees would "
+            "slow down as they grow, and they do not. Multiply it by pi/180."
         )
-        yield Finding(code="swing-unit", severity="error", text=text, where=where)
+        yield _finding("swing-unit", "error", text, name)
     elif first < _SMALLEST_SWING:
         text = (
-            f"{swing.source} swings by only {math.degrees(first):.2g} degrees, "
-            "where the friction of the pivot and the noise of the sensor matter "
-            "most. Check its unit, or let the body swing by 5 to 20 degrees."
+            f"{size} only, where the friction of the pivot and the noise of the sensor matter most. Check its unit, or "
+            "let the body swing by 5 to 20 degrees."
         )
-        yield Finding(code="swing-unit", severity="warning", text=text, where=where)
+        yield _finding("swing-unit", "warning", text, name)
     elif first > _LARGEST_SWING:
-        text = (
-            f"{swing.source} swings by {math.degrees(first):.3g} "
-            "degrees; release the body at 5 to 20 degrees."
-        )
-        yield Finding(code="swing-unit", severity="warning", text=text, where=where)
-
-
-def _of_body(fit: SwingFit, robot: Robot, pivot: Pivot) -> Iterator[Finding]:
-    gyration = radius_of_gyration(fit.frequency, robot, pivot)
-    share = gyration / pivot.distance
-    if _USUAL[0] <= share <= _USUAL[1]:
-        return
-    cause = likely_cause(fit.frequency, robot, pivot)
-    text = (
-        f"A period of {2.0 * math.pi / fit.frequency:.4g} s at {pivot.distance:.3g} m from the centre of "
-        f"mass gives the body a radius of gyration of {gyration:.3g} m, {share:.2g} of that distance; "
-        f"bodies have 0.3 to 0.9. {cause or 'Look at the units of t and at the distance to the pivot.'}"
-    )
-    severity = "warning" if _POSSIBLE[0] <= share <= _POSSIBLE[1] else "error"
-    yield Finding(code="swing-inertia", severity=severity, text=text, where=Place(columns=("t",)))
-
-
-def _of_file(fit: SwingFit, found: SwingInertia, robot: Robot) -> Iterator[Finding]:
-    written = np.diag(robot.body.inertia_about_ball_center())[:2]
-    nearest = written[int(np.argmin(np.abs(np.log(found.about_ball_center.value / written))))]
-    ratio = found.about_ball_center.value / float(nearest)
-    if 1.0 / _LIKE_FILE <= ratio <= _LIKE_FILE:
-        return
-    text = (
-        f"The swing's inertia about the ball's centre, {found.about_ball_center.value:.4g} kg "
-        f"m^2, is {ratio:.3g} times the file's {float(nearest):.4g}. The file's inertia is wrong, "
-        f"or body.mass ({robot.body.mass:.4g} kg), the distance to the pivot, or the time of the "
-        f"recording; a clock {math.sqrt(ratio):.3g} times too slow would have the same effect."
-    )
-    yield Finding(
-        code="swing-inertia", severity="warning", text=text, where=Place(columns=(fit.swing.source,))
-    )
-
-
-def _of_fit(fit: SwingFit) -> Iterator[Finding]:
-    where = Place(columns=(fit.swing.source,))
+        yield _finding("swing-unit", "warning", f"{size}; release the body at 5 to 20 degrees.", name)
     if fit.residual > _MUCH_LEFT:
         text = (
-            f"A pendulum leaves {100.0 * fit.residual:.0f} % of {fit.swing.source} unexplained; "
+            f"A pendulum leaves {100.0 * fit.residual:.0f} % of {name} unexplained; "
             "look for a pivot that slides, a second mode or a hand that touched the body."
         )
-        yield Finding(code="swing-fit", severity="warning", text=text, where=where)
-    half = fit.half_widths
-    energy = fit.values[1] * fit.frequency * fit.amplitudes[0] + fit.values[2]
-    if fit.values[1] < -half[1] and energy < 0.0:
+        yield _finding("swing-fit", "warning", text, name)
+    energy = fit.values[1] * fit.frequency * first + fit.values[2]
+    if fit.values[1] < -fit.half_widths[1] and energy < 0.0:
         text = "The swing grows: something drives the body, or the recording is reversed in time."
-        yield Finding(code="swing-fit", severity="warning", text=text, where=where)
+        yield _finding("swing-fit", "warning", text, name)
+
+
+def _of_body(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) -> Iterator[Finding]:
+    gyration = radius_of_gyration(fit.frequency, robot, pivot)
+    share = gyration / pivot.distance
+    if not _USUAL[0] <= share <= _USUAL[1]:
+        text = (
+            f"A period of {2.0 * math.pi / fit.frequency:.4g} s at {pivot.distance:.3g} m from the centre of "
+            f"mass gives the body a radius of gyration of {gyration:.3g} m, {share:.2g} of that distance; "
+            f"bodies have 0.3 to 0.9. {_CHECK_UNITS}"
+        )
+        yield _finding(
+            "swing-inertia", "warning" if _POSSIBLE[0] <= share <= _POSSIBLE[1] else "error", text, "t"
+        )
+    value = found.about_ball_center.value
+    written = np.diag(robot.body.inertia_about_ball_center())[:2]
+    nearest = float(written[int(np.argmin(np.abs(np.log(value / written))))])
+    ratio = value / nearest
+    if not 1.0 / _LIKE_FILE <= ratio <= _LIKE_FILE:
+        text = (
+            f"The swing's inertia about the ball's centre, {value:.4g} kg m^2, is {ratio:.3g} times the file's "
+            f"{nearest:.4g}. The file's inertia is wrong, or body.mass ({robot.body.mass:.4g} kg), the distance to the "
+            f"pivot, or the time of the recording; a clock {math.sqrt(ratio):.3g} times too slow would have the same "
+            "effect."
+        )
+        yield _finding("swing-inertia", "warning", text, fit.swing.source)
 
 
 #: digits of a value beyond these are the integration's, not the swing's
@@ -419,16 +359,12 @@ def _known(value: float, half_width: float) -> str:
 
 
 def _beside_file(one: SwingEstimate, robot: Robot) -> str:
-    written = np.diag(robot.body.inertia_about_ball_center())[:2].tolist()
-    named = [f"{value:.4g} about {axis}" for value, axis in zip(written, "xy", strict=True)]
     # rounding of the file's number is no deviation
-    inside = [abs(value - one.value) <= max(one.half_width, 1e-4 * one.value) for value in written]
-    if all(inside):
-        return f"the file's {' and '.join(named)} lie within it."
-    if any(inside):
-        within, outside = (named[inside.index(which)] for which in (True, False))
-        return f"the file's {within} lies within, its {outside} outside."
-    return f"the file's {' and '.join(named)} lie outside."
+    width, named = max(one.half_width, 1e-4 * one.value), []
+    for value, axis in zip(np.diag(robot.body.inertia_about_ball_center())[:2].tolist(), "xy", strict=True):
+        place = "within" if abs(value - one.value) <= width else "outside"
+        named.append(f"{value:.4g} about {axis} lies {place}")
+    return f"the file's {' and '.join(named)}."
 
 
 def _estimate_results(one: SwingEstimate) -> dict[str, object]:
@@ -448,13 +384,12 @@ def _amplitude_sentence(fit: SwingFit) -> str:
 
 def _damping_sentence(fit: SwingFit, inertia: float) -> str:
     """Say which friction slows it: each is there where its interval lies above zero."""
-    half = fit.half_widths
-    viscous, dry = (fit.values[i] > half[i] for i in (1, 2))
-    b, c = f"{fit.values[1] * inertia:.2g} N m s/rad", f"{fit.values[2] * inertia:.2g} N m"
-    if viscous and dry:
-        return f"Both frictions slow it: viscous, {b}, and dry, {c}."
-    if viscous:
-        return f"Viscous friction slows it, {b}; the swing shows no dry friction."
-    if dry:
-        return f"Dry friction slows it, {c}; the swing shows no viscous friction."
-    return "The swing is too short to show which friction slows it; let it swing longer."
+    kinds = {"viscous friction": (1, "N m s/rad"), "dry friction": (2, "N m")}
+    shown = [
+        f"{name}, {fit.values[i] * inertia:.2g} {unit}"
+        for name, (i, unit) in kinds.items()
+        if fit.values[i] > fit.half_widths[i]
+    ]
+    if not shown:
+        return "The swing is too short to show which friction slows it; let it swing longer."
+    return f"What slows it: {' and '.join(shown)}."

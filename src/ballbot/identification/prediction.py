@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.run import Executor, Threads
 from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import RIGID, TERMS, Layout, with_rigid_body
+from ballbot.identification.quantities import RIGID, Layout, with_rigid_body
 from ballbot.identification.windows import (
     Windows,
     acting_torques,
@@ -30,7 +30,6 @@ from ballbot.identification.windows import (
 )
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
-from ballbot.mechanics.friction import DirectedLaw, PlainLaw, WheelLaw
 from ballbot.mechanics.parameters import (
     PLACE_SPEED_SCALE,
     PLACES,
@@ -159,7 +158,7 @@ class Predictor:
         """Return the states (lanes, m // every, 10 or 11)."""
         pivots = "pivoting" in self.layout.extra
         return simulate_lanes(
-            selector(self.formulation, self.robot.wheel_count, pivoting=pivots, law=self._law),
+            selector(self.formulation, self.robot.wheel_count, pivoting=pivots),
             lanes,
             sample_time=sample_time,
             steps=max(1, int(np.ceil(sample_time / self.step - 1e-9))),
@@ -172,9 +171,7 @@ class Predictor:
         """Return the rows of numbers (sets, size) that compiled code reads."""
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
-            rows = np.stack(
-                [pack(self._with_rigid_body(one), self.formulation, law=self._law) for one in values]
-            )
+            rows = np.stack([pack(self._with_rigid_body(one), self.formulation) for one in values])
         else:
             rows = np.repeat(self._own[None], len(values), axis=0)
         n = robot.wheel_count
@@ -183,11 +180,10 @@ class Predictor:
         rows[:, places[:n]] += self.back_emf
         rows[:, PLACE_SPEED_SCALE] = 1.0 / layout.number("stribeck_speed", values)
         rows[:, PLACES["rolling_force"]] = robot.weight * layout.number("rolling", values)
-        if isinstance(self._law, DirectedLaw):
-            # a torque offset stands for the asymmetry of Coulomb friction
-            of_term = (None, layout.part("stribeck_asymmetry", values), layout.part("load", values))
-            for columns, part in zip(term_places(n), of_term, strict=True):
-                rows[:, columns] = 0.0 if part is None else part
+        # a torque offset stands for the asymmetry of Coulomb friction
+        of_term = (None, layout.part("stribeck_asymmetry", values), layout.part("load", values))
+        for columns, part in zip(term_places(n), of_term, strict=True):
+            rows[:, columns] = 0.0 if part is None else part
         pivoting = layout.part("pivoting", values)
         if pivoting is not None:
             rows[:, PLACES["pivoting"]] = pivoting[:, 0]
@@ -196,12 +192,7 @@ class Predictor:
     @cached_property
     def _own(self) -> NDArray[np.float64]:
         """The robot's own row of numbers."""
-        return pack(self.robot, self.formulation, law=self._law)
-
-    @property
-    def _law(self) -> WheelLaw:
-        """The leanest law that has the terms that vary."""
-        return DirectedLaw() if set(TERMS) & set(self.layout.extra) else PlainLaw()
+        return pack(self.robot, self.formulation)
 
     def _with_rigid_body(self, values: NDArray[np.float64]) -> Robot:
         parts = {name: self.layout.part(name, values) for name in RIGID}

@@ -41,12 +41,11 @@ from ballbot.identification.windows import LARGEST_JITTER, Span, common_sample_t
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
-from ballbot.mechanics.friction import friction_terms
 from ballbot.progress import Progress
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import Summary, estimated, first_texts, listed, plotted, summarized
 
 if TYPE_CHECKING:
@@ -107,8 +106,7 @@ class BallWindows:
         """Return the squared errors (w, 3) of the Omega that a friction predicts, means over each window."""
         predicted = simulate_balls(
             ClampedBall.of_robot(robot),
-            friction=[friction_row(friction)],
-            terms=None if friction.is_plain else friction_terms(friction),
+            frictions=[friction],
             initial=self.initial,
             torques=self.torques,
             sample_time=self.sample_time,
@@ -501,7 +499,7 @@ def identify_upside_down(
     }
     own = StageEstimate(source="the logs upside down", labels=labels, values=values, covariance=C)
     found = robot_with_friction(
-        robot, values, C, source=f"identified: {len(named)} logs upside down" if len(named) > 1 else _SOURCE
+        robot, own, source=f"identified: {len(named)} logs upside down" if len(named) > 1 else _SOURCE
     )
     run.progress(Progress(stage="prediction", done=1, total=2))
     frictions = {"found": found.friction}

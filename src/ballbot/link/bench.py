@@ -25,19 +25,13 @@ from ballbot.simulation.held_robot import multisine_at, sweep_at
 _ANY_LEAN = 10.0
 
 
-def sweep_of(robot: LiveRobot, torque: float) -> Callable[[float], NDArray[np.float64]]:
+def sweep_of(
+    robot: LiveRobot,
+    torque: float,  # the largest [N m]
+) -> Callable[[float], NDArray[np.float64]]:
     """Return the sweep of a robot's wheels: torques (n,) at a time [s].
 
-    Parameters
-    ----------
-    robot : LiveRobot
-    torque : float
-        The largest [N m].
-
-    Raises
-    ------
-    InputError
-        If it is not above zero, or beyond the robot's torque limit.
+    InputError if it is not above zero, or beyond the robot's torque limit.
     """
     if not 0.0 < torque <= robot.torque_limit:
         raise InputError(

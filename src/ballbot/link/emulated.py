@@ -50,35 +50,19 @@ class EmulatedRobot:
 
     Reading lets the robot run: `read` takes at least one sample, and more until the robot has sent something or
     `timeout` of the robot's time is over.
-
-    Parameters
-    ----------
-    plant : Plant
-        The robot when nobody holds it: a model, the twin, your own.
-    line : Transport
-        To the firmware: a `CompiledRobot`, or the serial line of an emulated board.
-    sample_time : float
-        Of the firmware [s].
-    seed : int
-        Of everything random in the plant.
-    hand : HeldRobot, optional
-        The robot while it is held; by default upright on its ball.
-    always_held : bool
-        Never let the robot go: for a sweep of its free wheels, and upside down.
-    real_time : bool
-        Wait so that the robot runs no faster than the clock on the wall. A late sample slows the robot's clock down;
-        it is not caught up, because the host would then be silent for too many samples.
     """
 
     def __init__(
         self,
-        plant: Plant,
-        line: Transport,
+        plant: Plant,  # the robot when nobody holds it: a model, the twin, your own
+        line: Transport,  # to the firmware: a `CompiledRobot`, or the serial line of an emulated board
         *,
-        sample_time: float,
-        seed: int = 0,
-        hand: HeldRobot | None = None,
-        always_held: bool = False,
+        sample_time: float,  # of the firmware [s]
+        seed: int = 0,  # of everything random in the plant
+        hand: HeldRobot | None = None,  # the robot while it is held; by default upright on its ball
+        always_held: bool = False,  # never let the robot go: for a sweep of its free wheels, and upside down
+        # wait so that the robot runs no faster than the clock on the wall. A late sample slows the robot's clock down;
+        # it is not caught up, because the host would then be silent for too many samples.
         real_time: bool = False,
     ) -> None:
         self.plant = plant
@@ -170,37 +154,18 @@ class EmulatedRobot:
 
 
 def emulated_robot(
-    robot: Robot,
-    scenario: Scenario,
+    robot: Robot,  # as its firmware knows it
+    scenario: Scenario,  # true friction, sensors and play
     *,
-    plant: PlantName = "model",
-    hold: Hold = "on_ball",
+    plant: PlantName = "model",  # its body: the equations of motion, or the physics engine
+    hold: Hold = "on_ball",  # how it is held; in the air and upside down it stays so when it arms
     seed: int = 0,
-    real_time: bool = False,
-    imu_checked: bool = True,
+    real_time: bool = False,  # as for `EmulatedRobot`
+    imu_checked: bool = True,  # whether the axes of the IMU count as checked
 ) -> EmulatedRobot:
     """Return an emulated robot with the nominal controller.
 
-    Parameters
-    ----------
-    robot : Robot
-        As its firmware knows it.
-    scenario : Scenario
-        True friction, sensors and play.
-    plant : {"model", "twin"}
-        Its body: the equations of motion, or the physics engine.
-    hold : {"on_ball", "in_air", "upside_down"}
-        How it is held; in the air and upside down it stays so when it arms.
-    seed : int
-    real_time : bool
-        As for `EmulatedRobot`.
-    imu_checked : bool
-        Whether the axes of the IMU count as checked.
-
-    Raises
-    ------
-    InputError
-        If there is no compiler, the twin is not installed, or the scenario's IMU has no noise.
+    InputError if there is no compiler, the twin is not installed, or the scenario's IMU has no noise.
     """
     if not (scenario.sensors.gyro_noise or scenario.sensors.attitude_noise):
         raise InputError(
@@ -228,30 +193,17 @@ def emulated_robot(
 class CompiledRobot:
     """The program of a robot, compiled for this computer: a transport that takes `Sensors` and gives `Motors`.
 
-    Parameters
-    ----------
-    parameters : structured array (1,)
-        Of `ballbot.firmware.records.PARAMETERS` in single precision.
-    capabilities : int
-        Bits of `Capability`.
-    imu_checked : bool
-        Whether the axes of the IMU count as checked; if not, the first self-test checks them.
-    starts : int
-        Number of this start, as `robot_start` in C takes it.
-
-    Raises
-    ------
-    InputError
-        If there is no C compiler, or the parameters are not those of the library.
+    InputError if there is no C compiler, or the parameters are not those of the library.
     """
 
     def __init__(
         self,
-        parameters: NDArray[np.void],
+        parameters: NDArray[np.void],  # (1,) Of `ballbot.firmware.records.PARAMETERS` in single precision
         *,
-        capabilities: int = 0,
+        capabilities: int = 0,  # bits of `Capability`
+        # whether the axes of the IMU count as checked; if not, the first self-test checks them
         imu_checked: bool = True,
-        starts: int = 0,
+        starts: int = 0,  # number of this start, as `robot_start` in C takes it
     ) -> None:
         self._functions = _program()
         self._memory = np.zeros(self._functions.emulated_robot_size(), dtype=np.uint8)

@@ -67,31 +67,22 @@ class LayerCounts:
         return self.accepted + sum(self.refused)
 
 
-def encode(message: Message, *, session: int, sequence: int) -> bytes:
-    """Return the frame of a message, with its zero byte.
-
-    Parameters
-    ----------
-    message : Message
-    session : int
-        From 0 to 2^32 - 1.
-    sequence : int
-        Modulo 2^16.
-    """
+def encode(
+    message: Message,
+    *,
+    session: int,  # from 0 to 2^32 - 1
+    sequence: int,  # modulo 2^16
+) -> bytes:
+    """Return the frame of a message, with its zero byte."""
     payload = _HEADER.pack(VERSION, message.TYPE, session, sequence % 65536) + pack_body(message)
     return cobs.encode(payload + _CRC.pack(crc32.iso_hdlc(payload))) + b"\0"
 
 
-def decode(coded: bytes, kinds: Mapping[int, object]) -> Frame | Layer:
-    """Return the frame in the bytes between two zeros, or the layer that refuses it.
-
-    Parameters
-    ----------
-    coded : bytes
-        Without the zero.
-    kinds : mapping
-        The types that this side takes.
-    """
+def decode(
+    coded: bytes,  # without the zero
+    kinds: Mapping[int, object],  # the types that this side takes
+) -> Frame | Layer:
+    """Return the frame in the bytes between two zeros, or the layer that refuses it."""
     try:
         payload = cobs.decode(coded)
     except cobs.DecodeError:
@@ -113,17 +104,13 @@ def decode(coded: bytes, kinds: Mapping[int, object]) -> Frame | Layer:
 
 
 class FrameReader:
-    """Bytes in, frames out; keeps the beginning of a frame until its zero comes.
+    """Bytes in, frames out; keeps the beginning of a frame until its zero comes."""
 
-    Parameters
-    ----------
-    kinds : mapping
-        The types that this side takes.
-    counts : LayerCounts, optional
-        In which refused frames are counted.
-    """
-
-    def __init__(self, kinds: Mapping[int, object], counts: LayerCounts | None = None) -> None:
+    def __init__(
+        self,
+        kinds: Mapping[int, object],  # the types that this side takes
+        counts: LayerCounts | None = None,  # in which refused frames are counted
+    ) -> None:
         self.kinds = kinds
         self.counts = counts or LayerCounts()
         self._kept = bytearray()

@@ -16,10 +16,13 @@ is lost. A robot whose link is lost stops by itself.
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from pathlib import Path
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +34,11 @@ from ballbot.errors import InputError
 from ballbot.firmware.records import ESTIMATORS, SelfTestOutcome
 from ballbot.link.messages import ControllerPlace, Result, State
 from ballbot.link.operators import MOVEMENTS, Operator
+from ballbot.link.recorder import Recorder
 from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame
 from ballbot.link.session import IMU_POSITIONS, MOVING_TIME, Session, reason, stop_reason
 from ballbot.link.transport import LinkError
+from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wheel_speed_names
 
 #: longest wait for the next sample [s]; the session finds out before that whether the robot is silent
@@ -122,6 +127,8 @@ def log_columns(wheel_count: int) -> tuple[str, ...]:
 class Commander(Protocol):
     """Decides what is sent to the robot after a sample."""
 
+    place: ClassVar[ControllerPlace]  #: whose torques the robot obeys
+
     @property
     def ended(self) -> bool:
         """Whether the run is to end."""
@@ -129,11 +136,6 @@ class Commander(Protocol):
 
     def command(self, session: Session, sample: Sample) -> NDArray[np.float64] | None:
         """Send what the robot is to have at its next sample.
-
-        Parameters
-        ----------
-        session : Session
-        sample : Sample
 
         Returns
         -------
@@ -145,6 +147,8 @@ class Commander(Protocol):
 
 class FollowReference:
     """Gives references to the controller on the robot; one that does not arrive is sent again."""
+
+    place: ClassVar = ControllerPlace.ROBOT
 
     def __init__(self, reference: LiveReference, *, sample_time: float) -> None:
         self._source, self._step = reference, sample_time
@@ -173,16 +177,16 @@ class FollowReference:
 
 
 class ControlFromHost:
-    """Runs a controller on this computer, whose torques pass the robot's safety layer.
+    """Runs a controller on this computer, whose torques pass the robot's safety layer."""
 
-    Parameters
-    ----------
-    controller : Feedback
-        It is called once before the run, because the first call loads compiled code for longer than the robot waits.
-    reference : LiveReference
-    """
+    place: ClassVar = ControllerPlace.HOST
 
-    def __init__(self, controller: Feedback, reference: LiveReference) -> None:
+    def __init__(
+        self,
+        # it is called once before the run, because the first call loads compiled code for longer than the robot waits
+        controller: Feedback,
+        reference: LiveReference,
+    ) -> None:
         self._controller, self._source = controller, reference
         controller.update(0.0, np.zeros(10), np.zeros(10))
         controller.reset()
@@ -202,6 +206,7 @@ class ControlFromHost:
 class TorqueProgram:
     """Gives torques as a function of time: a sweep of the free wheels, or torques that stir a ball."""
 
+    place: ClassVar = ControllerPlace.HOST
     ended = False
 
     def __init__(self, torques: Callable[[float], NDArray[np.float64]], *, sample_time: float) -> None:
@@ -261,17 +266,14 @@ class Samples:
 
 
 class LiveRobot:
-    """A robot at the other end of a session.
+    """A robot at the other end of a session."""
 
-    Parameters
-    ----------
-    session : Session
-        Connected.
-    clock : callable
-        The session's [s].
-    """
-
-    def __init__(self, session: Session, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        session: Session,  # connected
+        *,
+        clock: Callable[[], float] = time.monotonic,  # the session's [s]
+    ) -> None:
         assert session.welcome is not None
         self.session, self.welcome, self._clock = session, session.welcome, clock
         self.parameters = session.read_parameters()  #: (1,), those on the robot
@@ -335,10 +337,7 @@ class LiveRobot:
     def use_parameters(self, parameters: NDArray[np.void]) -> bool:
         """Let the robot use these parameters (1,); return whether it had others.
 
-        Raises
-        ------
-        InputError
-            If the robot has another number of wheels or sample time, is armed or does not accept them.
+        InputError if the robot has another number of wheels or sample time, is armed or does not accept them.
         """
         for name, unit in (("wheel_count", " wheels"), ("sample_time", " s between samples")):
             own, wanted = self.parameters[name][0], parameters[name][0]
@@ -357,24 +356,15 @@ class LiveRobot:
 
     def test(
         self,
-        operator: Operator | None = None,
+        operator: Operator | None = None,  # moves the robot if the axes of its IMU are still to be checked
         *,
+        # motors and watch: as for `Session.self_test`
         motors: bool = True,
         watch: Callable[[State], None] = lambda _: None,
     ) -> SelfTestOutcome:
         """Run the self-test and return its result: PASSED, or IMU_PASSED before the motors' test.
 
-        Parameters
-        ----------
-        operator : Operator, optional
-            Moves the robot if the axes of its IMU are still to be checked.
-        motors, watch
-            As for `Session.self_test`.
-
-        Raises
-        ------
-        InputError
-            If it fails, in one sentence; or the link is lost.
+        InputError if it fails, in one sentence; or the link is lost.
         """
 
         def move(position: SelfTestOutcome) -> None:
@@ -396,22 +386,16 @@ class LiveRobot:
             text = f"the safety layer stopped it: {STOPS[stop]}"
         raise InputError(f"The self-test failed: {text}.")
 
-    def arm(self, confirm: Callable[[], bool], *, controller: ControllerPlace, ramp: float = 0.0) -> None:
+    def arm(
+        self,
+        confirm: Callable[[], bool],  # asks a person here
+        *,
+        controller: ControllerPlace,  # whose torques the robot obeys
+        ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
+    ) -> None:
         """Arm, after a confirmation here.
 
-        Parameters
-        ----------
-        confirm : callable
-            Asks a person here.
-        controller : ControllerPlace
-            Whose torques the robot obeys.
-        ramp : float
-            Time over which the torque limit rises from zero [s].
-
-        Raises
-        ------
-        InputError
-            If it is not confirmed, the robot refuses, or the link is lost.
+        InputError if it is not confirmed, the robot refuses, or the link is lost.
         """
         result = self.session.arm(confirm, controller=controller, ramp=ramp)
         if result == Result.CONFIRM:
@@ -428,22 +412,11 @@ class LiveRobot:
         self,
         commander: Commander,
         *,
-        duration: float,
-        record: Callable[[Sequence[float]], None],
-        watch: Callable[[Sample], None],
+        duration: float,  # from arming on [s]
+        record: Callable[[Sequence[float]], None],  # takes each sample's row
+        watch: Callable[[Sample], None],  # takes each sample, for a monitor
     ) -> Ending:
-        """Let an armed robot do what a commander says, until the time is over or something ends it.
-
-        Parameters
-        ----------
-        commander : Commander
-        duration : float
-            From arming on [s].
-        record : callable
-            Takes each sample's row.
-        watch : callable
-            Takes each sample, for a monitor.
-        """
+        """Let an armed robot do what a commander says, until the time is over or something ends it."""
         samples: Samples | None = None
         t, began = 0.0, self._clock()
         try:
@@ -487,3 +460,65 @@ def _why_disarmed(state: State, t: float) -> str:
         return f"The robot was disarmed after {t:.2f} s."
     wheel = f" (wheel {state.stop_wheel})" if state.stop_wheel else ""
     return f"The robot stopped after {t:.2f} s: {STOPS[stop]}{wheel}."
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LiveRun:
+    """What became of a run."""
+
+    ending: Ending
+    log: Log | None  #: None if the run ended before its first sample
+    trouble: str | None  #: why the recording ends before the run, in one sentence
+
+    def whole_log(self) -> Log:
+        """Return the log; InputError if the run ended before its first sample."""
+        if self.log is None:
+            raise InputError(self.ending.text)
+        return self.log
+
+
+def recorded_run(
+    robot: LiveRobot,  # disarmed
+    commander: Commander,
+    *,
+    operator: Operator,  # moves the robot for its self-test, and confirms that it may arm
+    duration: float,  # [s]
+    ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
+    watch: Callable[[Sample], None],  # takes each sample
+    recording: Path | None = None,  # where rows are kept while the robot runs; nowhere if it is not given
+) -> LiveRun:
+    """Test and arm a robot, let it do what a commander says, disarm it, and return the log.
+
+    The recording (`ballbot.link.recorder`) is opened before the robot arms, so that a disk that cannot be written stops
+    the command and not the robot. Whatever ends the run, the robot is disarmed and the recording closed.
+
+    InputError if the recording cannot be written, the self-test fails, arming is not confirmed, or the robot refuses.
+    """
+    columns = log_columns(robot.wheel_count)
+    rows: list[Sequence[float]] = []
+    robot.test(operator)
+    with Recorder(recording, columns) if recording else nullcontext() as recorder:
+
+        def record(row: Sequence[float]) -> None:
+            rows.append(row)
+            if recorder is not None:
+                recorder.append(row)
+
+        gc.collect()
+        gc.freeze()  # a collection that walks all imported code takes longer than the robot waits
+        try:
+            robot.arm(operator.confirm_arming, controller=commander.place, ramp=ramp)
+            ending = robot.run(commander, duration=duration, record=record, watch=watch)
+        finally:
+            gc.unfreeze()
+            if recording and not rows:  # nothing to recover
+                recording.unlink(missing_ok=True)
+            robot.disarm()
+    log = Log(dict(zip(columns, np.array(rows).T, strict=True))) if rows else None
+    if log is not None and ending.early:
+        log = Log(log.columns, ended=ending.text.removesuffix("."))
+    return LiveRun(
+        ending=ending,
+        log=log,
+        trouble=recorder.failure if recorder else None,
+    )

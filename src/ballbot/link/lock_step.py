@@ -29,13 +29,6 @@ class LockStep:
 
     `read` takes samples while nothing comes: a host that waits lets the robot's time go on.
 
-    Parameters
-    ----------
-    line : Transport
-        Of the emulated robot.
-    sample_time : float
-        Of the robot [s].
-
     Attributes
     ----------
     line : Transport
@@ -47,7 +40,12 @@ class LockStep:
         How many there were.
     """
 
-    def __init__(self, line: Transport, *, sample_time: float) -> None:
+    def __init__(
+        self,
+        line: Transport,  # of the emulated robot
+        *,
+        sample_time: float,  # of the robot [s]
+    ) -> None:
         self.sensors = no_sensors()
         self.motors: Motors | None = None
         self.samples = 0
@@ -62,13 +60,7 @@ class LockStep:
         return self.samples * self._sample_time
 
     def step(self) -> Motors:
-        """Let the robot take one sample and return what it commands its motors.
-
-        Raises
-        ------
-        LinkError
-            If it does not answer.
-        """
+        """Let the robot take one sample and return what it commands its motors; LinkError if it does not answer."""
         self.samples += 1
         stamped = replace(self.sensors, time=round(1e6 * self.clock()) % 2**32)
         # whole frames only: a part of one would spoil the sensors' frame after it

@@ -322,12 +322,7 @@ def pack_body(message: Message) -> bytes:
 def unpack_body(kind: int, body: bytes) -> Message:
     """Return the message of a type from its body.
 
-    Raises
-    ------
-    KeyError
-        If there is no such type.
-    ValueError
-        If the body has another length than the type.
+    KeyError if there is no such type. ValueError if the body has another length than the type.
     """
     if len(body) != BODY_LENGTHS[kind]:
         raise ValueError(f"{MESSAGES[kind].__name__} has {BODY_LENGTHS[kind]} bytes, not {len(body)}.")

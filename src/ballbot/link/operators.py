@@ -72,15 +72,12 @@ _ANGLES = (math.radians(15.0), math.radians(15.0), math.radians(45.0))
 
 
 class EmulatedOperator:
-    """Does what is asked with an emulated robot, which is let go when it arms.
+    """Does what is asked with an emulated robot, which is let go when it arms."""
 
-    Parameters
-    ----------
-    hand : HeldRobot
-        The robot while it is held.
-    """
-
-    def __init__(self, hand: HeldRobot) -> None:
+    def __init__(
+        self,
+        hand: HeldRobot,  # the robot while it is held
+    ) -> None:
         self._hand = hand
 
     def confirm_arming(self) -> bool:
@@ -99,20 +96,16 @@ class EmulatedOperator:
 
 
 class EmulatedCamera:
-    """A camera above an emulated robot that is upside down: it adds the ball's angular velocity to the log.
+    """A camera above an emulated robot that is upside down: it adds the ball's angular velocity to the log."""
 
-    Parameters
-    ----------
-    hand : HeldRobot
-    clock : callable
-        Gives the robot's time [s].
-    sample_time : float
-        [s]
-    seed : int
-        Of its noise.
-    """
-
-    def __init__(self, hand: HeldRobot, *, clock: Callable[[], float], sample_time: float, seed: int) -> None:
+    def __init__(
+        self,
+        hand: HeldRobot,
+        *,
+        clock: Callable[[], float],  # gives the robot's time [s]
+        sample_time: float,  # [s]
+        seed: int,  # of its noise
+    ) -> None:
         self._hand, self._clock, self._step = hand, clock, sample_time
         self._random = np.random.default_rng([seed, 23])
         self._times: list[float] = []

@@ -30,20 +30,14 @@ _PATIENCE = 30.0
 class Recorder:
     """A recording that grows while the robot runs; a context manager that closes it.
 
-    Parameters
-    ----------
-    path : Path
-        A new file; missing folders are made.
-    columns : sequence of str
-        Names of the columns, t first.
-
-    Raises
-    ------
-    InputError
-        If the file exists or cannot be written.
+    InputError if the file exists or cannot be written.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+    def __init__(
+        self,
+        path: Path,  # A new file; missing folders are made
+        columns: Sequence[str],  # names of the columns, t first
+    ) -> None:
         self.path = path
         #: why rows are no longer written, in one sentence; None as long as they are
         self.failure: str | None = None

@@ -48,16 +48,6 @@ class CourseReference:
         """Do nothing."""
 
 
-def _moved(pose: NDArray[np.float64], forward: float, left: float, turn: float) -> NDArray[np.float64]:
-    """Return a pose (10,) moved along its own heading: forward, left [m], turn [rad]."""
-    cosine, sine = math.cos(pose[4]), math.sin(pose[4])
-    found = pose.copy()
-    found[0] += cosine * forward - sine * left
-    found[1] += sine * forward + cosine * left
-    found[4] += turn
-    return found
-
-
 #: bytes that a key sends, with the movement: forward, left [m], turn [rad]
 _KEYS = {
     b"\x1b[A": (KEY_STEP, 0.0, 0.0),
@@ -73,18 +63,13 @@ _END_KEY = b"e"
 class KeyboardReference:
     """The arrow keys of a terminal, which gives each key at once and shows none from the first update on.
 
-    Parameters
-    ----------
-    descriptor : int
-        Of the terminal's input.
-
-    Raises
-    ------
-    InputError
-        If it is not a terminal, or the system has none of this kind.
+    InputError if it is not a terminal, or the system has none of this kind.
     """
 
-    def __init__(self, descriptor: int) -> None:
+    def __init__(
+        self,
+        descriptor: int,  # of the terminal's input
+    ) -> None:
         self.ended = False  #: whether e was pressed
         self._gone = False  # the terminal; the reference then stays where it is
         self._pose = np.zeros(10)
@@ -104,7 +89,9 @@ class KeyboardReference:
             if key == _END_KEY:
                 self.ended = True
             elif key:
-                self._pose = _moved(self._pose, *_KEYS[key])
+                step = np.zeros(10)
+                step[[0, 1, 4]] = _KEYS[key]
+                self._pose = in_robot_frame(step, self._pose[[0, 1, 4]])  # along its own heading
             self._waiting = self._waiting[len(key or b"?") :]
         return self._pose.copy()
 
@@ -149,10 +136,7 @@ LiveReference = CourseReference | KeyboardReference
 def live_reference(source: str) -> LiveReference:
     """Return the reference that a text names: a course, a file or the keyboard.
 
-    Raises
-    ------
-    InputError
-        If there is no such course, file or terminal.
+    InputError if there is no such course, file or terminal.
     """
     if source == KEYBOARD:
         return KeyboardReference(sys.stdin.fileno())
@@ -162,22 +146,14 @@ def live_reference(source: str) -> LiveReference:
     return CourseReference(as_reference(source))
 
 
-def in_robot_frame(reference: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a reference (10,), given in the frame of the start, in the frame in which the robot estimates its state.
-
-    Parameters
-    ----------
-    reference : ndarray (10,)
-        Other than zero in x, y and psi only.
-    start : ndarray (3,)
-        x, y [m] and psi [rad] of the robot at the start.
-    """
-    x, y, psi = start.tolist()
-    cosine, sine = math.cos(psi), math.sin(psi)
-    turned = np.zeros(10)
-    turned[0] = x + cosine * reference[0] - sine * reference[1]
-    turned[1] = y + sine * reference[0] + cosine * reference[1]
-    turned[4] = psi + reference[4]
+def in_robot_frame(
+    reference: NDArray[np.float64],  # (10,) Other than zero in x, y and psi only
+    start: NDArray[np.float64],  # (3,) x, y [m] and psi [rad] of the robot at the start
+) -> NDArray[np.float64]:
+    """Return a reference (10,) in the frame of the start, in the frame in which the robot estimates its state."""
+    turned = reference.copy()
+    turned[:2] = _turned(reference[:2], start[2])
+    turned[[0, 1, 4]] += start
     return turned
 
 
@@ -187,11 +163,10 @@ def in_start_frame(state: NDArray[np.float64], start: NDArray[np.float64]) -> ND
     The frame is turned about the vertical: x, y and their rates turn, and so do theta and phi, which are about the
     frame's axes.
     """
-    x, y, psi = start.tolist()
-    cosine, sine = math.cos(psi), math.sin(psi)
+    psi = float(start[2])
     found = state.copy()
-    found[0:2] = _turned(state[0] - x, state[1] - y, cosine, -sine)
-    found[5:7] = _turned(state[5], state[6], cosine, -sine)
+    found[0:2] = _turned(state[0:2] - start[:2], -psi)
+    found[5:7] = _turned(state[5:7], -psi)
     if psi != 0.0:
         found[2:5] = turned_about_vertical(state[2:5], -psi)
         body_rates = body_rates_matrix(*state[2:5]) @ state[7:10]  # the body's own axes know no frame
@@ -199,5 +174,7 @@ def in_start_frame(state: NDArray[np.float64], start: NDArray[np.float64]) -> ND
     return found
 
 
-def _turned(x: float, y: float, cosine: float, sine: float) -> tuple[float, float]:
-    return cosine * x - sine * y, sine * x + cosine * y
+def _turned(pair: NDArray[np.float64], psi: float) -> NDArray[np.float64]:
+    """Return x and y (2,) turned by an angle."""
+    cosine, sine = math.cos(psi), math.sin(psi)
+    return np.array([cosine * pair[0] - sine * pair[1], sine * pair[0] + cosine * pair[1]])

@@ -7,8 +7,9 @@
     while True:
         for message in session.poll(0.01): ...
 
-One thread, no callbacks. `poll` must be called at least every 50 ms: it sends what the robot's watchdog waits for, and
-notices that the robot is silent. Then it raises `LinkError`, and nothing is sent until the next `connect`.
+One thread, no callbacks. Every method raises `LinkError` if the robot does not answer. `poll` must be called at least
+every 50 ms: it sends what the robot's watchdog waits for, and notices that the robot is silent. Then it raises
+`LinkError`, and nothing is sent until the next `connect`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable
-from typing import TypeVar
 
 import numpy as np
 from fastcrc import crc32
@@ -74,7 +74,6 @@ _ANSWER_TIME = 0.1
 #: how often a command is sent before it counts as lost
 _ATTEMPTS = 5
 _WORD = np.dtype("<i4")
-_Kind = TypeVar("_Kind", Counts, Parameters)
 
 _REASONS = {
     Result.SELF_TEST: "the self-test has not passed",
@@ -116,20 +115,16 @@ class Session:
         self._queued: list[Message] = []
         self._heard = self._sent = clock()
 
-    def connect(self, *, timeout: float = 2.0, state_every: int = 1) -> Welcome:
+    def connect(
+        self,
+        *,
+        timeout: float = 2.0,  # [s]
+        # samples from one `State` to the next; the robot sends one at least every 20 ms
+        state_every: int = 1,
+    ) -> Welcome:
         """Open a session and return the robot's answer.
 
-        Parameters
-        ----------
-        timeout : float
-            [s]
-        state_every : int
-            Samples from one `State` to the next; the robot sends one at least every 20 ms.
-
-        Raises
-        ------
-        LinkError
-            If nothing answers, or the robot has firmware of another version.
+        LinkError if nothing answers, or the robot has firmware of another version.
         """
         hello = Hello(firmware=firmware_words(), messages=message_words(), state_every=state_every)
         self.welcome, self.state, self._last = None, None, None
@@ -166,10 +161,7 @@ class Session:
     def poll(self, timeout: float = 0.0) -> list[Message]:
         """Return the messages that have come; wait for the first one at most `timeout` [s].
 
-        Raises
-        ------
-        LinkError
-            If there is no session, or the robot has been silent for 50 ms.
+        LinkError if there is no session, or the robot has been silent for 50 ms.
         """
         queued, self._queued = self._queued, []
         end = self._clock() + timeout
@@ -228,13 +220,7 @@ class Session:
         return message_of(frame)
 
     def send(self, message: Message) -> int:
-        """Send a message and return its sequence number.
-
-        Raises
-        ------
-        LinkError
-            If there is no session.
-        """
+        """Send a message and return its sequence number; LinkError if there is no session."""
         if self.welcome is None:
             raise LinkError("There is no session with a robot; connect first.")
         return self._write(message)
@@ -245,29 +231,37 @@ class Session:
         self._sent = self._clock()
         return self._sequence
 
-    def request(self, message: Message) -> Answer:
-        """Send a command until it is answered, and return the answer. Other messages wait for the next `poll`.
+    def _exchange(
+        self, message: Message, wanted: Callable[[Message, set[int]], bool]
+    ) -> tuple[Message, bool]:
+        """Send a message until its answer comes; return that, and whether the message was sent again before it came.
 
-        Raises
-        ------
-        LinkError
-            If no answer comes.
+        Other messages wait for the next `poll`. `wanted` knows the answer by the sequence numbers that were sent.
         """
-        return self._request(message)[0]
-
-    def _request(self, message: Message) -> tuple[Answer, bool]:
-        """Return the answer to a command, and whether the command was sent again before it came."""
         sent: set[int] = set()
         for _ in range(_ATTEMPTS):
             sent.add(self.send(message))
             end = self._clock() + _ANSWER_TIME
             while self._clock() < end:
-                found = self._step(KEEP_INTERVAL)
-                self._queued += found
-                for one in found:
-                    if isinstance(one, Answer) and one.command == message.TYPE and one.sequence in sent:
-                        return one, len(sent) > 1
-        raise LinkError(f"The robot does not answer the command {type(message).__name__}.")
+                answer = None
+                for one in self._step(KEEP_INTERVAL):
+                    if answer is None and wanted(one, sent):
+                        answer = one
+                    else:
+                        self._queued.append(one)
+                if answer is not None:
+                    return answer, len(sent) > 1
+        raise LinkError(f"The robot does not answer {type(message).__name__}.")
+
+    def _request(self, message: Message) -> tuple[Answer, bool]:
+        """Return the answer to a command, and whether the command was sent again before it came."""
+
+        def is_answer(one: Message, sent: set[int]) -> bool:
+            return isinstance(one, Answer) and one.command == message.TYPE and one.sequence in sent
+
+        answer, again = self._exchange(message, is_answer)
+        assert isinstance(answer, Answer)
+        return answer, again
 
     def _demand(self, message: Message) -> None:
         """Send a command; raise LinkError if the robot refuses it."""
@@ -279,42 +273,23 @@ class Session:
             )
 
     def start_self_test(self) -> None:
-        """Let the robot begin its self-test; `state.self_test` has the result later.
-
-        Raises
-        ------
-        LinkError
-            If it is armed, or does not answer.
-        """
+        """Let the robot begin its self-test; `state.self_test` has the result later. LinkError if it is armed."""
         self._demand(SelfTest())
 
     def self_test(
         self,
         *,
-        timeout: float = 3.0,
+        timeout: float = 3.0,  # for motors and encoders, by the robot's clock [s]
+        # asks a person for the position that the robot waits for; without it that is the result
         move: Callable[[SelfTestOutcome], None] | None = None,
-        motors: bool = True,
-        watch: Callable[[State], None] = lambda _: None,
+        motors: bool = True,  # whether the motors' test follows that of the IMU's axes
+        watch: Callable[[State], None] = lambda _: None,  # takes every state meanwhile
     ) -> SelfTestOutcome:
         """Run the self-test and return its result. States that come meanwhile wait for the next `poll`.
 
         The first test since the robot was switched on checks the IMU's axes, for which a person moves the robot.
 
-        Parameters
-        ----------
-        timeout : float
-            For motors and encoders, by the robot's clock [s].
-        move : callable, optional
-            Asks a person for the position that the robot waits for; without it that is the result.
-        motors : bool
-            Whether the motors' test follows that of the IMU's axes.
-        watch : callable
-            Takes every state meanwhile.
-
-        Raises
-        ------
-        LinkError
-            If the robot is armed, does not answer, or does not end the test in time.
+        LinkError if the robot is armed, does not answer, or does not end the test in time.
         """
         self.start_self_test()
         seen, passed, waited_for = self.state, 0.0, None
@@ -346,37 +321,24 @@ class Session:
 
     def arm(
         self,
+        # asks a person at this computer, and returns the answer. The robot's number is good for 10 s.
         confirm: Callable[[], bool],
         *,
-        controller: ControllerPlace = ControllerPlace.ROBOT,
-        ramp: float = 0.0,
+        controller: ControllerPlace = ControllerPlace.ROBOT,  # whose torques the robot obeys
+        ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
     ) -> Result:
         """Arm in two steps: ask the robot, let a person here confirm, return the robot's number.
 
-        Parameters
-        ----------
-        confirm : callable
-            Asks a person at this computer, and returns the answer. The robot's number is good for 10 s.
-        controller : ControllerPlace
-            Whose torques the robot obeys.
-        ramp : float
-            Time over which the torque limit rises from zero [s].
+        InputError if the ramp is negative or longer than a minute. LinkError if the robot does not answer.
 
         Returns
         -------
         Result
             OK; CONFIRM if the person did not confirm; otherwise why the robot refused.
-
-        Raises
-        ------
-        InputError
-            If the ramp is negative or longer than a minute.
-        LinkError
-            If the robot does not answer.
         """
         if not 0.0 <= ramp <= LONGEST_RAMP:
             raise InputError(f"The torque ramp is {ramp:g} s; it must be from 0 to {LONGEST_RAMP:g} s.")
-        asked = self.request(Arm(nonce=0, controller=controller, ramp=ramp))
+        asked, _ = self._request(Arm(nonce=0, controller=controller, ramp=ramp))
         if asked.result != Result.CONFIRM or not confirm():
             return Result(asked.result)
         self._heard = self._clock()  # nobody listened while the person thought
@@ -386,22 +348,13 @@ class Session:
         return Result(answer.result)
 
     def disarm(self) -> None:
-        """Disarm the robot, or end its self-test.
-
-        Raises
-        ------
-        LinkError
-            If it does not answer.
-        """
+        """Disarm the robot, or end its self-test."""
         self._demand(Disarm())
 
     def set_reference(self, reference: ArrayLike) -> int:
         """Send a reference (10,) for the controller on the robot; return its sequence number.
 
-        Raises
-        ------
-        InputError
-            If it is not ten finite numbers.
+        InputError if it is not ten finite numbers.
         """
         return self.send(
             Reference(reference=real_array(reference, (10,), "The reference").astype(np.float32))
@@ -410,10 +363,7 @@ class Session:
     def set_torques(self, torques: ArrayLike) -> int:
         """Send the torques (n,) [N m] of a controller on the host; return their sequence number.
 
-        Raises
-        ------
-        InputError
-            If they are not as many finite numbers as the robot has wheels.
+        InputError if they are not as many finite numbers as the robot has wheels.
         """
         if self.welcome is None:
             raise LinkError("There is no session with a robot; connect first.")
@@ -422,44 +372,31 @@ class Session:
         return self.send(Torques(torques=room))
 
     def ask_counts(self) -> Counts:
-        """Return the robot's counts of frames.
-
-        Raises
-        ------
-        LinkError
-            If no answer comes.
-        """
-        return self._ask(AskCounts(), Counts, lambda _: True)
+        """Return the robot's counts of frames."""
+        counts, _ = self._exchange(AskCounts(), lambda one, _: isinstance(one, Counts))
+        assert isinstance(counts, Counts)
+        return counts
 
     def read_parameters(self) -> NDArray[np.void]:
-        """Return the robot's parameters (1,), of `PARAMETERS` in single precision.
-
-        Raises
-        ------
-        LinkError
-            If no answer comes.
-        """
+        """Return the robot's parameters (1,), of `PARAMETERS` in single precision."""
         record = np.zeros(1, PARAMETERS.dtype("single"))
         words = record.view(_WORD)
         for first in range(0, len(words), PARAMETER_WORDS):
             count = min(PARAMETER_WORDS, len(words) - first)
-            part = self._ask(
-                Read(offset=first, count=count),
-                Parameters,
-                lambda one, first=first, count=count: (one.offset, one.count) == (first, count),
-            )
+
+            def is_part(one: Message, _: set[int], place: tuple[int, int] = (first, count)) -> bool:
+                return isinstance(one, Parameters) and (one.offset, one.count) == place
+
+            part, _ = self._exchange(Read(offset=first, count=count), is_part)
+            assert isinstance(part, Parameters)
             words[first : first + count] = part.words[:count]
         return record
 
     def write_parameters(self, record: NDArray[np.void]) -> None:
         """Write parameters (1,), of `PARAMETERS` in single precision; the self-test must then pass again.
 
-        Raises
-        ------
-        InputError
-            If the record is of another type.
-        LinkError
-            If the robot is armed, does not accept the parameters, or does not answer.
+        InputError if the record is of another type. LinkError if the robot is armed, does not accept the parameters, or
+        does not answer.
         """
         if record.shape != (1,) or record.dtype != PARAMETERS.dtype("single"):
             raise InputError("Parameters of a robot are one record of PARAMETERS in single precision.")
@@ -470,19 +407,6 @@ class Session:
             part[:count] = words[first : first + count]
             self._demand(Write(offset=first, count=count, words=part))
         self._demand(Commit(crc=crc32.iso_hdlc(record.tobytes())))
-
-    def _ask(self, message: Message, kind: type[_Kind], matches: Callable[[_Kind], bool]) -> _Kind:
-        """Send a question until its answer comes; other messages wait for the next `poll`."""
-        for _ in range(_ATTEMPTS):
-            self.send(message)
-            end = self._clock() + _ANSWER_TIME
-            while self._clock() < end:
-                found = self._step(KEEP_INTERVAL)
-                wanted = [one for one in found if isinstance(one, kind) and matches(one)]
-                self._queued += [one for one in found if not isinstance(one, kind)]
-                if wanted:
-                    return wanted[0]
-        raise LinkError(f"The robot does not answer the question {type(message).__name__}.")
 
     def close(self) -> None:
         """Close the transport. An armed robot stops 50 ms later; disarm it first."""

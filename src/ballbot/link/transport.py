@@ -36,20 +36,12 @@ class LinkError(InputError):
     """The link to a robot failed; the text is one sentence."""
 
 
-def open_transport(address: str) -> Transport:
+def open_transport(
+    address: str,  # A serial port, with "?baud=N" if it is not 921600
+) -> Transport:
     """Open the transport of an address.
 
-    Parameters
-    ----------
-    address : str
-        A serial port, with "?baud=N" if it is not 921600.
-
-    Raises
-    ------
-    InputError
-        If the address is not valid.
-    LinkError
-        If the transport cannot be opened.
+    InputError if the address is not valid. LinkError if the transport cannot be opened.
     """
     path, _, query = address.partition("?")
     baud = parse_qs(query).get("baud", [str(DEFAULT_BAUD)])[0]
@@ -61,20 +53,15 @@ def open_transport(address: str) -> Transport:
 class SerialTransport:
     """A serial port.
 
-    Parameters
-    ----------
-    port : str
-        "/dev/ttyACM0", "COM3", or a URL of pyserial.
-    baud : int
-        Bits a second.
-
-    Raises
-    ------
-    LinkError
-        If the port cannot be opened.
+    LinkError if the port cannot be opened.
     """
 
-    def __init__(self, port: str, *, baud: int = DEFAULT_BAUD) -> None:
+    def __init__(
+        self,
+        port: str,  # "/dev/ttyACM0", "COM3", or a URL of pyserial
+        *,
+        baud: int = DEFAULT_BAUD,  # bits a second
+    ) -> None:
         try:
             self._port = serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=0.1)
         except (serial.SerialException, ValueError) as problem:

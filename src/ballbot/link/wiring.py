@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity
+from ballbot.findings import Finding, by_severity, error
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import LiveRobot
 from ballbot.link.messages import State
@@ -60,23 +60,15 @@ class WiringCheck:
 
 
 def measure_turns(
-    robot: LiveRobot, operator: Operator, *, watch: Callable[[State], None]
+    robot: LiveRobot,  # disarmed, and not checked since it was switched on
+    operator: Operator,
+    *,
+    watch: Callable[[State], None],  # takes every state
 ) -> tuple[Turn, ...]:
     """Let the firmware check the IMU's axes, and return what the sensors measured of each movement.
 
-    Parameters
-    ----------
-    robot : LiveRobot
-        Disarmed, and not checked since it was switched on.
-    operator : Operator
-    watch : callable
-        Takes every state.
-
-    Raises
-    ------
-    InputError
-        If the robot is not moved within a minute, the IMU's axes are wrong or were checked before, the encoders give
-        nothing, or the link is lost.
+    InputError if the robot is not moved within a minute, the IMU's axes are wrong or were checked before, the encoders
+    give nothing, or the link is lost.
     """
     rests: list[State] = []  # the last state in each position that the firmware waited for, in order
 
@@ -91,11 +83,11 @@ def measure_turns(
 
     try:
         outcome = robot.test(operator, motors=False, watch=take)
-    except InputError as error:
+    except InputError as refusal:
         state = robot.session.state
         if state is None or state.self_test != SelfTestOutcome.IMU_AXES or len(rests) < 2:
             raise
-        raise InputError(f"{error} It turned {_words_of(_turned(*rests[-2:]))}.") from None
+        raise InputError(f"{refusal} It turned {_words_of(_turned(*rests[-2:]))}.") from None
     if outcome is not SelfTestOutcome.IMU_PASSED or len(rests) != 2 * len(MOVEMENTS):
         raise InputError(
             "The IMU's axes were checked before; switch the robot off and on to check the wiring again."
@@ -128,16 +120,11 @@ def _words_of(turn: NDArray[np.float64]) -> str:
     return f"{ways[axis][0 if turn[axis] > 0 else 1]} about {'xyz'[axis]}"
 
 
-def check_turns(turns: Sequence[Turn], ball_from_wheels: NDArray[np.float64]) -> WiringCheck:
-    """Compare the encoders with the attitude of each movement.
-
-    Parameters
-    ----------
-    turns : sequence of Turn
-        One about each axis.
-    ball_from_wheels : ndarray (3, n)
-        T_obw of the robot.
-    """
+def check_turns(
+    turns: Sequence[Turn],  # one about each axis
+    ball_from_wheels: NDArray[np.float64],  # (3, n) T_obw of the robot
+) -> WiringCheck:
+    """Compare the encoders with the attitude of each movement."""
     wheels_from_ball = np.asarray(np.linalg.pinv(ball_from_wheels), dtype=np.float64)
     # a row for each movement, by radian, so that a large turn counts no more than a small one
     turned = np.array([turn.attitude / np.linalg.norm(turn.attitude) for turn in turns])
@@ -164,29 +151,31 @@ def _encoder_finding(
     name = f"Encoder {encoder + 1}"
     place = int(np.argmax(np.abs(correlations)))
     if float(np.abs(turned).max()) < _LEAST_WHEEL_TURN:
-        return _error(f"{name} did not count when the robot was turned; check its cable and supply.")
+        return error(
+            "encoders", f"{name} did not count when the robot was turned; check its cable and supply."
+        )
     if abs(correlations[place]) < math.sqrt(_EXPLAINED):
-        return _error(
+        return error(
+            "encoders",
             f"{name} did not turn as any wheel must: the ball rolled, or the wheel slipped. Hold the ball with a "
             "foot and repeat the check.",
         )
     if place != encoder:
-        return _error(
+        return error(
+            "encoders",
             f"{name} turned as wheel {place + 1} must: exchange the cables, of motor and encoder alike, or correct "
             "the azimuths in the robot file.",
         )
     if correlations[place] < 0.0:
-        return _error(
+        return error(
+            "encoders",
             f"{name} counts backward: reverse it in ballbot_read_encoders. If the self-test then fails, reverse the "
             "motor as well.",
         )
     if not _SCALE[0] < products[place] < _SCALE[1]:
-        return _error(
+        return error(
+            "encoders",
             f"{name} turned {products[place]:.2g} times as far as wheel {place + 1} must: correct encoder_counts or "
             "gear_ratio in the robot file, or count all four edges.",
         )
     return None
-
-
-def _error(text: str) -> Finding:
-    return Finding(code="encoders", severity="error", text=text)

@@ -170,6 +170,41 @@ def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) ->
     return 2.0 * math.pi / counts_per_turn
 
 
+#: by unit, how names write it: lower case, without separators
+UNITS = {
+    "s": "s sec secs second seconds sek sekunden",
+    "ms": "ms msec millis milliseconds millisec",
+    "us": "us usec micros microseconds µs μs",
+    "ns": "ns nsec nanos nanoseconds nanosec",
+    "rad": "rad rads radian radians",
+    "deg": "deg degs degree degrees ° grad",
+    "mrad": "mrad mrads milliradians",
+    "cdeg": "cdeg cdegs centideg centidegrees",
+    "turn": "turn turns rev revs revolutions umdrehungen",
+    "counts": "count counts cnt cnts tick ticks pulses inkremente",
+    "rad/s": "rad/s radps radpers radpersec radpersecond",
+    "deg/s": "deg/s dps degps degpers degpersec degreespersecond °/s",
+    "mdeg/s": "mdeg/s mdps mdegps",
+    "mrad/s": "mrad/s mradps",
+    "rpm": "rpm revpermin u/min",
+    "turn/s": "turn/s turns/s rev/s revs/s revps revpersec revpers",
+    # revolutions or radians a second, as teams write it for either: a unit that the name leaves open
+    "rps": "rps",
+    "counts/s": "counts/s countspersec countspers ticks/s tickspersec cps",
+    "A": "a amp amps ampere amperes",
+    "mA": "ma milliamp milliamps",
+    "V": "v volt volts",
+    "mV": "mv millivolt millivolts",
+    "N m": "nm newtonmeter newtonmeters newtonmetre",
+    "mN m": "mnm",
+    "N cm": "ncm",
+    "%": "% pct percent perc",
+    "m": "m meter meters metre metres",
+    "mm": "mm",
+    "m/s": "m/s mps",
+    "m/s^2": "m/s^2 m/s2 m/s²",
+}
+UNIT_OF = {spelling: unit for unit, spellings in UNITS.items() for spelling in spellings.split()}
 #: a unit in brackets behind a name, as in theta [deg]
 _BRACKETS = re.compile(r"(\w+)\s*[\[(]([^\])]+)[\])]")
 
@@ -184,8 +219,6 @@ def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:
     dict of str to tuple
         By the file's name, Ballbot's, the factor to Ballbot's unit, and the file's unit.
     """
-    from ballbot.log.mapping_search.names import UNIT_OF
-
     names = list(names)
     found: dict[str, tuple[str, float, str]] = {}
     for name in names:

@@ -35,13 +35,7 @@ def frame_of(columns: Mapping[str, NDArray[np.float64]], ended: str | None) -> D
 
 
 def columns_of(frame: DataFrame) -> tuple[Columns, str | None]:
-    """Return the columns of a log in Ballbot's units, and why its run ended; see `Log.from_pandas`.
-
-    Raises
-    ------
-    InputError
-        If the frame has no time, a column does not contain numbers, or a unit cannot be converted.
-    """
+    """Return the columns of a log in Ballbot's units, and why its run ended; see `Log.from_pandas`."""
     columns = foreign_columns_of(frame)
     if "t" not in columns:
         raise InputError(
@@ -59,13 +53,7 @@ def columns_of(frame: DataFrame) -> tuple[Columns, str | None]:
 
 
 def foreign_columns_of(frame: DataFrame) -> Columns:
-    """Return a frame's columns as float64, its index among them if it is named or counts time.
-
-    Raises
-    ------
-    InputError
-        If it is no frame, its names are not those of a table, or a column does not contain numbers.
-    """
+    """Return a frame's columns as float64, its index among them if it is named or counts time."""
     if not isinstance(frame, _pandas().DataFrame):
         raise InputError(
             f"A log is made of a pandas DataFrame; an object of type {type(frame).__name__} is given."

@@ -51,14 +51,9 @@ def less_half_a_turn(roll: NDArray[np.float64], half: float) -> NDArray[np.float
 
 
 def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> NDArray[np.float64]:
-    """Return theta, phi, psi (N, 3) [rad], psi without jumps.
+    """Return theta, phi, psi (N, 3) [rad], psi without jumps, of roll, pitch and yaw (N, 3) [rad]; NaN goes through.
 
-    Parameters
-    ----------
-    angles : ndarray (N, 3)
-        Roll, pitch and yaw [rad]; NaN goes through.
-    turn : float
-        Angle of the IMU's x axis from the robot's, towards the left [rad].
+    `turn` is the angle of the IMU's x axis from the robot's, towards the left [rad].
     """
     turned = np.full_like(angles, np.nan)
     known = np.isfinite(angles).all(axis=1)

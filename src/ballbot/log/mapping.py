@@ -40,8 +40,8 @@ An example with everything in it::
     angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "counts", counts_per_turn = 4480 }
     # angle may have wrap = 4096, in the file's numbers: an encoder that begins again after so many is continued
     # angle may have largest_speed = 40.0 [rad/s]: faster steps are encoder resets, across which it continues
-    speed = { derivative_of = "angle" }   # or { from = [..], unit = "rpm" }
-    # angle may be { integral_of = "speed" }, if the file has speeds alone
+    # speed = { from = [..], unit = "rpm" }; without it, the speed is the derivative of the angle
+    # and without an angle, that is the integral of the speed
 
     [input]
     kind = "duty"                 # torque, current, voltage or duty
@@ -81,7 +81,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -215,7 +215,7 @@ class AttitudeTable:
 
 @dataclass(frozen=True, kw_only=True)
 class WheelTable:
-    """`angle` or `speed` of [wheels]: a column of the file for each wheel, or made of the other."""
+    """`angle` or `speed` of [wheels]: a column of the file for each wheel; without these it is made of the other."""
 
     sources: Annotated[tuple[str, ...], Field(alias="from", max_length=MAX_WHEELS)] = ()
     derivative_of: Literal["angle"] | None = None
@@ -446,19 +446,20 @@ def _mapping(table: MappingTable) -> LogMapping:
     columns, derivatives, integrals = dict[str, Source](), dict[str, str](), dict[str, str]()
     for name, entry in table.columns.items():
         _check_name(name)
-        if entry.derivative_of:
-            _check_alone(f"[columns] {name}", entry, "derivative_of")
-            derivatives[name] = entry.derivative_of
-        else:
+        if not entry.derivative_of:
             columns[name] = _source(name, entry)
-    _check_wheels("speed", wheels.speed, "derivative_of", wheels.angle)
-    _check_wheels("angle", wheels.angle, "integral_of", wheels.speed)
-    if wheels.speed.derivative_of:
-        derivatives |= {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(wheels.angle.sources) + 1)}
-    if wheels.angle.integral_of:
-        integrals = {f"wheel{i}": f"wheel{i}_dot" for i in range(1, len(wheels.speed.sources) + 1)}
+        elif entry != ColumnTable(derivative_of=entry.derivative_of):
+            raise InputError(f"[columns] {name} has derivative_of, which allows no other key")
+        else:
+            derivatives[name] = entry.derivative_of
+    _check_wheels(wheels.angle, wheels.speed)
     for suffix, entry in (("", wheels.angle), ("_dot", wheels.speed)):
         columns |= _wheel_sources(suffix, entry, wheels) if entry.sources else {}
+    for i in range(1, len(wheels.angle.sources or wheels.speed.sources) + 1):
+        if f"wheel{i}_dot" not in {**columns, **derivatives}:
+            derivatives[f"wheel{i}_dot"] = f"wheel{i}"
+        if f"wheel{i}" not in columns:
+            integrals[f"wheel{i}"] = f"wheel{i}_dot"
     if "t" not in columns:
         raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
     made = {*columns, *integrals}
@@ -495,26 +496,14 @@ def _check_file(file: FileTable) -> None:
     check_column_names(file.names or (), source="[file] names")
 
 
-def _check_alone(where: str, entry: ColumnTable | WheelTable, key: str) -> None:
-    others = [one.name for one in fields(entry) if getattr(entry, one.name) != one.default]
-    keys = ["from" if name in ("source", "sources") else name for name in others if name != key]
-    if keys:
-        raise InputError(f"{where} has {key}, which allows no other key, but also has {', '.join(keys)}")
-
-
-def _check_wheels(name: str, entry: WheelTable, made: str, other: WheelTable) -> None:
-    """Refuse an angle or speed of [wheels] that is neither of columns nor `made` of the other."""
-    where, keys = f"[wheels] {name}", {"derivative_of", "integral_of", "wrap", "largest_speed"}
-    allowed = {made, *(("wrap", "largest_speed") if name == "angle" else ())}
-    for key in keys - allowed:
-        if getattr(entry, key) is not None:
-            raise InputError(f"{where} cannot have {key}")
-    if getattr(entry, made):
-        _check_alone(where, entry, made)
-        if not other.sources:
-            raise InputError(f"{where} has {made} = {getattr(entry, made)!r}, which [wheels] lacks")
-    elif not entry.sources and entry != WheelTable():
-        raise InputError(f"{where} needs from = [..], the columns of the file")
+def _check_wheels(angle: WheelTable, speed: WheelTable) -> None:
+    for name, entry in (("angle", angle), ("speed", speed)):
+        if not entry.sources and replace(entry, derivative_of=None, integral_of=None) != WheelTable():
+            raise InputError(f"[wheels] {name} needs from = [..], the columns of the file")
+    if speed.wrap or speed.largest_speed:
+        raise InputError("[wheels] speed cannot have wrap or largest_speed, which are of angles")
+    if not (angle.sources or speed.sources) and (angle, speed) != (WheelTable(), WheelTable()):
+        raise InputError("[wheels] lacks from = [..], the columns of the file, in angle or in speed")
 
 
 def _check_name(name: str) -> None:
@@ -839,7 +828,7 @@ def _with_torques(mapping: LogMapping, columns: Columns) -> Columns:
     for i, name in enumerate(mapping.commands, start=1):
         speed = columns.get(f"wheel{i}_dot")
         if speed is None and isinstance(drive, DutyTable):
-            raise InputError(f"Torque from a duty needs the speed of the wheel: map the column wheel{i}_dot.")
+            raise InputError("Torque from a duty needs the speed of the wheel: map [wheels] angle or speed.")
         if drive is not None:
             found[name] = drive.torque(columns[name], np.zeros(1) if speed is None else speed)
     return found

@@ -38,15 +38,7 @@ def longest_run(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> tuple[in
 
 
 def later_runs(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return the rows with which another run begins, but for the first.
-
-    Parameters
-    ----------
-    t : ndarray (N,)
-        [s]
-    repeated : ndarray (N,)
-        Rows that repeat the row before.
-    """
+    """Return the rows with which another run begins, but for the first; `repeated` rows (N,) repeat the row before."""
     steps = np.diff(t)
     breaks = ~(np.abs(steps) < LONGEST_PAUSE)  # also where a time is missing
     back = np.flatnonzero(~breaks & (steps <= 0.0) & ~repeated[1:])
@@ -101,17 +93,9 @@ def rows_in_order(
     repeated: NDArray[np.bool_],
     unordered: bool,
 ) -> Columns:
-    """Return a table without the rows that repeat the row before, and without those out of order.
+    """Return a table without the rows that repeat the row before and, if `unordered`, without those out of order.
 
-    Parameters
-    ----------
-    table : mapping of str to (N,) array
-    t : ndarray (N,)
-        The rows' times [s]; rows whose time is missing stay.
-    repeated : ndarray (N,)
-        Rows to leave out.
-    unordered : bool
-        Whether rows out of order are left out as well.
+    Rows whose time `t` (N,) [s] is missing stay.
     """
     kept = ~repeated
     if unordered:
@@ -125,13 +109,7 @@ def rows_with_times(
 ) -> dict[str, NDArray[np.float64]]:
     """Return a table without the rows that lack a time or repeat the row before, its clock continued.
 
-    Parameters
-    ----------
-    table : mapping of str to (N,) array
-    time : str
-        The name of its time.
-    notes : list of str
-        Sentences on what is left out or changed are added to it.
+    Sentences on what is left out or changed are added to `notes`.
     """
     untimed = ~np.isfinite(table[time])
     if untimed.all():

@@ -36,20 +36,9 @@ _AT_ONCE = 2000
 def local_fit(
     t: NDArray[np.float64], values: NDArray[np.float64], *, rows: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the fitted values and their rates at every row.
+    """Return the fitted values (N, c) and their rates at every row, by so many rows on each side.
 
-    Parameters
-    ----------
-    t : ndarray (N,)
-        Times, not decreasing; a time may appear twice.
-    values : ndarray (N, c)
-    rows : int
-        Taken on each side of a row.
-
-    Returns
-    -------
-    tuple of ndarray (N, c)
-        Values, and rates in units of `values` over those of `t`.
+    Times t (N,) do not decrease; one may appear twice.
     """
     offsets = np.arange(-rows, rows + 1)
     weights = (1.0 - np.abs(offsets / (rows + 1.0)) ** 3) ** 3
@@ -127,19 +116,9 @@ def new_messages(times: NDArray[np.float64]) -> NDArray[np.bool_]:
 def speed_noise(
     t: NDArray[np.float64], angles: NDArray[np.float64], times: NDArray[np.float64] | None = None
 ) -> float | None:
-    """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast.
+    """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast; by repaired `times`.
 
-    Parameters
-    ----------
-    t, angles : ndarray (N,), (N, n)
-        As for `sampling_times`.
-    times : ndarray (N,), optional
-        Times of `sampling_times`, in place of t.
-
-    Returns
-    -------
-    float or None
-        Root mean square, over rows and wheels, of speeds minus smooth speeds; None if too few rows are fast.
+    It is the root mean square, over rows and wheels, of speeds minus smooth speeds; None if too few rows are fast.
     """
     noise = _noise_of_speeds(t if times is None else times, angles, rows=_course_rows(t))
     return None if noise is None else float(np.sqrt((noise**2).mean()))
@@ -193,14 +172,9 @@ LONGEST_HOLE = 0.05
 def without_holes(
     t: NDArray[np.float64], values: NDArray[np.float64], *, held: bool = False
 ) -> NDArray[np.float64]:
-    """Return values (N,) with short holes filled, by a line or with the last known value; longer ones stay missing.
+    """Return values (N,) with short holes filled, by a line or, as commands are `held`, with the last known value.
 
-    Parameters
-    ----------
-    t, values : ndarray (N,)
-        Times [s], increasing; values, NaN where missing.
-    held : bool
-        Whether the last known value fills a hole, as commands are held.
+    Longer holes stay missing (NaN). Times t (N,) [s] increase.
     """
     known = np.isfinite(values)
     if known.all() or known.sum() < 2:
@@ -230,14 +204,7 @@ def without_resets(
     or with slow rows such a jump may be less than what the wheel could turn. A step to zero is a reset if the wheel
     hardly moves before and after it, and one that is less clear if another encoder is reset in the same row.
 
-    Parameters
-    ----------
-    t : ndarray (N,)
-        [s]
-    angles : ndarray (N,) or (N, n)
-        [rad]; missing values stay missing.
-    largest_speed : float
-        A speed that the wheels cannot reach [rad/s].
+    Missing values of the angles (N,) or (N, n) [rad] stay missing; the wheels cannot reach `largest_speed` [rad/s].
     """
     columns = list(np.asarray(angles).reshape(len(t), -1).T)
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
@@ -405,11 +372,6 @@ SHORTEST_SPAN = 2.0
 SHORTEST_GAP = 0.2
 
 
-def fallen_rows(lean: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the even rows (N,) at which a lean (N, 2) [rad] is that of a fallen robot."""
-    return np.abs(lean).max(axis=1) > FALLEN
-
-
 def balancing_rows(
     lean: NDArray[np.float64] | None,
     speeds: NDArray[np.float64],
@@ -417,17 +379,11 @@ def balancing_rows(
 ) -> NDArray[np.bool_]:
     """Return the even rows (N,) at which the robot moves and has not fallen.
 
-    Parameters
-    ----------
-    lean : ndarray (N, 2), optional
-        Roll and pitch [rad].
-    speeds : ndarray (N, n)
-        Wheel speeds [rad/s].
-    commands : ndarray (N, n), optional
+    By roll and pitch (N, 2) [rad], the wheels' speeds (N, n) [rad/s] and their commands (N, n), as far as known.
     """
     usable = _near(np.sqrt((speeds**2).sum(axis=1)) > MOVING_SPEED, AT_REST)
     if lean is not None:
-        usable &= ~_near(fallen_rows(lean), AROUND_A_FALL)
+        usable &= ~_near(np.abs(lean).max(axis=1) > FALLEN, AROUND_A_FALL)
     if commands is not None:
         usable &= _near(np.any(commands != 0.0, axis=1), OFF)
     return usable

@@ -28,17 +28,8 @@ def continuous_heading(
     It is kept there if its values are from -pi to pi, or from 0 to below 2 pi; its steps of more than `LARGEST_TURN`
     are then jumps. A heading of several turns stays as it is.
 
-    Parameters
-    ----------
-    heading : ndarray (N,)
-        Missing values stay missing.
-    after : float
-        The heading that the first value follows, as a robot's that a reference's follows; NaN if there is none.
-
-    Returns
-    -------
-    tuple
-        The heading, and the rows with which another turn begins.
+    `after` is the heading that the first value follows, as a robot's that a reference's follows; NaN if there is none.
+    With the heading come the rows with which another turn begins. Missing values stay missing.
     """
     known = np.isfinite(heading)
     turn = 2.0 * np.pi

@@ -3,9 +3,9 @@
     tau(w) = b w + (c + mu |u| + s E) sgn(w) + d + e E,    E = exp(-|w/v_s|^delta)
 
 c + d and s + e act on a wheel that turns forward, c - d and s - e on one that turns backward; mu |u| is the friction of
-a drive's teeth under the motor's torque u. d, e and mu are absent from most robots, and then from compiled code as well
-(`PlainLaw`). At rest the friction is set-valued: it balances the load, from -(c - d + s - e + mu |u|) to
-c + d + s + e + mu |u|. The rolling friction of the ball is in `ballbot.mechanics.floor`.
+a drive's teeth under the motor's torque u. d, e and mu are zero for most robots. At rest the friction is set-valued: it
+balances the load, from -(c - d + s - e + mu |u|) to c + d + s + e + mu |u|. The rolling friction of the ball is in
+`ballbot.mechanics.floor`.
 
 A dry friction that differs with direction is a symmetric one, c + mu |u| + s E, about the torque d + e E. So the convex
 step's asymmetric box is a symmetric box, with that torque taken from the motor's: the minimiser is the same.
@@ -16,7 +16,6 @@ the integrator must know when it may change.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -82,9 +81,9 @@ def dry_friction_size(
     size = np.asarray(friction.coulomb) + np.asarray(friction.stribeck) * E
     if friction.is_plain:
         return size
-    terms = friction_terms(friction)
-    size = size + np.sign(w) * asymmetry(terms, E)
-    return size if torque is None else size + terms.load * np.abs(torque)
+    d, e, mu = friction_terms(friction).T
+    size = size + np.sign(w) * (d + e * E)
+    return size if torque is None else size + mu * np.abs(torque)
 
 
 def stribeck_gradient(
@@ -98,21 +97,8 @@ def stribeck_gradient(
     return np.stack([speed, sign, E * sign, by_speed, by_exponent], axis=-1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FrictionTerms:
-    """The terms that a robot's friction may lack, an array (n,) of each; zeros if the robot lacks them."""
-
-    coulomb_asymmetry: NDArray[np.float64]  #: d [N m]
-    stribeck_asymmetry: NDArray[np.float64]  #: e [N m]
-    load: NDArray[np.float64]  #: mu [-]
-
-    def columns(self) -> NDArray[np.float64]:
-        """Return (n, k), a column for each term in the order of `WheelTerms`."""
-        return np.column_stack([getattr(self, name) for name in WheelTerms._fields])
-
-
 class WheelTerms(NamedTuple):
-    """The same terms of one wheel, in compiled code."""
+    """The terms that most robots lack, of one wheel; numbers of compiled code too."""
 
     coulomb_asymmetry: float = 0.0  #: d [N m]
     stribeck_asymmetry: float = 0.0  #: e [N m]
@@ -122,18 +108,10 @@ class WheelTerms(NamedTuple):
 NO_TERMS = WheelTerms()
 
 
-def asymmetry(terms: FrictionTerms | WheelTerms, E: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return d + e E [N m]: by how much the dry friction forward exceeds the mean of both directions."""
-    return terms.coulomb_asymmetry + terms.stribeck_asymmetry * E
-
-
-def friction_terms(friction: Friction) -> FrictionTerms:
-    """Return a friction's optional terms."""
+def friction_terms(friction: Friction) -> NDArray[np.float64]:
+    """Return a friction's optional terms (n, 3), a row of `WheelTerms` for each wheel."""
     zeros = (0.0,) * len(friction.coulomb)
-    found = {
-        name: np.asarray(getattr(friction, name) or zeros, dtype=np.float64) for name in WheelTerms._fields
-    }
-    return FrictionTerms(**found)
+    return np.column_stack([getattr(friction, name) or zeros for name in WheelTerms._fields])
 
 
 def wheel_friction(
@@ -158,27 +136,7 @@ def wheel_friction(
     return np.asarray(friction.viscous) * w + dry_friction_size(w, friction, torque=torque) * np.sign(w)
 
 
-class PlainLaw(NamedTuple):
-    """Selects wheels without optional terms: tau = b w + (c + s E) sgn(w)."""
-
-    terms: int = 0  # a type needs a member
-
-
-class DirectedLaw(NamedTuple):
-    """Selects wheels whose dry friction differs with direction and follows the motor's torque."""
-
-    terms: int = 0
-
-
-WheelLaw = PlainLaw | DirectedLaw
-
-
-def wheel_law(*frictions: Friction) -> WheelLaw:
-    """Return the leanest law that has every term of these frictions."""
-    return PlainLaw() if all(friction.is_plain for friction in frictions) else DirectedLaw()
-
-
-# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta, and perhaps `terms` (`WheelTerms`) ---
+# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta and `terms` (`WheelTerms`) ---
 
 
 _LOG2_OF_LOG2_E = 0.5287663729448977  # e^-p = 2^-(p log2 e)
@@ -201,8 +159,6 @@ def decay_exponent(wheel, speed):
 def with_decay(wheel, power, direction):
     """Return the size of the friction in a direction (1, -1; 0 for the mean of both), E being 2^-power."""
     E = power_of_two(-power)
-    if not has_directions(wheel):
-        return wheel.c + wheel.s * E
     d, e = wheel.terms.coulomb_asymmetry, wheel.terms.stribeck_asymmetry
     return wheel.c + direction * d + (wheel.s + direction * e) * E
 
@@ -216,21 +172,14 @@ def directed_friction(wheel, speed, direction):
 @traced
 def friction_shift(wheel, speed):
     """Return d + e E: the torque about which the dry friction is the same in both directions."""
-    if not has_directions(wheel):
-        return 0.0
     E = power_of_two(-power_of_two(decay_exponent(wheel, speed)))
     return wheel.terms.coulomb_asymmetry + wheel.terms.stribeck_asymmetry * E
 
 
-def has_directions(wheel) -> bool:
-    """Return whether a wheel has the optional terms."""
-    return "terms" in wheel._fields
-
-
 @traced
-def loaded_coulomb(c, terms, torque):
-    """Return c + mu |u| of a wheel whose motor gives the torque u."""
-    return c + terms.load * abs(torque)
+def under_load(wheel, torque):
+    """Return a wheel with c + mu |u| for c, whose motor gives the torque u."""
+    return wheel._replace(c=wheel.c + wheel.terms.load * abs(torque))
 
 
 @traced
@@ -241,5 +190,5 @@ def sign(value):
 
 @inlined
 def terms_of_wheel(columns, wheel):
-    """Return the `WheelTerms` of one wheel out of `FrictionTerms.columns`."""
+    """Return the `WheelTerms` of one wheel out of `friction_terms`."""
     return WheelTerms(columns[wheel, 0], columns[wheel, 1], columns[wheel, 2])

@@ -26,10 +26,9 @@ from ballbot.mechanics.engine.arrays import (
     wheel_jacobians,
     wheel_speeds_at,
 )
-from ballbot.mechanics.engine.loading import unpacked
+from ballbot.mechanics.engine.lanes import unpacked
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.friction import WheelLaw, wheel_law
 from ballbot.mechanics.parameters import Exact, Formulation, Parameters, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.state import STATE_NAMES, torque_names
@@ -138,10 +137,10 @@ class Model:
         for name, value in given.items():
             object.__setattr__(self, name, value)
         self._check()
-        law = wheel_law(self.robot.friction)
-        chosen = selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots, law=law)
+        chosen = selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots)
         object.__setattr__(self, "_selected", chosen)
-        object.__setattr__(self, "_row", self._pack(law))
+        row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0)
+        object.__setattr__(self, "_row", row)
 
     def _check(self) -> None:
         if self.formulation not in ("exact", "thesis"):
@@ -176,13 +175,6 @@ class Model:
     @property
     def _parameters(self) -> Parameters:
         return unpacked(self.selected, self.packed.item)
-
-    def packed_under(self, law: WheelLaw) -> NDArray[np.float64]:
-        """Return `packed` for compiled equations with that law, which robots with and without further terms share."""
-        return self.packed if type(law) is type(self.selected.law) else self._pack(law)
-
-    def _pack(self, law: WheelLaw) -> NDArray[np.float64]:
-        return pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0, law=law)
 
     def summary(self) -> Summary:
         """Return the model's formulation, step and pivoting friction."""

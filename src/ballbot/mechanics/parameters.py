@@ -1,7 +1,7 @@
 """The two formulations, and one robot's numbers as compiled code reads them: its values become the paper's symbols.
 
 The compiled equations read one row of numbers for each robot (`pack`), so that every robot in a batch can have values
-of its own. `Parameters` is the list of these numbers: sizes, places and what reads a row (`engine/loading.py`) follow
+of its own. `Parameters` is the list of these numbers: sizes, places and what reads a row (`engine/lanes.py`) follow
 from its fields. A number is added by a field and its value in `pack`.
 """
 
@@ -12,14 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.friction import (
-    DirectedLaw,
-    PlainLaw,
-    WheelLaw,
-    WheelTerms,
-    friction_terms,
-    wheel_law,
-)
+from ballbot.mechanics.friction import NO_TERMS, WheelTerms, friction_terms
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
@@ -27,28 +20,23 @@ from ballbot.robot.derived import reflected_rotor_inertia
 #: "exact": the corrected rigid-body model; "thesis": Appendix II as printed, only its misprints mended
 Formulation = Literal["exact", "thesis"]
 
-_PLAIN = PlainLaw()
-
 
 class Exact(NamedTuple):
-    """Selects the exact equations; `wheels` carries their number in its length, `law` their friction's terms."""
+    """Selects the exact equations; `wheels` carries their number in its length."""
 
     wheels: tuple[int, ...]
-    law: WheelLaw
 
 
 class Thesis(NamedTuple):
-    """Selects the equations of the thesis's Appendix II as printed; its members as in `Exact`."""
+    """Selects the equations of the thesis's Appendix II as printed."""
 
     wheels: tuple[int, ...]
-    law: WheelLaw
 
 
 class Pivoting(NamedTuple):
-    """Selects the exact equations with a sixth velocity, the ball's spin about the vertical; members as in `Exact`."""
+    """Selects the exact equations with a sixth velocity, the ball's spin about the vertical."""
 
     wheels: tuple[int, ...]
-    law: WheelLaw
 
 
 class Wheel(NamedTuple):
@@ -56,22 +44,11 @@ class Wheel(NamedTuple):
 
     axle: tuple[float, float, float]  #: its row of A
     b: float
-    c: float
-    s: float
-    inv_vs: float  #: 1/v_s [s/rad]
-    delta: float
-
-
-class DirectedWheel(NamedTuple):
-    """One wheel's numbers, in compiled code, with every term of the friction."""
-
-    axle: tuple[float, float, float]  #: its row of A
-    b: float
     c: float  #: the motor's load included
     s: float
+    terms: WheelTerms
     inv_vs: float  #: 1/v_s [s/rad]
     delta: float
-    terms: WheelTerms
 
 
 class Parameters(NamedTuple):
@@ -92,11 +69,13 @@ class Parameters(NamedTuple):
     pivoting: float  #: largest pivoting friction [N m], where the ball pivots
     J: tuple[float, float, float, float, float, float]  #: body inertia: J_0, or the printed j_r
     D: tuple[float, float, float, float, float, float]  #: A^T A
-    wheels: tuple[Wheel | DirectedWheel, ...]
+    wheels: tuple[Wheel, ...]
 
 
 def _zeros(shape: object) -> float | tuple:
     """Return zeros of the shape of a field's type: a number, or a tuple of them."""
+    if shape is WheelTerms:
+        return NO_TERMS
     return 0.0 if shape is float else tuple(_zeros(one) for one in get_args(shape))
 
 
@@ -121,10 +100,9 @@ _WHEEL = _fields(Wheel, without=("inv_vs", "delta"))
 #: zeros of the shape in which a row has the numbers before the wheels' own, and a wheel's
 RIGID_SHAPE, WHEEL_SHAPE = tuple(_RIGID.values()), tuple(_WHEEL.values())
 RIGID_SIZE, WHEEL_SIZE = _count(RIGID_SHAPE), _count(WHEEL_SHAPE)
-TERMS_SIZE = len(WheelTerms._fields)  # after all wheels, for each of a `DirectedLaw`
-#: wheels of the largest robot, and the size of its row with every law
+#: wheels of the largest robot, and the size of its row
 MAX_WHEELS = 4
-LARGEST_ROW = RIGID_SIZE + (WHEEL_SIZE + TERMS_SIZE) * MAX_WHEELS
+LARGEST_ROW = RIGID_SIZE + WHEEL_SIZE * MAX_WHEELS
 
 #: where each of `Parameters` begins in a packed row, and each number of a wheel among its own
 PLACES, WHEEL_PLACES = _places(_RIGID), _places(_WHEEL)
@@ -133,9 +111,9 @@ PLACE_EXPONENT = PLACE_SPEED_SCALE + 1  # delta
 
 
 def selector(
-    formulation: Formulation, wheel_count: int, *, pivoting: bool = False, law: WheelLaw = _PLAIN
+    formulation: Formulation, wheel_count: int, *, pivoting: bool = False
 ) -> Exact | Thesis | Pivoting:
-    """Return the value that selects the compiled equations and, by `law`, the terms of the wheels' friction.
+    """Return the value that selects the compiled equations.
 
     Raises
     ------
@@ -146,19 +124,16 @@ def selector(
     if pivoting and formulation == "thesis":
         raise InputError("The thesis's equations have no pivoting ball; use the formulation 'exact'.")
     if pivoting:
-        return Pivoting(wheels, law)
-    return Exact(wheels, law) if formulation == "exact" else Thesis(wheels, law)
+        return Pivoting(wheels)
+    return Exact(wheels) if formulation == "exact" else Thesis(wheels)
 
 
 def row_size(selected: Exact | Thesis | Pivoting) -> int:
     """Return how many numbers a packed robot has."""
-    own = WHEEL_SIZE + (TERMS_SIZE if isinstance(selected.law, DirectedLaw) else 0)
-    return RIGID_SIZE + own * len(selected.wheels)
+    return RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)
 
 
-def pack(
-    robot: Robot, formulation: Formulation, *, pivoting: float = 0.0, law: WheelLaw | None = None
-) -> NDArray[np.float64]:
+def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> NDArray[np.float64]:
     """Return one robot's numbers as the row that compiled code reads.
 
     Parameters
@@ -168,13 +143,11 @@ def pack(
         "thesis" takes the body's inertia as printed, whatever point it is about, and leaves the rotors out.
     pivoting : float
         Largest pivoting friction [N m]; read where the ball pivots.
-    law : PlainLaw or DirectedLaw, optional
-        That of the selector: the leanest for the robot by default. `PlainLaw` leaves out what else the robot has.
 
     Returns
     -------
     ndarray (row_size,)
-        In the order of `Parameters`; wheels one after another, then their further terms.
+        In the order of `Parameters`; wheels one after another.
     """
     ball, body, wheels = robot.ball, robot.body, robot.wheels
     A = transforms(robot).T_owb
@@ -207,10 +180,9 @@ def pack(
         wheels=(),
     )
     numbers = np.concatenate([np.ravel(one) for one in rigid])
-    own = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck])
-    if isinstance(law or wheel_law(friction), PlainLaw):
-        return np.concatenate([numbers, own.ravel()])
-    return np.concatenate([numbers, own.ravel(), friction_terms(friction).columns().ravel()])
+    terms = friction_terms(friction)
+    own = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck, terms])
+    return np.concatenate([numbers, own.ravel()])
 
 
 def friction_places(wheel_count: int) -> NDArray[np.int64]:
@@ -221,9 +193,9 @@ def friction_places(wheel_count: int) -> NDArray[np.int64]:
 
 
 def term_places(wheel_count: int) -> NDArray[np.int64]:
-    """Return where d, e and mu of each wheel stand in the packed row of a `DirectedLaw`: (3, n)."""
-    first = RIGID_SIZE + WHEEL_SIZE * wheel_count
-    return first + TERMS_SIZE * np.arange(wheel_count) + np.arange(TERMS_SIZE)[:, None]
+    """Return where d, e and mu of each wheel stand in a packed row: (3, n)."""
+    first = RIGID_SIZE + WHEEL_SIZE * np.arange(wheel_count) + WHEEL_PLACES["terms"]
+    return first + np.arange(len(WheelTerms._fields))[:, None]
 
 
 def _symmetric(S: NDArray[np.float64]) -> tuple[float, float, float, float, float, float]:

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.findings import Finding, finding_results
+from ballbot.identification.turning import ANGLE_NAMES
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.words import signed_with_error, state_mark, with_error, with_symbols
 from ballbot.rounding import digits
-from ballbot.validation.alignment import Alignment, SensorErrors, alignment_findings
-from ballbot.validation.alignment.align import POSITIONS, PREFIX
-from ballbot.validation.alignment.turning import ANGLE_NAMES
+from ballbot.validation.alignment import POSITIONS, PREFIX, Alignment, SensorErrors, alignment_findings
 
 
 def alignment_report(

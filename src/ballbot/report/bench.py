@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.text import Text
 
@@ -21,16 +20,14 @@ from ballbot.findings import Finding, texts
 from ballbot.identification.driveline import QUANTITIES
 from ballbot.identification.geometry import CLEAR, Geometry, Measured
 from ballbot.identification.swing import SwingFit
-from ballbot.identification.upside_down import BallWindows, UpsideDown, cut_ball_windows
+from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section, table
 from ballbot.report.palette import BLUE, INK, ORANGE, PALE, SHADE
 from ballbot.report.provenance import Provenance
-from ballbot.report.series import Line, Look, Panel, TimeSeries
+from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
     MEASURED,
-    REFERENCE,
-    WITH_FRICTION,
     WITHOUT_FRICTION,
     drawn_picture,
     thinned,
@@ -38,58 +35,12 @@ from ballbot.report.style import (
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import digits, unit_heading, value_and_error
-from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import counted
 from ballbot.workflows.ball_movement import TURN, BallMovement
 
 #: windows shown of the log, from its middle
 _WINDOWS_SHOWN = 8
-_AXES = ("x", "y", "z")
-
-
-def _predicted_windows(found: UpsideDown, log: Log) -> tuple[BallWindows, NDArray[np.float64]]:
-    """Return windows from the middle of a log, and the ball's velocity in them, with friction and without."""
-    n = found.robot.wheel_count
-    windows = cut_ball_windows(found.robot, [log], duration=found.window)
-    first = max(0, (len(windows) - _WINDOWS_SHOWN) // 2)
-    windows = windows.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(windows))))
-    predicted = simulate_balls(
-        ClampedBall.of_robot(found.robot),
-        friction=[friction_row(found.robot.friction), friction_row(Friction.none(n))],
-        initial=windows.initial,
-        torques=windows.torques,
-        sample_time=windows.sample_time,
-    )
-    return windows, predicted
-
-
-def movement_figure(movement: BallMovement) -> Figure:
-    """Return the ball's rotation about each axis, with friction and without."""
-    figure = Figure(figsize=(7.4, 4.2), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True, sharey=True)
-    for axis, panel in enumerate(panels):
-        t, reference, free, slowed = thinned(
-            movement.without_friction.t,
-            movement.reference[:, axis],
-            movement.without_friction.rotations[:, axis],
-            movement.with_friction.rotations[:, axis],
-        )
-        panel.plot(t, reference, **REFERENCE, label="reference")
-        panel.plot(t, free, **WITHOUT_FRICTION, label="without friction")
-        panel.plot(t, slowed, **WITH_FRICTION, label="with friction")
-        panel.set_ylabel(f"about ${_AXES[axis]}$ [rad]")
-        panel.margins(x=0.01)
-    panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderpad=0.0)
-    panels[-1].set_xlabel("time [s]")
-    return figure
-
-
-def _broken(
-    t: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return windows (w, m) as one line with a gap after each."""
-    gap = np.full((len(t), 1), np.nan)
-    return np.hstack([t, gap]).ravel(), np.hstack([values, gap]).ravel()
 
 
 def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
@@ -172,18 +123,8 @@ def _row(one: Measured) -> list[str]:
     off = f"{round(one.deviation, 1) + 0.0:+.1f} s.e."  # adding zero keeps a minus sign off what prints as nothing
     error = scale * one.standard_error
     decimals = max(0, 1 - math.floor(math.log10(error)))
-    numbers = (
-        f"{scale * one.value:.{decimals}f}",
-        f"{error:.{decimals}f}",
-        f"{scale * one.in_file:.{decimals}f}",
-    )
-    return [
-        _quantity(one),
-        *numbers,
-        unit,
-        off,
-        one.kind,
-    ]
+    numbers = (f"{number:.{decimals}f}" for number in (scale * one.value, error, scale * one.in_file))
+    return [_quantity(one), *numbers, unit, off, one.kind]
 
 
 def _quantity(one: Measured) -> str:
@@ -275,29 +216,31 @@ _MODELS = {
 
 def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
     """Return the ball's velocity over some windows of a log: measured, and predicted from each one's start."""
-    windows, predicted = _predicted_windows(found, log)
-    t = np.array([span.start for span in windows.spans])[:, None] + windows.sample_time * np.arange(
-        1.0, windows.measured.shape[1] + 1.0
+    every = cut_ball_windows(found.robot, [log], duration=found.window)
+    first = max(0, (len(every) - _WINDOWS_SHOWN) // 2)
+    windows = every.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(every))))
+    predicted = simulate_balls(
+        ClampedBall.of_robot(found.robot),
+        frictions=[found.robot.friction, Friction.none(found.robot.wheel_count)],
+        initial=windows.initial,
+        torques=windows.torques,
+        sample_time=windows.sample_time,
     )
+    predicted[:, :, -1] = np.nan  # a line ends with its window
+    samples = windows.sample_time * np.arange(1.0, windows.measured.shape[1] + 1.0)
     held_out = {(span.log, span.start) for span in found.held_out_windows}
     panels = []
-    for axis, name in enumerate(_AXES):
-        columns = {
-            "measured": windows.measured[..., axis],
-            "without friction": predicted[1, ..., axis],
-            "with the friction found": predicted[0, ..., axis],
-        }
-        looks: tuple[Look, ...] = ("measured", "second", "first")
-        lines = [
-            Line(name=label, values=_broken(t, values)[1][:-1], look=look)
-            for (label, values), look in zip(columns.items(), looks, strict=True)
-        ]
-        largest = 1.3 * float(
-            np.abs(windows.measured[..., axis]).max()
-        )  # without friction it leaves the panel
+    for axis, name in enumerate("xyz"):
+        measured = windows.measured[..., axis].ravel()
+        lines = (
+            Line(name="measured", values=measured, look="measured"),
+            Line(name="without friction", values=predicted[1, ..., axis].ravel(), look="second"),
+            Line(name="with the friction found", values=predicted[0, ..., axis].ravel(), look="first"),
+        )
+        largest = 1.3 * float(np.abs(measured).max())  # without friction it leaves the panel
         panels.append(Panel(label=f"Ω about {name} [rad/s]", lines=lines, ends=(-largest, largest)))
     return TimeSeries(
-        t=_broken_times(t),
+        t=np.concatenate([span.start + samples for span in windows.spans]),
         panels=panels,
         caption=f"{counted(len(windows.spans), 'window')} from the middle of the first log. Predictions start again "
         f"from the measured velocity every {found.window:g} s. The axes are those of the measured velocity: a "
@@ -308,16 +251,10 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
     )
 
 
-def _broken_times(t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the times of windows (w, m) as one line, with the middle of the gap after each but the last."""
-    ends = np.append(0.5 * (t[:-1, -1] + t[1:, 0]), np.nan)
-    return np.hstack([t, ends[:, None]]).ravel()[:-1]
-
-
 def movement_series(movement: BallMovement) -> TimeSeries:
     """Return the ball's rotation about each axis along the reference, with friction and without."""
     panels = []
-    for axis, name in enumerate(_AXES):
+    for axis, name in enumerate("xyz"):
         lines = (
             Line(name="reference", values=movement.reference[:, axis], look="reference"),
             Line(name="without friction", values=movement.without_friction.rotations[:, axis], look="second"),

@@ -42,22 +42,18 @@ class ColumnSummary:
 def summarize(log: Log) -> tuple[ColumnSummary, ...]:
     """Return a summary of each of the log's columns, in their order."""
     duration = float(log.t[-1] - log.t[0])
-    summaries = []
-    for name in log.names:
-        values = log[name]
-        finite = values[np.isfinite(values)]
-        changes = int(np.count_nonzero(np.diff(finite)))
-        summaries.append(
-            ColumnSummary(
-                name=name,
-                unit=unit_of(name),
-                least=float(finite.min()) if finite.size else None,
-                greatest=float(finite.max()) if finite.size else None,
-                missing=len(values) - finite.size,
-                change_rate=changes / duration if duration > 0.0 else 0.0,
-            )
+    finite = {name: log[name][np.isfinite(log[name])] for name in log.names}
+    return tuple(
+        ColumnSummary(
+            name=name,
+            unit=unit_of(name),
+            least=float(values.min()) if values.size else None,
+            greatest=float(values.max()) if values.size else None,
+            missing=len(log) - values.size,
+            change_rate=int(np.count_nonzero(np.diff(values))) / duration if duration > 0.0 else 0.0,
         )
-    return tuple(summaries)
+        for name, values in finite.items()
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,25 +157,19 @@ def log_check_report(checked: CheckedLog, robot: Robot | None, made: Provenance)
     """Return the page of a checked log."""
     log, findings = checked.log, checked.findings
     rate = f" at {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
-    undecided = []
-    if robot is None:
-        undecided.append("Whether wheels, signs and units are a robot's: name it with --robot.")
-    uses = [one.text for one in findings if one.code in ("use", "physics")]
+    robotless = "Whether wheels, signs and units are a robot's: name it with --robot."
+    columns = replace(_column_table(checked.columns), caption="")
     return Report(
         title=f"{checked.file.name}: what the log shows",
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
         verdict=[("", _log_verdict(findings))],
         sections=[
-            section(
-                "Columns",
-                replace(_column_table(checked.columns), caption=""),
-                _wheel_table(checked.wheels) if checked.wheels else None,
-            ),
+            section("Columns", columns, _wheel_table(checked.wheels) if checked.wheels else None),
             section("Over time", *over_time(log, robot)),
         ],
         undecided=[
-            *undecided,
-            *uses,
+            *([] if robot else [robotless]),
+            *(one.text for one in findings if one.code in ("use", "physics")),
             "Errors that a robot of other masses, gains or friction would make as well.",
         ],
         made=made,
@@ -193,12 +183,8 @@ def _log_verdict(findings: Sequence[Finding]) -> str:
     warnings = sum(one.severity == "warning" for one in findings)
     if errors:
         others = len(errors) - 1
-        more = (
-            f" {counted(others, 'more error')} {'is' if others == 1 else 'are'} listed below."
-            if others
-            else ""
-        )
-        return f"This log must not be used as it is: {errors[0].text}{more}"
+        more = f" {counted(others, 'more error')} {'is' if others == 1 else 'are'} listed below."
+        return f"This log must not be used as it is: {errors[0].text}{more if others else ''}"
     if warnings:
         return f"The log can be used; {counted(warnings, 'warning')} below must be known first."
     return "No problems were found."
@@ -208,17 +194,13 @@ def proposal_report(found: Evaluation, robot: Robot, made: Provenance) -> Report
     """Return the page of a mapping proposed for a foreign file."""
     file, proposal = found.proposal.file, found.proposal
     verdict = found.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
-    said = "\n".join(answer_lines(found))
+    said = Verbatim(text="\n".join(answer_lines(found)))
     return Report(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", f"{verdict[0].upper()}{verdict[1:]}")],
         sections=[
-            section(
-                "What was found",
-                Verbatim(text=said),
-                _placement_table(proposal) if proposal.tested else None,
-            ),
+            section("What was found", said, _placement_table(proposal) if proposal.tested else None),
             section("The mapping file", Verbatim(text=found.text)),
             *([section("The log that it makes", *over_time(found.log, robot))] if found.log else []),
         ],
@@ -227,12 +209,6 @@ def proposal_report(found: Evaluation, robot: Robot, made: Provenance) -> Report
         findings=found.findings,
         accepted=False,
     )
-
-
-def proposal_parts(found: Evaluation) -> Iterator[RenderableType]:
-    """Yield what a foreign file is, what was found in it, and what is asked."""
-    for line in answer_lines(found):
-        yield Text(line)
 
 
 def _placement_table(proposal: Proposal) -> Sheet:
@@ -249,23 +225,12 @@ def _placement_table(proposal: Proposal) -> Sheet:
         )
         for one in sorted(placements, key=lambda one: one.misfit)
     ]
-    headings = (
-        "wheel order",
-        "phase [deg]",
-        "gain",
-        "lean unexplained [%]",
-        "wheels together [%]",
-        "misfit",
-    )
+    headings = ("wheel order", "phase [deg]", "gain", "lean unexplained [%]", "wheels together [%]", "misfit")
     return table("Wheel orders, by the response of the lean", headings, rows)
 
 
-def proposal_results(evaluated: Sequence[Evaluation]) -> dict[str, object]:
-    """Return the entries of results.json for a mapping proposed for foreign files."""
-    return {"files": [_proposal_results(one) for one in evaluated]}
-
-
-def _proposal_results(found: Evaluation) -> dict[str, object]:
+def proposal_results(found: Evaluation) -> dict[str, object]:
+    """Return the entries of results.json for the mapping proposed for a foreign file."""
     proposal, tested = found.proposal, found.proposal.tested
     return {
         "file": str(proposal.file),

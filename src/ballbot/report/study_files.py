@@ -91,7 +91,6 @@ def _comparison(study: Study) -> dict[str, object]:
 def _confirmation(made: Confirmation) -> dict[str, object]:
     return {
         "course": made.course,
-        "twin_rolling": made.rolling,
         "contradiction": made.contradiction,
         **{
             name: {"twin": _trial(twin), "loop": _trial(made.on_loop[name])}
@@ -107,7 +106,7 @@ def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
             "position_gain": one.position_gain,
             "compensation": variant.compensation,
             "observer": variant.observer,
-            "sensitivity": one.sensitivities[variant.observer],
+            "sensitivity": one.sensitivity,
             **_trial(trial),
         }
         for one in found.gains

@@ -28,7 +28,7 @@ from ballbot.robot.components import (
     Wheels,
     deviation_labels,
 )
-from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, Value, to_si, value_of
+from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, numbers_of, to_si, value_of
 
 #: fraction by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
@@ -41,13 +41,7 @@ _WEAKEST_AXIS = 0.01
 
 
 def check_robot(robot: RobotValues) -> None:
-    """Raise InputError if a robot cannot exist.
-
-    Raises
-    ------
-    InputError
-        If a value is wrong: one sentence about the first one.
-    """
+    """Raise InputError if a robot cannot exist; InputError if a value is wrong: one sentence about the first one."""
     _check_texts(robot)
     for parameter in PARAMETERS:
         for label, value in _numbers(robot, parameter):
@@ -74,17 +68,14 @@ _ROUNDED_CORRELATION = 1e-3
 def check_deviations(robot: RobotValues) -> None:
     """Raise InputError if a standard deviation is invalid.
 
-    Raises
-    ------
-    InputError
-        If a name is no parameter's, the parameter is a whole number, a standard deviation is not a number of zero or
-        more, one for each of the parameter's, or an interval is not one about a number whose deviation is infinite.
+    InputError if a name is no parameter's, the parameter is a whole number, a standard deviation is not a number of
+    zero or more, one for each of the parameter's, or an interval is not one about a number whose deviation is infinite.
     """
     for name, deviation in robot.standard_deviations.items():
         if name not in BY_NAME or BY_NAME[name].shape == "whole number":
             raise InputError(f"{name} has a standard deviation but is not a parameter that can have one.")
-        value, numbers = value_of(robot, BY_NAME[name]), _each(deviation)
-        count = len(_each(value))
+        value, numbers = value_of(robot, BY_NAME[name]), numbers_of(deviation)
+        count = len(numbers_of(value))
         if isinstance(value, tuple) != isinstance(deviation, tuple) or len(numbers) != count:
             raise InputError(f"{name} has the standard deviation {deviation!r}; it needs {count} of them.")
         for one in numbers:
@@ -93,7 +84,7 @@ def check_deviations(robot: RobotValues) -> None:
                     f"{name} has the standard deviation {one!r}; it must be zero or more, or inf where it is unknown."
                 )
     unknown = {
-        label: _each(value_of(robot, BY_NAME[name]))[place]
+        label: numbers_of(value_of(robot, BY_NAME[name]))[place]
         for label, name, place, size in deviation_labels(robot.standard_deviations)
         if math.isinf(size)
     }
@@ -113,11 +104,8 @@ def check_deviations(robot: RobotValues) -> None:
 def check_correlation(robot: RobotValues) -> None:
     """Raise InputError if the correlations are not those of numbers with standard deviations.
 
-    Raises
-    ------
-    InputError
-        If a number has no finite standard deviation or is listed twice, a row has not one number for each column up to
-        its own, the diagonal is not 1, or no errors can have such correlations.
+    InputError if a number has no finite standard deviation or is listed twice, a row has not one number for each column
+    up to its own, the diagonal is not 1, or no errors can have such correlations.
     """
     correlation = robot.correlation
     if not correlation.of and not correlation.lower:
@@ -145,10 +133,6 @@ def check_correlation(robot: RobotValues) -> None:
             "correlation.lower has correlations that no errors can have: the matrix has a negative "
             "eigenvalue. Remove the table [correlation], or identify again."
         )
-
-
-def _each(value: Value) -> tuple[float, ...]:
-    return value if isinstance(value, tuple) else (value,)
 
 
 def _check_texts(robot: RobotValues) -> None:
@@ -188,16 +172,12 @@ def _numbers(robot: RobotValues, parameter: Parameter) -> Iterator[tuple[str, ob
     yield from ((f"{parameter.name}[{index}]", number) for index, number in enumerate(value))
 
 
-def check_number(parameter: Parameter, label: str, value: object) -> None:
-    """Raise InputError if a value is not a finite number, has the wrong sign or is larger than that of any robot.
-
-    Parameters
-    ----------
-    parameter : Parameter
-    label : str
-        Its name, with the place of the value in a list.
-    value : object
-    """
+def check_number(
+    parameter: Parameter,
+    label: str,  # its name, with the place of the value in a list
+    value: object,
+) -> None:
+    """Raise InputError if a value is not a finite number, has the wrong sign or is larger than that of any robot."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise InputError(f"{label} is {value!r}; it must be a number.")
     if parameter.shape == "whole number" and not isinstance(value, Integral):

@@ -14,22 +14,15 @@ from ballbot.errors import InputError
 from ballbot.robot.robot import Robot
 
 
-def shell_wall(*, mass: float, radius: float, density: float) -> float:
+def shell_wall(
+    *,
+    mass: float,  # of the shell [kg]
+    radius: float,  # outer radius [m]
+    density: float,  # of the wall's material [kg/m^3]
+) -> float:
     """Return the wall thickness [m] of a hollow sphere (Appendix I).
 
-    Parameters
-    ----------
-    mass : float
-        Of the shell [kg].
-    radius : float
-        Outer radius [m].
-    density : float
-        Of the wall's material [kg/m^3].
-
-    Raises
-    ------
-    InputError
-        If even a solid sphere of that radius and density would be lighter.
+    InputError if even a solid sphere of that radius and density would be lighter.
     """
     cavity = radius**3 - 3.0 * mass / (4.0 * math.pi * density)
     if cavity < 0.0:
@@ -51,22 +44,15 @@ def solid_sphere_inertia(*, mass: float, radius: float) -> float:
     return 0.4 * mass * radius**2
 
 
-def thick_shell_inertia(*, mass: float, radius: float, wall: float) -> float:
+def thick_shell_inertia(
+    *,
+    mass: float,  # of the shell [kg]
+    radius: float,  # outer radius R [m]
+    wall: float,  # thickness R - r [m], above zero and at most the radius
+) -> float:
     """Return the inertia [kg m^2] of a spherical shell about its centre, 2/5 m (R^5 - r^5) / (R^3 - r^3).
 
-    Parameters
-    ----------
-    mass : float
-        Of the shell [kg].
-    radius : float
-        Outer radius R [m].
-    wall : float
-        Thickness R - r [m], above zero and at most the radius.
-
-    Raises
-    ------
-    InputError
-        If the wall is not between zero and the radius.
+    InputError if the wall is not between zero and the radius.
     """
     if not 0.0 < wall <= radius:
         raise InputError(f"A wall of {wall:g} m does not fit in a sphere of radius {radius:g} m.")
@@ -77,48 +63,35 @@ def thick_shell_inertia(*, mass: float, radius: float, wall: float) -> float:
     return 0.4 * mass * radius**2 * fifth / third
 
 
-def inertia_from_swing(*, mass: float, gravity: float, distance: float, angular_frequency: float) -> float:
-    """Return a hanging body's inertia [kg m^2] about its pivot, m g r / omega_n^2 (Appendix III).
-
-    Parameters
-    ----------
-    mass : float
-        Of the body [kg].
-    gravity : float
-        g [m/s^2].
-    distance : float
-        From pivot to centre of mass [m].
-    angular_frequency : float
-        Of small free swings [rad/s].
-    """
+def inertia_from_swing(
+    *,
+    mass: float,  # of the body [kg]
+    gravity: float,  # g [m/s^2]
+    distance: float,  # from pivot to centre of mass [m]
+    angular_frequency: float,  # of small free swings [rad/s]
+) -> float:
+    """Return a hanging body's inertia [kg m^2] about its pivot, m g r / omega_n^2 (Appendix III)."""
     return mass * gravity * distance / angular_frequency**2
 
 
-def wheel_speed_limit(*, supply_voltage: float, speed_constant: float, gear_ratio: float) -> float:
-    """Return the wheel's speed [rad/s] without load at full supply (Appendix I).
-
-    Parameters
-    ----------
-    supply_voltage : float
-        [V].
-    speed_constant : float
-        Of the motor [rad/s/V].
-    gear_ratio : float
-        Motor turns a wheel turn [-].
-    """
+def wheel_speed_limit(
+    *,
+    supply_voltage: float,  # [V]
+    speed_constant: float,  # of the motor [rad/s/V]
+    gear_ratio: float,  # motor turns a wheel turn [-]
+) -> float:
+    """Return the wheel's speed [rad/s] without load at full supply (Appendix I)."""
     return supply_voltage * speed_constant / gear_ratio
 
 
-def reflected_rotor_inertia(*, gear_ratio: float, motor_inertia: float, gear_inertia: float) -> float:
-    """Return the inertia [kg m^2] of rotor and gearbox as felt at the wheel, n^2 (j_m + j_g).
-
-    Parameters
-    ----------
-    gear_ratio : float
-        n, motor turns a wheel turn [-].
-    motor_inertia, gear_inertia : float
-        j_m and j_g on the motor's side [kg m^2].
-    """
+def reflected_rotor_inertia(
+    *,
+    gear_ratio: float,  # n, motor turns a wheel turn [-]
+    # motor_inertia and gear_inertia: j_m and j_g on the motor's side [kg m^2]
+    motor_inertia: float,
+    gear_inertia: float,
+) -> float:
+    """Return the inertia [kg m^2] of rotor and gearbox as felt at the wheel, n^2 (j_m + j_g)."""
     return gear_ratio**2 * (motor_inertia + gear_inertia)
 
 
@@ -139,81 +112,53 @@ class Derived:
 
 def derived_quantities(robot: Robot) -> list[Derived]:
     """Return what `ballbot check` prints of a robot's parameters, in reading order."""
-    return [*_of_ball_and_body(robot), *_of_drive(robot)]
-
-
-def _of_ball_and_body(robot: Robot) -> list[Derived]:
-    ball, body = robot.ball, robot.body
+    ball, body, drive, wheels = robot.ball, robot.body, robot.drive, robot.wheels
     central = np.diag(body.inertia_about_center_of_mass())
     pivot = np.diag(body.inertia_about_ball_center())
-    names = ("xx", "yy", "zz")
-    return [
-        _derived("total_mass", ball.mass + body.mass, "kg", "mass of ball and body"),
-        _derived(
-            "ball_inertia_thin_shell",
-            thin_shell_inertia(mass=ball.mass, radius=ball.radius),
-            "kg m^2",
-            "inertia of the ball, were it a thin shell",
-        ),
-        _derived(
-            "ball_inertia_solid",
-            solid_sphere_inertia(mass=ball.mass, radius=ball.radius),
-            "kg m^2",
-            "inertia of the ball, were it solid",
-        ),
+    gear = drive.gear_ratio
+    shell = thin_shell_inertia(mass=ball.mass, radius=ball.radius)
+    solid = solid_sphere_inertia(mass=ball.mass, radius=ball.radius)
+    swing = math.sqrt(body.mass * robot.gravity * body.center_of_mass / float(pivot[0]))
+    reflected = reflected_rotor_inertia(
+        gear_ratio=gear, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
+    fastest = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=gear
+    )
+    step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=gear)
+    about = {"pivot": (pivot, "the ball's centre"), "central": (central, "its centre of mass")}
+    rows = [
+        ("total_mass", ball.mass + body.mass, "kg", "mass of ball and body"),
+        ("ball_inertia_thin_shell", shell, "kg m^2", "inertia of the ball, were it a thin shell"),
+        ("ball_inertia_solid", solid, "kg m^2", "inertia of the ball, were it solid"),
         *(
-            _derived(
-                f"body_inertia_pivot_{axis}",
-                value,
-                "kg m^2",
-                f"inertia {axis} of the body about the ball's centre",
-            )
-            for axis, value in zip(names, pivot, strict=True)
+            (f"body_inertia_{key}_{axis}", value, "kg m^2", f"inertia {axis} of the body about {words}")
+            for key, (moments, words) in about.items()
+            for axis, value in zip(("xx", "yy", "zz"), moments, strict=True)
         ),
-        *(
-            _derived(
-                f"body_inertia_central_{axis}",
-                value,
-                "kg m^2",
-                f"inertia {axis} of the body about its centre of mass",
-            )
-            for axis, value in zip(names, central, strict=True)
-        ),
-        _derived(
+        (
             "swing_frequency",
-            math.sqrt(body.mass * robot.gravity * body.center_of_mass / float(pivot[0])),
+            swing,
             "rad/s",
             "frequency at which the body swings, hung upside down at the ball's centre",
         ),
-    ]
-
-
-def _of_drive(robot: Robot) -> list[Derived]:
-    drive, wheels, friction = robot.drive, robot.wheels, robot.friction
-    reflected = reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
-    speed_limit = wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
-    )
-    step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio)
-    break_away = max(friction.breakaway)
-    return [
-        _derived(
-            "speed_ratio", robot.ball.radius / wheels.radius, "1", "radius of the ball over that of a wheel"
-        ),
-        _derived(
+        ("speed_ratio", ball.radius / wheels.radius, "1", "radius of the ball over that of a wheel"),
+        (
             "reflected_rotor_inertia",
             reflected,
             "kg m^2",
             "inertia of motor and gear at a wheel, n^2 (j_m + j_g)",
         ),
-        _derived("wheel_speed_limit", speed_limit, "rad/s", "wheel speed at full supply without load"),
-        _derived("encoder_step", step, "rad", "wheel angle of one count of the encoder"),
-        _derived("break_away_torque", break_away, "N m", "largest break-away torque of a wheel, c + s"),
-        _derived("rolling_resistance", robot.rolling_force, "N", "rolling resistance on level ground"),
+        ("wheel_speed_limit", fastest, "rad/s", "wheel speed at full supply without load"),
+        ("encoder_step", step, "rad", "wheel angle of one count of the encoder"),
+        (
+            "break_away_torque",
+            max(robot.friction.breakaway),
+            "N m",
+            "largest break-away torque of a wheel, c + s",
+        ),
+        ("rolling_resistance", robot.rolling_force, "N", "rolling resistance on level ground"),
     ]
-
-
-def _derived(name: str, value: float, unit: str, meaning: str) -> Derived:
-    return Derived(name=name, value=float(value), unit=unit, meaning=meaning)
+    return [
+        Derived(name=name, value=float(value), unit=unit, meaning=words) for name, value, unit, words in rows
+    ]

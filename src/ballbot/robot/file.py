@@ -30,14 +30,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from ballbot.errors import InputError, nearest, suggest
+from ballbot.errors import InputError, suggest
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
-from ballbot.robot.components import BY_NAME, PARAMETERS, InertiaPoint, RobotValues
+from ballbot.robot.components import BY_NAME, PARAMETERS, RobotValues
 from ballbot.robot.parameters import (
     DIMENSIONLESS,
     Parameter,
@@ -45,9 +45,11 @@ from ballbot.robot.parameters import (
     build,
     from_si,
     headings_of,
+    numbers_of,
     to_si,
     value_of,
 )
+from ballbot.schema import toml_line, toml_value, validate_table
 
 R = TypeVar("R", bound=RobotValues)
 
@@ -70,7 +72,6 @@ class CorrelationTable(BaseModel):
 
     of: list[str] = []
     lower: list[list[int | float]] = []
-    standard_errors: list[int | float] = []  #: of earlier versions, in place of larger standard deviations
 
 
 class IdentificationTables(BaseModel):
@@ -95,19 +96,16 @@ class ParsedEntry:
 def parse_entry(parameter: Parameter, raw: object) -> ParsedEntry:
     """Return a parameter's value, source and standard deviation.
 
-    Raises
-    ------
-    InputError
-        If a key is missing, unknown or of the wrong type, or the unit or the source is not understood.
+    InputError if a key is missing, unknown or of the wrong type, or the unit or the source is not understood.
     """
     if not isinstance(raw, dict):
         raise InputError(
             f"{parameter.name} is {raw!r}, without a unit and a source; write {example(parameter, raw)}."
         )
     try:
-        entry = Entry.model_validate(raw)
-    except ValidationError as error:
-        raise InputError(_entry_sentence(parameter, raw, error)) from None
+        entry = validate_table(Entry, raw, of="a parameter")
+    except InputError as error:
+        raise InputError(f"{parameter.name}: {error}") from None
     if parameter.unit != DIMENSIONLESS and "unit" not in entry.model_fields_set:
         raise InputError(f'{parameter.name} has no unit; write unit = "{parameter.written_in}".')
     check_source(parameter.name, entry.source)
@@ -128,26 +126,6 @@ def example(parameter: Parameter, value: object = None) -> str:
     return f'{parameter.key} = {{ value = {number}, {unit}source = "assumed" }}'
 
 
-def _entry_sentence(parameter: Parameter, raw: Mapping[str, object], error: ValidationError) -> str:
-    """Return the first of pydantic's findings as a sentence of ours."""
-    first = error.errors()[0]
-    key = str(first["loc"][0])
-    if first["type"] == "missing":
-        return f"{parameter.name} has no {key}; write {example(parameter)}."
-    if first["type"] == "extra_forbidden":
-        near = nearest(key, Entry.model_fields)
-        hint = (
-            f"did you mean {near[0]!r}?" if near else "it has value, unit and source, and standard_deviation."
-        )
-        return f"{parameter.name} has the unknown key {key!r}; {hint}"
-    takes = _expected_value(parameter) if key in ("value", "standard_deviation") else "a text in quotes"
-    return f"{parameter.name} has the {key} {raw[key]!r}; it must be {takes}."
-
-
-def _expected_value(parameter: Parameter) -> str:
-    return "a list with a number for each wheel" if parameter.shape == "list" else f"one {parameter.shape}"
-
-
 def _deviation_in_si(parameter: Parameter, entry: Entry, deviation: float | list[float]) -> Value:
     """Return a standard deviation in SI units; one number stands for every wheel's."""
     if parameter.shape == "whole number":
@@ -160,9 +138,10 @@ def _deviation_in_si(parameter: Parameter, entry: Entry, deviation: float | list
 def _in_si(parameter: Parameter, value: float | list[float], unit: str) -> Value:
     fits = isinstance(value, list) == (parameter.shape == "list")
     if not fits or (parameter.shape == "whole number" and not isinstance(value, int)):
-        raise InputError(
-            f"{parameter.name} has the value {value!r}; it must be {_expected_value(parameter)}."
+        wanted = (
+            "a list with a number for each wheel" if parameter.shape == "list" else f"one {parameter.shape}"
         )
+        raise InputError(f"{parameter.name} has the value {value!r}; it must be {wanted}.")
     try:
         if isinstance(value, list):
             return tuple(to_si(float(one), unit, parameter.unit) for one in value)
@@ -190,17 +169,13 @@ _HEADER = """\
 def read_robot(path: str | Path, kind: type[R]) -> R:
     """Return the robot that a TOML file describes, as the class `kind`; `Robot.load` calls this.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
+    InputError if the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
     """
     tree = read_toml(path)
     try:
         tree = take_format(tree, "robot")
-        stated = _identification(
-            {name: tree.pop(name) for name in IdentificationTables.model_fields if name in tree}
-        )
+        tables = {name: tree.pop(name) for name in IdentificationTables.model_fields if name in tree}
+        stated = validate_table(IdentificationTables, tables, of="a robot file")
         return build(kind, _fields(dict(_leaves(tree)), stated))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -211,10 +186,7 @@ def write_robot(robot: RobotValues, path: str | Path) -> None:
 
     A parameter without an entry in `robot.sources` is written as "assumed".
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    InputError if the file cannot be written.
     """
     write_text(path, robot_text(robot))
 
@@ -233,45 +205,18 @@ def robot_text(robot: RobotValues) -> str:
 def _identification_lines(robot: RobotValues) -> Iterator[str]:
     correlation = robot.correlation
     if robot.identified_from:
-        yield from (
-            "",
-            "# Hashes of some rows of the logs that it was identified from: validation names these logs.",
-        )
-        yield "[identified_from]"
-        yield f"rows = [{', '.join(toml_string(row) for row in robot.identified_from)}]"
+        yield "\n# Hashes of some rows of the logs that it was identified from: validation names these logs."
+        yield f"[identified_from]\n{toml_line('rows', robot.identified_from)}"
     if robot.intervals:
-        yield from (
-            "",
-            "# Numbers estimated without a standard error: as far as the data limit them, in SI units.",
-        )
+        yield "\n# Numbers estimated without a standard error: as far as the data limit them, in SI units."
         yield "[intervals]"
         for label, ends in robot.intervals.items():
-            yield f"{toml_string(label)} = [{', '.join(repr(float(end)) for end in ends)}]"
+            yield toml_line(toml_string(label), [float(end) for end in ends])
     if correlation.of:
-        yield from ("", "# Correlations of the errors of numbers identified together.")
-        yield "[correlation]"
-        yield from ("of = [", *(f"    {toml_string(label)}," for label in correlation.of), "]")
-        rows = (", ".join(repr(float(one)) for one in row) for row in correlation.lower)
-        yield from ("lower = [", *(f"    [{row}]," for row in rows), "]")
-
-
-def _identification(tables: Mapping[str, object]) -> IdentificationTables:
-    """Return what the tables of an identification in a file state.
-
-    Raises
-    ------
-    InputError
-        If they are not tables of lists of names and numbers.
-    """
-    try:
-        return IdentificationTables.model_validate(dict(tables))
-    except ValidationError as error:
-        key = ".".join(str(part) for part in error.errors()[0]["loc"])
-        raise InputError(
-            f"{key} is not as it must be: in [correlation] of is a list of names in quotes, lower a list of rows of "
-            "numbers and standard_errors a list of numbers; in [intervals] each number has its two ends; in "
-            "[identified_from] rows is a list of texts."
-        ) from None
+        yield "\n# Correlations of the errors of numbers identified together."
+        yield from ("[correlation]\nof = [", *(f"    {toml_string(label)}," for label in correlation.of), "]")
+        rows = ([float(one) for one in row] for row in correlation.lower)
+        yield from ("lower = [", *(f"    {toml_value(row)}," for row in rows), "]")
 
 
 def _lines(robot: RobotValues, table: str) -> Iterator[str]:
@@ -301,7 +246,7 @@ def _written(values: Sequence[Value], parameter: Parameter) -> tuple[list[str], 
     """Return values as texts and their unit: the file's unit where all read back exactly, else SI."""
     if parameter.shape == "whole number":
         return [str(value) for value in values], parameter.unit
-    numbers = [[float(one) for one in (value if isinstance(value, tuple) else (value,))] for value in values]
+    numbers = [[float(one) for one in numbers_of(value)] for value in values]
     converted = [[from_si(one, parameter.written_in, parameter.unit) for one in row] for row in numbers]
     exact = all(None not in row for row in converted)
     texts = [[repr(one) for one in row] for row in (converted if exact else numbers)]
@@ -332,8 +277,7 @@ def _nearest(key: str, table: str) -> str:
 
 def _fields(leaves: Mapping[str, object], stated: IdentificationTables) -> dict[str, object]:
     """Return the values of a robot's fields by dotted name, in SI units."""
-    name = _text(leaves, "name")
-    inertia_about = _inertia_point(_text(leaves, "body.inertia.about"))
+    name, about = _text(leaves, "name"), _text(leaves, "body.inertia.about")
     values: dict[str, Value] = {}
     sources: dict[str, str] = {}
     deviations: dict[str, Value] = {}
@@ -350,17 +294,10 @@ def _fields(leaves: Mapping[str, object], stated: IdentificationTables) -> dict[
         if entry.standard_deviation is not None:
             deviations[parameter.name] = entry.standard_deviation
     together = stated.correlation
-    joint = dict(zip(together.of, together.standard_errors, strict=False))
-    for key, size in deviations.items():
-        each = [
-            joint.get(f"{key}[{i}]", 0.0) or one
-            for i, one in enumerate(size if isinstance(size, tuple) else ())
-        ]
-        deviations[key] = tuple(each) if isinstance(size, tuple) else joint.get(key, 0.0) or size
     return {
         **values,
         "name": name,
-        "body.inertia_about": inertia_about,
+        "body.inertia_about": about,
         "sources": sources,
         "standard_deviations": deviations,
         "correlation.of": tuple(together.of),
@@ -382,11 +319,3 @@ def _text(leaves: Mapping[str, object], name: str) -> str:
 def _place(name: str) -> str:
     table = name.rpartition(".")[0]
     return f"under [{table}]" if table else "at the top of the file"
-
-
-def _inertia_point(about: str) -> InertiaPoint:
-    if about == "ball_center":
-        return "ball_center"
-    if about == "center_of_mass":
-        return "center_of_mass"
-    raise InputError(f'body.inertia.about is {about!r}; write "ball_center" or "center_of_mass".')

@@ -19,7 +19,7 @@ from functools import cache
 from operator import attrgetter
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, either
 
 T = TypeVar("T")
 
@@ -70,37 +70,20 @@ class Parameter:
 
 
 def parameter(
-    meaning: str,
+    meaning: str,  # symbol and meaning, as a robot file and the documentation show them
     *,
-    unit: str = DIMENSIONLESS,
-    written_in: str | None = None,
+    unit: str = DIMENSIONLESS,  # SI unit that the field holds; one of `UNITS`
+    written_in: str | None = None,  # unit that files are written in; the SI unit if not given
+    # smallest allowed value; -inf if it may be negative. If not given, the value must be above zero.
     least: float | None = None,
-    most: float = math.inf,
+    most: float = math.inf,  # largest magnitude of any ball-balancing robot [SI units]
+    # least and greatest value of robots of 5 to 50 kg [SI units]: the bounds of an estimate
     usual: tuple[float, float] = (-math.inf, math.inf),
-    source: str = "assumed",
+    source: str = "assumed",  # source of a value that states none
+    # whether files are written without a value that is the field's default and has no source of its own
     written: Literal["always", "if changed"] = "always",
 ) -> Mapping[str, object]:
-    """Return the metadata of a field that is a robot parameter.
-
-    Parameters
-    ----------
-    meaning : str
-        Symbol and meaning, as a robot file and the documentation show them.
-    unit : str
-        SI unit that the field holds; one of `UNITS`.
-    written_in : str, optional
-        Unit that files are written in; the SI unit if not given.
-    least : float, optional
-        Smallest allowed value; -inf if it may be negative. If not given, the value must be above zero.
-    most : float
-        Largest magnitude of any ball-balancing robot [SI units].
-    usual : (float, float), optional
-        Least and greatest value of robots of 5 to 50 kg [SI units]: the bounds of an estimate.
-    source : str
-        Source of a value that states none.
-    written : {"always", "if changed"}
-        Whether files are written without a value that is the field's default and has no source of its own.
-    """
+    """Return the metadata of a field that is a robot parameter."""
     stated = Parameter(
         meaning=meaning,
         unit=unit,
@@ -120,15 +103,12 @@ def components(heading: str, parts: Mapping[str, Mapping[str, object]]) -> Mappi
     return {"heading": heading, "components": parts}
 
 
-def table(heading: str, *, example: object = None) -> Mapping[str, object]:
-    """Return the metadata of a field that is a table of a file; the heading stands above it as a comment.
-
-    Parameters
-    ----------
-    heading : str
-    example : dataclass, optional
-        What a file shows commented out if the table is off.
-    """
+def table(
+    heading: str,
+    *,
+    example: object = None,  # what a file shows commented out if the table is off
+) -> Mapping[str, object]:
+    """Return the metadata of a field that is a table of a file; the heading stands above it as a comment."""
     return {"heading": heading, "example": example}
 
 
@@ -136,13 +116,13 @@ def table(heading: str, *, example: object = None) -> Mapping[str, object]:
 def parameters_of(kind: type) -> tuple[Parameter, ...]:
     """Return the parameters of a dataclass and of the dataclasses in it, in the order of a file."""
     # TOML wants what stands in no table at the top
-    return tuple(sorted(_parameters(kind, ""), key=lambda one: bool(one.table)))
+    return tuple(sorted(_parameters(kind), key=lambda one: bool(one.table)))
 
 
 @cache
 def headings_of(kind: type) -> dict[str, str]:
     """Return the heading of each table of a dataclass, by its dotted name and in the order of a robot file."""
-    return dict(_headings(kind, ""))
+    return {name: one.metadata["heading"] for name, one, _ in _walk(kind) if "heading" in one.metadata}
 
 
 def value_of(record: object, one: Parameter) -> Value:
@@ -151,18 +131,18 @@ def value_of(record: object, one: Parameter) -> Value:
     return value if one.place is None else value[one.place]
 
 
-def build(kind: Callable[..., T], values: Mapping[str, object], *, place: str = "") -> T:
-    """Return a dataclass of values by dotted names; a parameter without a value gets the field's default.
+def numbers_of(value: Value) -> tuple[float, ...]:
+    """Return a value's numbers: one, or one for each wheel."""
+    return value if isinstance(value, tuple) else (value,)
 
-    Parameters
-    ----------
-    kind : type
-        The dataclass.
-    values : mapping of str to object
-        Of parameters by their names; of other fields by their dotted field names.
-    place : str
-        What stands before the names of this dataclass's fields, such as "ball.".
-    """
+
+def build(
+    kind: Callable[..., T],  # the dataclass
+    values: Mapping[str, object],  # of parameters by their names; of other fields by their dotted field names
+    *,
+    place: str = "",  # what stands before the names of this dataclass's fields, such as "ball."
+) -> T:
+    """Return a dataclass of values by dotted names; a parameter without a value gets the field's default."""
     assert isinstance(kind, type)
     hints, arguments = _hints(kind), dict[str, object]()
     for one in _fields(kind):
@@ -186,10 +166,17 @@ def _hints(kind: type) -> dict[str, Any]:
     return get_type_hints(kind)
 
 
-def _parameters(kind: type, place: str) -> Iterator[Parameter]:
-    hints = _hints(kind)
+def _walk(kind: type, place: str = "") -> Iterator[tuple[str, Field[object], Any]]:
+    """Yield dotted name, field and type of each field of a dataclass and of the dataclasses in it."""
     for one in _fields(kind):
-        name, hint = f"{place}{one.name}", hints[one.name]
+        name, hint = f"{place}{one.name}", _hints(kind)[one.name]
+        yield name, one, hint
+        if below := _table_of(hint):
+            yield from _walk(below, f"{name}.")
+
+
+def _parameters(kind: type) -> Iterator[Parameter]:
+    for name, one, hint in _walk(kind):
         if "components" in one.metadata:
             for index, (key, metadata) in enumerate(one.metadata["components"].items()):
                 yield replace(metadata["parameter"], name=f"{name}.{key}", field=name, place=index)
@@ -197,8 +184,6 @@ def _parameters(kind: type, place: str) -> Iterator[Parameter]:
             default = None if one.default is MISSING else one.default
             stated = one.metadata["parameter"]
             yield replace(stated, name=name, field=name, shape=_shape(hint), default=default)
-        elif below := _table_of(hint):
-            yield from _parameters(below, f"{name}.")
 
 
 def _shape(hint: object) -> Shape:
@@ -215,16 +200,6 @@ def _table_of(hint: object) -> type | None:
         return hint
     found = [one for one in map(_table_of, get_args(hint)) if one]
     return found[0] if len(found) == 1 else None
-
-
-def _headings(kind: type, place: str) -> Iterator[tuple[str, str]]:
-    hints = get_type_hints(kind)
-    for one in _fields(kind):
-        hint = hints[one.name]
-        if "heading" in one.metadata:
-            yield f"{place}{one.name}", one.metadata["heading"]
-        if below := _table_of(hint):
-            yield from _headings(below, f"{place}{one.name}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,10 +246,7 @@ UNITS: Mapping[str, Mapping[str, Scale]] = {
 def to_si(value: float, unit: str, si_unit: str) -> float:
     """Return a value given in `unit` as a value in `si_unit`.
 
-    Raises
-    ------
-    InputError
-        If `unit` is not one that `si_unit` can be written in.
+    InputError if `unit` is not one that `si_unit` can be written in.
     """
     scale = _scale(unit, si_unit)
     return _shifted(value, scale.exponent) * scale.factor
@@ -303,10 +275,6 @@ def _scale(unit: str, si_unit: str) -> Scale:
     known = UNITS[si_unit]
     spelled = unit.replace("²", "^2").replace("·", " ").replace("°", "deg").strip()
     if spelled not in known:
-        raise InputError(f"the unit {unit!r} is not known here; write {_either(list(known))}")
+        quoted = either(f'"{one}"' for one in known)
+        raise InputError(f"the unit {unit!r} is not known here; write {quoted}")
     return known[spelled]
-
-
-def _either(names: list[str]) -> str:
-    quoted = [f'"{name}"' for name in names]
-    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} or {quoted[-1]}"

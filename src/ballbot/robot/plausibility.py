@@ -1,494 +1,331 @@
 """Whether a robot's numbers go together: sizes, masses, inertias, motors and rates against one another.
 
-`ballbot.robot.checks` refuses impossible robots. These checks find possible but improbable ones, each a finding: an
-error where a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is unusual. The
-ranges are wide: the presets, published robots of 0.6 to 52 kg, lie well within them. A slip of units is searched for
-among the parameters of each error, and named if it explains the error.
+`ballbot.robot.checks` refuses impossible robots. The table `_CHECKS` finds possible but improbable ones, each a
+finding: an error where a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is
+unusual. The ranges are wide: the presets, published robots of 0.6 to 52 kg, lie well within them.
+
+A slip of units is searched for among the parameters of each error: one parameter that, had it been meant in another
+unit, explains the findings on a robot.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import replace
-from itertools import chain
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
-from ballbot.errors import every
-from ballbot.findings import Finding, Place, Severity, by_severity
+from ballbot.errors import InputError, every
+from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.robot.components import BY_NAME, PARAMETERS
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
-from ballbot.robot.parameters import value_of
-from ballbot.robot.robot import Robot
-from ballbot.robot.variations import likeliest_slip, with_unit
+from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Value, numbers_of, to_si, value_of
+from ballbot.robot.robot import Robot, with_values
 
 Range = tuple[float, float]
 
-#: [m/s^2], from the equator to the poles with a margin
-_GRAVITY_ON_EARTH: Range = (9.7, 9.9)
-#: a body of rods and plates rocks about its centre of mass like a mass at this fraction of l from it
-_GYRATION_USUAL, _GYRATION_POSSIBLE = (0.15, 1.2), (0.04, 2.5)
+
+@dataclass(frozen=True)
+class _Check:
+    """What a number that follows from a robot's parameters is on robots."""
+
+    code: str  #: of its findings, after "robot-"
+    names: str  #: of the parameters that the sentence shows, with blanks between
+    usual: Range
+    possible: Range  #: a value beyond is an error
+    meaning: str = ""  #: the number in words, {} for itself; empty if it is the parameter's own
 
 
-def robot_findings(robot: Robot) -> tuple[Finding, ...]:
+_ANY = (-math.inf, math.inf)
+_CHECKS = {
+    # from the equator to the poles with a margin; from the Moon to Jupiter
+    "gravity": _Check("gravity", "gravity", (9.7, 9.9), (1.5, 26.0)),
+    # a basketball has 84 kg/m^3, a bowling ball 1300; an inflated film and solid steel are possible
+    "density": _Check(
+        "ball", "ball.radius ball.mass", (30.0, 2500.0), (5.0, 9000.0), "a mean density of {} kg/m^3"
+    ),
+    "ball.radius": _Check("ball", "ball.radius", (0.03, 0.5), (0.01, 1.0)),
+    "body_over_ball": _Check(
+        "ball", "ball.mass body.mass", (0.7, 100.0), (0.1, 1000.0), "the body weighs {} times the ball"
+    ),
+    "height": _Check(
+        "body", "body.center_of_mass ball.radius", (1.2, 10.0), (1.0, 25.0), "{} ball radii above its centre"
+    ),
+    # a body of rods and plates rocks about its centre of mass like a mass at this fraction of l from it
+    **{
+        f"gyration_{axis}": _Check(
+            "body",
+            f"body.mass body.center_of_mass body.inertia.{axis}",
+            (0.15, 1.2),
+            (0.04, 2.5),
+            "the radius of gyration about the centre of mass is {} times that height",
+        )
+        for axis in ("xx", "yy")
+    },
+    "gyration_zz": _Check(
+        "body",
+        "body.inertia.zz body.mass ball.radius",
+        (0.2, 4.0),
+        (0.05, 12.0),
+        "the body's mass lies {} ball radii from its vertical axis",
+    ),
+    "inequality": _Check(
+        "body",
+        "body.inertia.xx body.inertia.yy",
+        (1.0, 3.0),
+        (1.0, 40.0),
+        "about the centre of mass they differ {} times; check that xx, yy and zz are in their order",
+    ),
+    "product": _Check(
+        "body",
+        "body.inertia.xy body.inertia.xz body.inertia.yz",
+        (0.0, 0.5),
+        _ANY,
+        "one is {} of the largest that the moments allow",
+    ),
+    "wheel_over_ball": _Check(
+        "wheels",
+        "wheels.radius ball.radius",
+        (0.15, 0.9),
+        (0.03, 1.5),
+        "a wheel has {} times the ball's radius",
+    ),
+    "tilt": _Check("wheels", "wheels.tilt", (25.0, 65.0), (10.0, 80.0), "{} deg from the ball's zenith"),
+    "gap": _Check(
+        "wheels", "wheels.azimuths", (0.6, 1.01), (0.25, 1.01), "two wheels are {} of an even spacing apart"
+    ),
+    "crowding": _Check(
+        "wheels",
+        "wheels.radius wheels.tilt wheels.azimuths ball.radius",
+        (0.0, 1.0),
+        (0.0, 1.0),
+        "neighbouring wheels cut into each other, with {} times the radius at which they touch",
+    ),
+    "roller": _Check(
+        "wheels", "wheels.rollers.radius wheels.radius", (0.0, 0.35), (0.0, 0.525), "{} of the wheel's radius"
+    ),
+    "spacing": _Check(
+        "wheels",
+        "wheels.rollers.row_spacing wheels.radius",
+        (0.0, 1.0),
+        (0.0, 1.5),
+        "{} of the wheel's radius",
+    ),
+    "wheels.rollers.per_row": _Check("wheels", "wheels.rollers.per_row", (4.0, 60.0), (3.0, 1000.0)),
+    "rims": _Check(
+        "wheels",
+        "wheels.inertia wheels.radius body.mass",
+        (1e-4, 1.0),
+        (0.0, 2.0),
+        "even with all their mass at the rim, the wheels would weigh {} times the body with its wheels",
+    ),
+    "drive.gear_ratio": _Check(
+        "drive", "drive.gear_ratio", (1.0, 200.0), (0.8, 600.0), "{} motor turns for a wheel turn"
+    ),
+    "rotor": _Check(
+        "drive",
+        "drive.gear_ratio drive.motor_inertia drive.gear_inertia wheels.inertia",
+        (0.0, 0.5),
+        (0.0, 3.0),
+        "on the ball, a rotor and its wheel have {} times the body's inertia",
+    ),
+    "rim_speed": _Check(
+        "drive",
+        "drive.supply_voltage drive.speed_constant drive.gear_ratio wheels.radius",
+        (0.2, 25.0),
+        (0.05, 100.0),
+        "the wheels reach {} m/s at their rim",
+    ),
+    "current": _Check(
+        "drive",
+        "drive.torque_limit drive.torque_constant drive.gear_ratio",
+        (0.2, 120.0),
+        (0.02, 600.0),
+        "takes {} A",
+    ),
+    "drive.supply_voltage": _Check("drive", "drive.supply_voltage", (3.0, 120.0), (0.5, 800.0)),
+    "play": _Check("drive", "drive.backlash", (0.0, 5.0), _ANY, "{} deg at the wheel"),
+    "lean": _Check(
+        "balance",
+        "drive.torque_limit body.mass body.center_of_mass",
+        (2.0, 90.0),
+        (0.5, 90.0),
+        "holds a lean of {} deg",
+    ),
+    "fall": _Check(
+        "balance",
+        "sensors.sample_time",
+        (0.0, 0.15),
+        (0.0, 0.5),
+        "{} of the time in which the body falls e-fold",
+    ),
+    "sensors.sample_time": _Check("sensors", "sensors.sample_time", (2e-4, 1.0), (2e-5, 1.0)),
+    "encoder_step": _Check(
+        "sensors",
+        "sensors.encoder_counts drive.gear_ratio",
+        (1e-7, 0.05),
+        (1e-12, 1.0),
+        "{} rad of the wheel a count",
+    ),
+    # of poor sensors; more was meant in degrees
+    "sensors.gyro_noise": _Check("sensors", "sensors.gyro_noise", (0.0, 0.1), _ANY, "was it meant in deg/s?"),
+    "sensors.attitude_noise": _Check("sensors", "sensors.attitude_noise", (0.0, 0.03), _ANY, "in degrees?"),
+    "sensors.heading_drift": _Check("sensors", "sensors.heading_drift", (-0.1, 0.1), _ANY, "in deg/s?"),
+    "dry_friction": _Check(
+        "friction",
+        "friction.coulomb friction.stribeck drive.torque_limit",
+        (0.0, 0.5),
+        (0.0, 0.999),
+        "a wheel's dry friction c + s takes {} of the motor's largest torque",
+    ),
+    "viscous_speed": _Check(
+        "friction",
+        "friction.viscous drive.torque_limit",
+        (0.3, math.inf),
+        (0.03, math.inf),
+        "against viscous friction alone a wheel's rim reaches {} m/s",
+    ),
+    "friction.rolling": _Check(
+        "friction",
+        "friction.rolling",
+        BY_NAME["friction.rolling"].usual,
+        (0.0, 0.6),
+        "it brakes as a floor that rises by {} in 1",
+    ),
+    **{
+        name: _Check("friction", name, BY_NAME[name].usual, (1e-9, math.inf))
+        for name in ("friction.stribeck_speed", "friction.stribeck_exponent")
+    },
+}
+
+
+def _of_body(robot: Robot) -> dict[str, float]:
+    """Return the numbers of `_CHECKS` that follow from ball and body."""
+    ball, body = robot.ball, robot.body
+    central = body.inertia_about_center_of_mass()
+    moments = np.diag(central)
+    xx, yy, zz = (math.sqrt(max(float(moment), 0.0) / body.mass) for moment in moments)
+    products = np.abs(central - np.diag(moments)) / np.sqrt(np.outer(moments, moments))
+    inertia = float(np.diag(body.inertia_about_ball_center())[:2].max())
+    weight = body.mass * robot.gravity * body.center_of_mass
+    # (r_b / r_w) cos(tilt) sum |cos(beta - direction)| u, at its least over directions
+    directions = np.linspace(0.0, math.pi, 61)[:, None]
+    strongest = np.abs(np.cos(np.array(robot.wheels.azimuths) - directions)).sum(axis=1).min()
+    lever = ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
+    held = float(strongest) * lever * robot.drive.torque_limit
+    return {
+        "density": ball.mass / (4.0 / 3.0 * math.pi * ball.radius**3),
+        "body_over_ball": body.mass / ball.mass,
+        "height": body.center_of_mass / ball.radius,
+        "gyration_xx": xx / body.center_of_mass,
+        "gyration_yy": yy / body.center_of_mass,
+        "gyration_zz": zz / ball.radius,
+        "inequality": float(moments[:2].max() / moments[:2].min()),
+        "product": float(products.max()),
+        "lean": math.degrees(math.asin(min(1.0, held / weight))),
+        "fall": robot.sensors.sample_time * math.sqrt(weight / inertia),
+    }
+
+
+def _of_wheels(robot: Robot) -> dict[str, float]:
+    """Return those that follow from the wheels and their places."""
+    wheels, ball = robot.wheels, robot.ball
+    azimuths = np.sort(np.mod(wheels.azimuths, 2.0 * math.pi))
+    gap = float(np.diff(np.append(azimuths, azimuths[0] + 2.0 * math.pi)).min())
+    room = (ball.radius + wheels.radius) * math.sin(wheels.tilt) * math.tan(0.5 * min(gap, 3.0))
+    return {
+        "wheel_over_ball": wheels.radius / ball.radius,
+        "tilt": math.degrees(wheels.tilt),
+        "gap": gap * robot.wheel_count / (2.0 * math.pi),
+        "crowding": wheels.radius / room,
+        "roller": wheels.rollers.radius / wheels.radius,
+        "spacing": wheels.rollers.row_spacing / wheels.radius,
+        # without inertia, wheels are light
+        "rims": robot.wheel_count * wheels.inertia / wheels.radius**2 / robot.body.mass or math.nan,
+    }
+
+
+def _of_drive(robot: Robot) -> dict[str, float]:
+    """Return those that follow from motors, sensors and friction."""
+    drive, wheels, friction = robot.drive, robot.wheels, robot.friction
+    reflected = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
+    on_ball = (reflected + wheels.inertia) * (robot.ball.radius / wheels.radius) ** 2
+    fastest = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
+    return {
+        "rotor": on_ball / float(np.diag(robot.body.inertia_about_ball_center())[:2].min()),
+        "rim_speed": fastest * wheels.radius,
+        "current": drive.torque_limit / (drive.gear_ratio * drive.torque_constant),
+        "play": math.degrees(drive.backlash),
+        "encoder_step": encoder_step(
+            encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio
+        ),
+        "dry_friction": max(friction.breakaway) / drive.torque_limit,
+        "viscous_speed": drive.torque_limit / max(max(friction.viscous), 1e-300) * wheels.radius,
+    }
+
+
+def _of_table(robot: Robot) -> Iterator[Finding]:
+    """Yield a finding for each number that is beyond what robots have."""
+    own = {name: attrgetter(name)(robot) for name in _CHECKS if name in BY_NAME}
+    if not any(robot.friction.stribeck):  # the speed and the exponent of a term that no wheel has
+        own |= {"friction.stribeck_speed": math.nan, "friction.stribeck_exponent": math.nan}
+    numbers = own | _of_body(robot) | _of_wheels(robot) | _of_drive(robot)
+    for key, check in _CHECKS.items():
+        value, (least, most), names = numbers[key], check.usual, check.names.split()
+        if math.isnan(value) or least <= value <= most:
+            continue
+        said = every(f"{name} {_with_unit(name, value_of(robot, BY_NAME[name]))}" for name in names)
+        meaning = f": {check.meaning.format(f'{value:.3g}')}" if check.meaning else ""
+        usual = f"{least:g} to {most:g}" if math.isfinite(most) else f"{least:g} or more"
+        found = warning if check.possible[0] <= value <= check.possible[1] else error
+        yield found(f"robot-{check.code}", f"{said}{meaning} (usual: {usual}).", *names)
+
+
+def robot_findings(robot: Robot, *, file: str = "") -> tuple[Finding, ...]:
     """Return the unusual and impossible values of a robot as findings, errors first.
 
     Parameters
     ----------
     robot : Robot
         One that `ballbot.robot.checks` has passed.
+    file : str
+        The place of the findings, for messages that are about files as well.
 
     Returns
     -------
     tuple of Finding
         The place's columns name the parameters.
     """
-    findings = list(_findings(robot))
+    findings = _findings(robot)
     errors = [one for one in findings if one.severity == "error"]
-    slip = likeliest_slip(robot, errors, _findings) if errors else None
+    slip = _likeliest_slip(robot, errors) if errors else None
 
-    def with_remedy(finding: Finding) -> Finding:
-        if finding.severity != "error":
-            return finding
-        meant = f"Did you mean {slip.words}?" if slip and slip.mends(finding) else ""
-        return replace(finding, text=f"{finding.text} {meant or f'Check {every(finding.where.columns)}.'}")
-
-    return by_severity(map(with_remedy, findings))
-
-
-def named_robot_findings(robot: Robot) -> tuple[Finding, ...]:
-    """Return `robot_findings` with the robot's name as their place, for messages that are about files as well."""
-    name = f"robot {robot.name}"
-    return tuple(replace(one, where=replace(one.where, file=name)) for one in robot_findings(robot))
-
-
-def _findings(robot: Robot) -> Iterator[Finding]:
-    yield from chain(
-        _of_gravity(robot),
-        _of_ball(robot),
-        _of_body(robot),
-        _of_moments(robot),
-        _of_wheel_places(robot),
-        _of_rollers(robot),
-        _of_wheel_inertia(robot),
-        _of_gear(robot),
-        _of_motor(robot),
-        _of_balance(robot),
-        _of_sensors(robot),
-        _of_friction(robot),
-        _of_deviations(robot),
-    )
-
-
-def _within(
-    code: str, names: tuple[str, ...], text: str, value: float, *, usual: Range, possible: Range
-) -> Iterator[Finding]:
-    """Yield an error if a value is outside the possible range, a warning if it is outside the usual one."""
-    if usual[0] <= value <= usual[1]:
-        return
-    severity: Severity = "warning" if possible[0] <= value <= possible[1] else "error"
-    yield Finding(code=code, severity=severity, text=text, where=Place(columns=names))
-
-
-def _said(robot: Robot, *names: str) -> str:
-    """Return "body.mass 17.1 kg and wheels.radius 0.063 m"."""
-    return every([f"{name} {with_unit(BY_NAME[name], value_of(robot, BY_NAME[name]))}" for name in names])
-
-
-def _usual(name: str) -> str:
-    """Return the usual values of a parameter: "0.1 to 3"."""
-    least, most = BY_NAME[name].usual
-    return f"{least:g} to {most:g}"
-
-
-def _of_gravity(robot: Robot) -> Iterator[Finding]:
-    text = f"gravity is {robot.gravity:g} m/s^2; on Earth it is 9.78 to 9.83."
-    yield from _within(
-        "robot-gravity",
-        ("gravity",),
-        text,
-        robot.gravity,
-        usual=_GRAVITY_ON_EARTH,
-        possible=(1.5, 26.0),  # from the Moon to Jupiter
-    )
-
-
-def _of_ball(robot: Robot) -> Iterator[Finding]:
-    ball = robot.ball
-    density = ball.mass / (4.0 / 3.0 * math.pi * ball.radius**3)
-    names = ("ball.radius", "ball.mass")
-    yield from _within(
-        "robot-ball",
-        names,
-        f"{_said(robot, *names)} give the ball a mean density of {density:.3g} kg/m^3; "
-        "a basketball has 84, a bowling ball 1300.",
-        density,
-        usual=(30.0, 2500.0),
-        possible=(5.0, 9000.0),  # an inflated film; solid steel
-    )
-    yield from _within(
-        "robot-ball",
-        ("ball.radius",),
-        f"{_said(robot, 'ball.radius')} is unusual; balls of ballbots measure 0.05 to 0.3 m.",
-        ball.radius,
-        usual=(0.03, 0.5),
-        possible=(0.01, 1.0),
-    )
-    yield from _within(
-        "robot-ball",
-        ("ball.mass", "body.mass"),
-        f"{_said(robot, 'body.mass', 'ball.mass')}: the body weighs {robot.body.mass / ball.mass:.3g} times the ball.",
-        robot.body.mass / ball.mass,
-        usual=(0.7, 100.0),
-        possible=(0.1, 1000.0),
-    )
-
-
-def _of_body(robot: Robot) -> Iterator[Finding]:
-    body, radius = robot.body, robot.ball.radius
-    names = ("body.center_of_mass", "ball.radius")
-    height = body.center_of_mass / radius
-    if height <= 1.0:
-        text = (
-            f"{_said(robot, *names)}: the body's centre of mass would lie inside the ball, and l counts from the "
-            "ball's centre."
-        )
-    else:
-        text = (
-            f"{_said(robot, *names)}: the body's centre of mass would lie {height:.3g} ball radii above the ball's "
-            "centre."
-        )
-    yield from _within("robot-body", names, text, height, usual=(1.2, 10.0), possible=(1.0, 25.0))
-    names = ("body.mass", "body.center_of_mass", "body.inertia.xx", "body.inertia.yy")
-    for axis, moment in zip("xy", np.diag(body.inertia_about_center_of_mass())[:2], strict=True):
-        gyration = math.sqrt(max(float(moment), 0.0) / body.mass)
-        fraction = gyration / body.center_of_mass
-        text = (
-            f"body.inertia about the centre of mass, {float(moment):.3g} kg m^2 about {axis}, and "
-            f"{_said(robot, 'body.mass', 'body.center_of_mass')} do not go together: the radius of gyration is "
-            f"{gyration:.3g} m, {fraction:.2g} of that height, where robots have 0.3 to 0.9."
-        )
-        found = list(
-            _within("robot-body", names, text, fraction, usual=_GYRATION_USUAL, possible=_GYRATION_POSSIBLE)
-        )
-        if found:
-            yield from found
-            return
-
-
-def _of_moments(robot: Robot) -> Iterator[Finding]:
-    body = robot.body
-    central = body.inertia_about_center_of_mass()
-    xx, yy, zz = (float(one) for one in np.diag(central))
-    ratio = math.sqrt(zz / body.mass) / robot.ball.radius
-    yield from _within(
-        "robot-body",
-        ("body.inertia.zz", "body.mass", "ball.radius"),
-        f"{_said(robot, 'body.inertia.zz', 'body.mass')}: the body's mass would lie {ratio:.2g} ball radii from its "
-        "vertical axis, where robots have 0.6 to 1.",
-        ratio,
-        usual=(0.2, 4.0),
-        possible=(0.05, 12.0),
-    )
-    yield from _within(
-        "robot-body",
-        ("body.inertia.xx", "body.inertia.yy"),
-        f"The body's inertias about the centre of mass about x and y, {xx:.3g} and {yy:.3g} kg m^2, differ "
-        f"{max(xx, yy) / min(xx, yy):.3g} times; check whether xx, yy and zz are in their order.",
-        max(xx, yy) / min(xx, yy),
-        usual=(1.0, 3.0),
-        possible=(1.0, 40.0),
-    )
-    products = np.abs(central - np.diag(np.diag(central))) / np.sqrt(np.outer([xx, yy, zz], [xx, yy, zz]))
-    if products.max() > 0.5:
-        names = ("body.inertia.xy", "body.inertia.xz", "body.inertia.yz")
-        text = (
-            f"A product of inertia is {products.max():.2g} of the largest that the moments allow; a robot that "
-            "stands upright has small ones."
-        )
-        yield Finding(code="robot-body", severity="warning", text=text, where=Place(columns=names))
-
-
-def _of_wheel_places(robot: Robot) -> Iterator[Finding]:
-    wheels, ball = robot.wheels, robot.ball
-    names = ("wheels.radius", "ball.radius")
-    yield from _within(
-        "robot-wheels",
-        names,
-        f"{_said(robot, *names)}: the wheels' radius is {wheels.radius / ball.radius:.3g} of the ball's, where robots "
-        "have 0.3 to 0.6.",
-        wheels.radius / ball.radius,
-        usual=(0.15, 0.9),
-        possible=(0.03, 1.5),
-    )
-    tilt = math.degrees(wheels.tilt)
-    yield from _within(
-        "robot-wheels",
-        ("wheels.tilt",),
-        f"wheels.tilt is {tilt:.3g} deg ({wheels.tilt:.3g} rad) from the ball's zenith; robots have 40 to 55 deg.",
-        tilt,
-        usual=(25.0, 65.0),
-        possible=(10.0, 80.0),
-    )
-    azimuths = np.sort(np.mod(wheels.azimuths, 2.0 * math.pi))
-    gaps = np.diff(np.append(azimuths, azimuths[0] + 2.0 * math.pi))
-    least = math.degrees(float(gaps.min()))
-    even = 360.0 / robot.wheel_count
-    yield from _within(
-        "robot-wheels",
-        ("wheels.azimuths",),
-        f"{_said(robot, 'wheels.azimuths')}: two wheels are {least:.3g} deg apart, where {robot.wheel_count} wheels "
-        f"placed evenly are {even:g} deg apart.",
-        least / even,
-        usual=(0.6, 1.01),
-        possible=(0.25, 1.01),
-    )
-    room = (ball.radius + wheels.radius) * math.sin(wheels.tilt) * math.tan(0.5 * min(float(gaps.min()), 3.0))
-    if wheels.radius >= room:
-        names = ("wheels.radius", "wheels.tilt", "wheels.azimuths", "ball.radius")
-        text = (
-            f"{_said(robot, 'wheels.radius', 'wheels.tilt')}: neighbouring wheels would cut into each other; on this "
-            f"ball their radius must be below {room:.3g} m."
-        )
-        yield Finding(code="robot-wheels", severity="error", text=text, where=Place(columns=names))
-
-
-def _of_rollers(robot: Robot) -> Iterator[Finding]:
-    wheels, rollers = robot.wheels, robot.wheels.rollers
-    for name, size, most in (
-        ("wheels.rollers.radius", rollers.radius, 0.35),
-        ("wheels.rollers.row_spacing", rollers.row_spacing, 1.0),
-    ):
-        text = (
-            f"{_said(robot, name, 'wheels.radius')}: robots have {'0.1 to 0.2' if most < 1.0 else '0 to 0.5'} of the "
-            "wheel's radius."
-        )
-        yield from _within(
-            "robot-wheels",
-            (name, "wheels.radius"),
-            text,
-            size / wheels.radius,
-            usual=(0.0, most),
-            possible=(0.0, 1.5 * most),
-        )
-    per_row = rollers.per_row
-    yield from _within(
-        "robot-wheels",
-        ("wheels.rollers.per_row",),
-        f"wheels.rollers.per_row is {per_row}; omni-wheels have 5 to 20 rollers in a ring.",
-        float(per_row),
-        usual=(4.0, 60.0),
-        possible=(3.0, 1000.0),
-    )
-
-
-def _of_wheel_inertia(robot: Robot) -> Iterator[Finding]:
-    wheels = robot.wheels
-    rims = robot.wheel_count * wheels.inertia / wheels.radius**2
-    names = ("wheels.inertia", "wheels.radius", "body.mass")
-    fraction = rims / robot.body.mass
-    if fraction > 1.0:
-        text = (
-            f"{_said(robot, 'wheels.inertia', 'wheels.radius')}: {robot.wheel_count} wheels would weigh {rims:.3g} kg "
-            f"even with all their mass at the rim, more than the body with its wheels, {robot.body.mass:.3g} kg: an "
-            "inertia too large, or a radius too small."
-        )
-        yield from _within("robot-wheels", names, text, fraction, usual=(0.0, 1.0), possible=(0.0, 2.0))
-    elif 0.0 < fraction < 1e-4:
-        text = (
-            f"{_said(robot, 'wheels.inertia', 'wheels.radius')}: as discs, {robot.wheel_count} wheels would weigh "
-            f"{2e3 * rims:.2g} g of the body's {robot.body.mass:.3g} kg."
-        )
-        yield Finding(code="robot-wheels", severity="warning", text=text, where=Place(columns=names))
-
-
-def _of_gear(robot: Robot) -> Iterator[Finding]:
-    drive, wheels = robot.drive, robot.wheels
-    n = drive.gear_ratio
-    yield from _within(
-        "robot-drive",
-        ("drive.gear_ratio",),
-        f"drive.gear_ratio is {n:g} motor turns for a wheel turn; robots have 1 to 100."
-        + (f" Did you mean its inverse, {1.0 / n:.4g}?" if n < 1.0 else ""),
-        n,
-        usual=(1.0, 200.0),
-        possible=(0.8, 600.0),
-    )
-    reflected = reflected_rotor_inertia(
-        gear_ratio=n, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
-    on_ball = (reflected + wheels.inertia) * (robot.ball.radius / wheels.radius) ** 2
-    body = float(np.diag(robot.body.inertia_about_ball_center())[:2].min())
-    names = ("drive.gear_ratio", "drive.motor_inertia", "drive.gear_inertia", "wheels.inertia")
-    yield from _within(
-        "robot-drive",
-        names,
-        f"{_said(robot, 'drive.gear_ratio', 'drive.motor_inertia', 'wheels.inertia')}: a rotor and its wheel weigh on "
-        f"the ball with {on_ball:.3g} kg m^2, {on_ball / body:.2g} times the body's inertia of {body:.3g} kg m^2 "
-        "about the ball's centre; robots have 0.0003 to 0.2.",
-        on_ball / body,
-        usual=(0.0, 0.5),
-        possible=(0.0, 3.0),
-    )
-
-
-def _of_motor(robot: Robot) -> Iterator[Finding]:
-    drive = robot.drive
-    fastest = wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
-    )
-    speed = fastest * robot.wheels.radius
-    names = ("drive.supply_voltage", "drive.speed_constant", "drive.gear_ratio", "wheels.radius")
-    yield from _within(
-        "robot-drive",
-        names,
-        f"{_said(robot, *names[:3])}: the wheels turn at {fastest:.3g} rad/s at most, {speed:.3g} m/s at their rim; "
-        "robots have 0.7 to 6 m/s.",
-        speed,
-        usual=(0.2, 25.0),
-        possible=(0.05, 100.0),
-    )
-    current = drive.torque_limit / (drive.gear_ratio * drive.torque_constant)
-    names = ("drive.torque_limit", "drive.torque_constant", "drive.gear_ratio")
-    yield from _within(
-        "robot-drive",
-        names,
-        f"{_said(robot, *names)}: the largest torque takes {current:.3g} A; motors of robots take 1 to 50 A.",
-        current,
-        usual=(0.2, 120.0),
-        possible=(0.02, 600.0),
-    )
-    yield from _within(
-        "robot-drive",
-        ("drive.supply_voltage",),
-        f"drive.supply_voltage is {drive.supply_voltage:g} V; batteries of robots have 6 to 60 V.",
-        drive.supply_voltage,
-        usual=(3.0, 120.0),
-        possible=(0.5, 800.0),
-    )
-    play = math.degrees(drive.backlash)
-    if play > 5.0:
-        text = f"drive.backlash is {play:.3g} deg at the wheel; gearboxes have 0.05 to 3 deg."
-        yield Finding(
-            code="robot-drive", severity="warning", text=text, where=Place(columns=("drive.backlash",))
-        )
-
-
-def _of_balance(robot: Robot) -> Iterator[Finding]:
-    """Yield what keeps a robot from balancing at all."""
-    body = robot.body
-    lever = robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
-    # (r_b / r_w) cos(tilt) sum |cos(beta - direction)| u, at its least over directions
-    directions = np.linspace(0.0, math.pi, 61)[:, None]
-    strongest = np.abs(np.cos(np.array(robot.wheels.azimuths) - directions)).sum(axis=1).min()
-    torque = float(strongest) * lever * robot.drive.torque_limit
-    weight = body.mass * robot.gravity * body.center_of_mass
-    lean = math.degrees(math.asin(min(1.0, torque / weight)))
-    names = ("drive.torque_limit", "body.mass", "body.center_of_mass")
-    yield from _within(
-        "robot-balance",
-        names,
-        f"{_said(robot, *names)}: with all motors at their limit the body is held up to a lean of {lean:.2g} deg, too "
-        "little to balance; robots have 5 deg or more.",
-        lean,
-        usual=(2.0, 90.0),
-        possible=(0.5, 90.0),
-    )
-    inertia = float(np.diag(body.inertia_about_ball_center())[:2].max())
-    rate = math.sqrt(weight / inertia)
-    period = robot.sensors.sample_time
-    names = ("sensors.sample_time",)
-    yield from _within(
-        "robot-balance",
-        names,
-        f"sensors.sample_time is {1e3 * period:g} ms, and the body falls {rate:.3g} times e-fold in a second; a "
-        "controller that slow does not balance it. Robots have 1 to 10 ms.",
-        period * rate,
-        usual=(0.0, 0.15),
-        possible=(0.0, 0.5),
-    )
-
-
-def _of_sensors(robot: Robot) -> Iterator[Finding]:
-    sensors = robot.sensors
-    yield from _within(
-        "robot-sensors",
-        ("sensors.sample_time",),
-        f"sensors.sample_time is {sensors.sample_time:g} s; robots have 1 to 10 ms.",
-        sensors.sample_time,
-        usual=(2e-4, 1.0),
-        possible=(2e-5, 1.0),
-    )
-    step = encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
-    yield from _within(
-        "robot-sensors",
-        ("sensors.encoder_counts", "drive.gear_ratio"),
-        f"{_said(robot, 'sensors.encoder_counts', 'drive.gear_ratio')}: an encoder count is {math.degrees(step):.2g} "
-        "deg of the wheel; robots have 0.001 to 1 deg. encoder_counts are a motor turn's, not a wheel turn's.",
-        step,
-        usual=(1e-7, 0.05),
-        possible=(1e-12, 1.0),
-    )
-    largest = {"sensors.gyro_noise": 0.1, "sensors.attitude_noise": 0.03, "sensors.heading_drift": 0.1}
-    for name, limit in largest.items():
-        value = value_of(robot, BY_NAME[name])
-        assert not isinstance(value, tuple)
-        if abs(value) > limit:
-            unit = BY_NAME[name].unit
-            text = (
-                f"{name} is {value:.3g} {unit}, more than the {limit:g} of a poor sensor; did you mean {value:.3g} "
-                f"{unit.replace('rad', 'deg')}?"
+    def completed(finding: Finding) -> Finding:
+        text = finding.text
+        if finding.severity == "error":
+            meant = slip is not None and slip.mends(finding)
+            text += (
+                f" Did you mean {slip.words}?"
+                if slip and meant
+                else f" Check {every(finding.where.columns)}."
             )
-            yield Finding(code="robot-sensors", severity="warning", text=text, where=Place(columns=(name,)))
+        return replace(finding, text=text, where=replace(finding.where, file=file))
+
+    return by_severity(map(completed, findings))
 
 
-def _of_friction(robot: Robot) -> Iterator[Finding]:
-    friction, drive = robot.friction, robot.drive
-    dry = max(friction.breakaway)
-    names = ("friction.coulomb", "friction.stribeck", "drive.torque_limit")
-    yield from _within(
-        "robot-friction",
-        names,
-        f"A wheel's dry friction c + s is {dry:.3g} N m, {dry / drive.torque_limit:.2g} of drive.torque_limit, "
-        f"{drive.torque_limit:.3g} N m: the motor {'cannot' if dry >= drive.torque_limit else 'can hardly'} turn it.",
-        dry / drive.torque_limit,
-        usual=(0.0, 0.5),
-        possible=(0.0, 0.999),
-    )
-    names = ("friction.viscous", "drive.torque_limit")
-    slow = drive.torque_limit / max(max(friction.viscous), 1e-300) * robot.wheels.radius
-    yield from _within(
-        "robot-friction",
-        names,
-        f"{_said(robot, *names)}: against viscous friction alone a wheel's rim reaches {slow:.2g} m/s.",
-        slow,
-        usual=(0.3, math.inf),
-        possible=(0.03, math.inf),
-    )
-    yield from _within(
-        "robot-friction",
-        ("friction.rolling",),
-        f"friction.rolling is {friction.rolling:g}, a floor that brakes as a slope of "
-        f"{math.degrees(math.atan(friction.rolling)):.2g} deg does; balls have {_usual('friction.rolling')}.",
-        friction.rolling,
-        usual=BY_NAME["friction.rolling"].usual,
-        possible=(0.0, 0.6),
-    )
-    if max(friction.stribeck) > 0.0:
-        for name in ("friction.stribeck_speed", "friction.stribeck_exponent"):
-            value = value_of(robot, BY_NAME[name])
-            assert not isinstance(value, tuple)
-            text = f"{_said(robot, name)} is unusual; robots have {_usual(name)}."
-            usual = BY_NAME[name].usual
-            yield from _within("robot-friction", (name,), text, value, usual=usual, possible=(1e-9, math.inf))
+def _findings(robot: Robot) -> list[Finding]:
+    return [*_of_table(robot), *_exact_friction(robot), *_of_deviations(robot)]
 
 
-def _of_deviations(robot: Robot) -> Iterator[Finding]:
-    """Yield standard deviations that leave a value all but open; friction's may, after a poor identification.
-
-    Friction without any counts as exact where it is compensated.
-    """
+def _exact_friction(robot: Robot) -> Iterator[Finding]:
+    """Yield friction without a standard deviation: it counts as exact where it is compensated."""
     exact = [
         one.name
         for one in PARAMETERS
@@ -498,11 +335,12 @@ def _of_deviations(robot: Robot) -> Iterator[Finding]:
         and not (one.key.startswith("stribeck_") and not any(robot.friction.stribeck))
     ]
     if exact:
-        text = (
-            f"{every(exact)} {'has' if len(exact) == 1 else 'have'} no standard deviation: compensation takes "
-            f"{'its value' if len(exact) == 1 else 'their values'} as exact."
-        )
-        yield Finding(severity="note", code="robot-deviation", text=text, where=Place(columns=tuple(exact)))
+        text = f"No standard deviation of {every(exact)} is stated: compensation takes each value as exact."
+        yield note("robot-deviation", text, *exact)
+
+
+def _of_deviations(robot: Robot) -> Iterator[Finding]:
+    """Yield standard deviations that leave a value all but open; friction's may, after a poor identification."""
     for name, deviation in robot.standard_deviations.items():
         if name.startswith("friction.") or (name.startswith("body.inertia.") and name[-2] != name[-1]):
             continue
@@ -517,4 +355,90 @@ def _of_deviations(robot: Robot) -> Iterator[Finding]:
                 f"{name} is {values[worst]:.4g} with a standard deviation of {deviations[worst]:.4g} "
                 f"{BY_NAME[name].unit}, which leaves it open; look at its unit."
             )
-            yield Finding(code="robot-deviation", severity="warning", text=text, where=Place(columns=(name,)))
+            yield warning("robot-deviation", text, name)
+
+
+#: slip together: who has one of them in another unit has all of them in it
+_INERTIA = tuple(one.name for one in PARAMETERS if one.table == "body.inertia")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Slip:
+    """One parameter meant in another unit, and what then is left to find."""
+
+    names: tuple[str, ...]  #: the parameters that it changes
+    words: str
+    decimal: bool  #: the decimal point slipped, not the unit
+    left: Sequence[Finding]
+
+    def mends(self, finding: Finding) -> bool:
+        """Return whether the finding is gone."""
+        return all((one.code, one.where) != (finding.code, finding.where) for one in self.left)
+
+    @property
+    def rank(self) -> tuple[int, bool, int]:
+        """How many errors it leaves, whether the unit stays, how many findings it leaves; less is likelier."""
+        return sum(one.severity == "error" for one in self.left), self.decimal, len(self.left)
+
+
+def _likeliest_slip(robot: Robot, errors: Sequence[Finding]) -> _Slip | None:
+    """Return the slip of units that leaves the fewest errors, if any leaves fewer than there are."""
+    names = dict.fromkeys(name for finding in errors for name in finding.where.columns)
+    others = len(_findings(robot)) - len(errors)
+    # a slip that makes something else unusual explains nothing
+    slips = [
+        slip
+        for name in names
+        for slip in _slips(robot, name)
+        if len(slip.left) - slip.rank[0] <= others and slip.rank[0] < len(errors)
+    ]
+    if not slips:
+        return None
+    best = min(slips, key=lambda slip: slip.rank)
+    # a decimal point may have slipped in any of several parameters: then none is likelier than another
+    rivals = {slip.names for slip in slips if slip.decimal and slip.rank[0] == best.rank[0]}
+    return None if best.decimal and len(rivals) > 1 else best
+
+
+def _slips(robot: Robot, name: str) -> Iterator[_Slip]:
+    """Yield the findings that remain if a parameter was meant in another unit, or its decimal point slipped."""
+    parameter = BY_NAME[name]
+    if parameter.shape == "whole number":
+        return
+    value, together = value_of(robot, parameter), _INERTIA if name in _INERTIA else (name,)
+    factors = [to_si(1.0, unit, parameter.unit) for unit in UNITS[parameter.unit] if unit != parameter.unit]
+    units = [scale for factor in factors for scale in (factor, 1.0 / factor)]
+    for scale, decimal in [*((scale, False) for scale in units), (0.1, True), (10.0, True)]:
+        for meant in _scaled(value, scale):
+            changed = {other: _times(value_of(robot, BY_NAME[other]), scale) for other in together}
+            try:
+                slipped = with_values(robot, changed | {name: meant})
+            except InputError:
+                continue
+            words = f"{name} {_with_unit(name, meant)}"
+            yield _Slip(names=together, words=words, decimal=decimal, left=_findings(slipped))
+
+
+def _scaled(value: Value, scale: float) -> Iterator[Value]:
+    """Yield the value scaled; of a list, one number or all."""
+    if isinstance(value, tuple):
+        for place in range(len(value)):
+            yield tuple(scale * one if i == place else one for i, one in enumerate(value))
+    yield _times(value, scale)
+
+
+def _times(value: Value, scale: float) -> Value:
+    return tuple(scale * one for one in value) if isinstance(value, tuple) else scale * value
+
+
+def _with_unit(name: str, value: Value) -> str:
+    """Return a parameter's value with its unit, an angle in degrees as well."""
+    unit, numbers = BY_NAME[name].unit, numbers_of(value)
+
+    def text(factor: float, unit: str) -> str:
+        listed = ", ".join(f"{factor * one:.4g}" for one in numbers)
+        return f"{f'[{listed}]' if isinstance(value, tuple) else listed}{unit}"
+
+    if unit == "rad":
+        return f"{text(1.0, ' rad')} ({text(math.degrees(1.0), ' deg')})"
+    return text(1.0, "" if unit == DIMENSIONLESS else f" {unit}")

@@ -11,6 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ballbot.errors import InputError, nearest
 from ballbot.files import nearest_file
 from ballbot.robot.checks import check_correlation, check_deviations, check_robot
@@ -28,7 +30,7 @@ from ballbot.robot.components import (
     deviation_labels,
 )
 from ballbot.robot.file import read_robot, write_robot
-from ballbot.robot.parameters import Value, build, value_of
+from ballbot.robot.parameters import Value, build, to_si, value_of
 from ballbot.summary import Summary, listed, plotted, summarized
 
 if TYPE_CHECKING:
@@ -143,7 +145,10 @@ class Robot(RobotValues):
         if source in presets:
             return _preset(str(source))
         if not isinstance(source, str | Path):
-            raise _not_a_robot(source)
+            raise InputError(
+                f"A robot is given as an object of type {type(source).__name__}; give a Robot, a preset's name or the "
+                "path of a robot file."
+            )
         if not Path(source).exists():
             near, file = nearest(str(source), presets), nearest_file(source)
             hint = (
@@ -180,12 +185,18 @@ class Robot(RobotValues):
     def summary(self) -> Summary:
         """Return the robot's main parameters, and where they came from."""
         kinds = Counter(source.partition(":")[0] for source in self.sources.values())
-        rows = (*_mechanical_rows(self), *_drive_rows(self), *friction_rows(self.friction))
+        tables = dict.fromkeys(one.table for one in PARAMETERS)
+        rows = [(table or "robot", _stated(self, table)) for table in tables if table != "friction"]
         sources = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         stated = f"of {len(self.standard_deviations)} parameters" if self.standard_deviations else "none"
         return Summary(
             title=f"Robot {self.name}: {self.wheel_count} wheels",
-            rows=(*rows, ("sources", sources or "none"), ("standard deviations", stated)),
+            rows=(
+                *rows,
+                *friction_rows(self.friction),
+                ("sources", sources or "none"),
+                ("standard deviations", stated),
+            ),
         )
 
     def plot(self) -> Figure:
@@ -193,39 +204,15 @@ class Robot(RobotValues):
         return plotted(self)
 
 
-def _mechanical_rows(robot: Robot) -> tuple[tuple[str, str], ...]:
-    ball, body, wheels = robot.ball, robot.body, robot.wheels
-    about = "ball's centre" if body.inertia_about == "ball_center" else "centre of mass"
-    return (
-        ("ball", f"radius {ball.radius:.4g} m, mass {ball.mass:.4g} kg, inertia {ball.inertia:.4g} kg m^2"),
-        (
-            "body",
-            f"mass {body.mass:.4g} kg, centre of mass {body.center_of_mass:.4g} m above the ball's centre",
-        ),
-        ("its inertia", f"{listed(body.inertia[:3], 'kg m^2')} about x, y, z through the {about}"),
-        (
-            "wheels",
-            f"radius {wheels.radius:.4g} m, tilt {math.degrees(wheels.tilt):.4g} deg, azimuths "
-            f"{listed([math.degrees(one) for one in wheels.azimuths], 'deg', digits=4)}, inertia "
-            f"{wheels.inertia:.3g} kg m^2",
-        ),
-        ("gravity", f"{robot.gravity:.5g} m/s^2"),
-    )
-
-
-def _drive_rows(robot: Robot) -> tuple[tuple[str, str], ...]:
-    drive, sensors = robot.drive, robot.sensors
-    return (
-        (
-            "drive",
-            f"torque limit {drive.torque_limit:.3g} N m, gear ratio {drive.gear_ratio:.4g}, supply "
-            f"{drive.supply_voltage:.3g} V, play {math.degrees(drive.backlash):.3g} deg",
-        ),
-        (
-            "sensors",
-            f"sample time {sensors.sample_time:.4g} s, {sensors.encoder_counts} encoder counts a motor turn",
-        ),
-    )
+def _stated(robot: Robot, table: str) -> str:
+    """Return the values in a table of a robot file, in the file's units: radius 0.11 m, mass 3 kg."""
+    said = []
+    for one in PARAMETERS:
+        if one.table == table:
+            values = np.atleast_1d(value_of(robot, one)) / to_si(1.0, one.written_in, one.unit)
+            said.append(f"{one.key} {listed(values, one.written_in.removesuffix('1'), digits=4)}")
+    about = f", about the {robot.body.inertia_about}" if table == "body.inertia" else ""
+    return ", ".join(said) + about.replace("_", " ")
 
 
 def friction_rows(friction: Friction) -> tuple[tuple[str, str], ...]:
@@ -262,18 +249,7 @@ def as_robot(source: RobotLike) -> Robot:
     InputError
         If it is none of these.
     """
-    if isinstance(source, Robot):
-        return source
-    if isinstance(source, str | Path):
-        return Robot.load(source)
-    raise _not_a_robot(source)
-
-
-def _not_a_robot(source: object) -> InputError:
-    return InputError(
-        f"A robot is given as an object of type {type(source).__name__}; give a Robot, a preset's name or the path "
-        "of a robot file."
-    )
+    return source if isinstance(source, Robot) else Robot.load(source)
 
 
 def is_model_file(path: str | Path) -> bool:

@@ -1,4 +1,4 @@
-"""Robots near this one: drawn from its standard deviations, or with values meant in other units.
+"""Robots near this one, drawn from its standard deviations.
 
 Errors of different parameters count as independent, but for those whose correlations the robot states. A number that
 was estimated without a standard error is drawn within the interval that the robot states, with the deviation of an even
@@ -6,23 +6,20 @@ distribution over it.
 
 Linear propagation is the delta method: with the central differences d_i of a result over a tenth of each standard
 deviation s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij s_j d_j.
-
-A slip of units is one parameter that, had it been meant in another unit, explains the findings on a robot.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding
-from ballbot.robot.components import BY_NAME, PARAMETERS, deviation_labels
-from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Parameter, Value, to_si, value_of
+from ballbot.robot.components import BY_NAME, deviation_labels
+from ballbot.robot.parameters import Value, numbers_of, value_of
 from ballbot.robot.robot import Robot, with_values
 
 #: differences are taken over this fraction of a standard deviation
@@ -64,17 +61,11 @@ def correlations(robot: Robot) -> NDArray[np.float64]:
 
 
 def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
-    """Return the robot with these amounts [SI units] added to its numbers.
-
-    Raises
-    ------
-    InputError
-        If that is not a robot.
-    """
+    """Return the robot with these amounts [SI units] added to its numbers; InputError if that is not a robot."""
     changes: dict[str, Value] = {}
     for which, amount in amounts.items():
         value = changes.get(which.name, value_of(robot, BY_NAME[which.name]))
-        numbers = list(_numbers(value))
+        numbers = list(numbers_of(value))
         numbers[which.place] += amount
         changes[which.name] = tuple(numbers) if isinstance(value, tuple) else numbers[0]
     return with_values(robot, changes)
@@ -87,10 +78,7 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     and several such terms would leave hardly any draw. Other draws that describe no robot (a negative mass, an inertia
     that no body has) are drawn again.
 
-    Raises
-    ------
-    InputError
-        If nearly all draws are such.
+    InputError if nearly all draws are such.
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
     mixing = _square_root(correlations(robot)) if robot.correlation.of else None
@@ -125,12 +113,12 @@ def _within(robot: Robot, one: Uncertain, amount: float) -> float:
     """
     parameter = BY_NAME[one.name]
     if one.label in robot.intervals:
-        value = float(_numbers(value_of(robot, parameter))[one.place])
+        value = float(numbers_of(value_of(robot, parameter))[one.place])
         least, most = robot.intervals[one.label]
         return min(max(amount, least - value), most - value)
     if parameter.table != "friction" or parameter.least < 0.0:
         return amount
-    value = float(_numbers(value_of(robot, parameter))[one.place])
+    value = float(numbers_of(value_of(robot, parameter))[one.place])
     least = parameter.least if parameter.least_is_allowed else _LEAST_SHARE * value
     return max(amount, least - value)
 
@@ -163,19 +151,14 @@ class Propagated:
         return sorted(fractions.items(), key=lambda one: -one[1])[:count]
 
 
-def propagate(robot: Robot, result_of: Callable[[Robot], NDArray[np.float64]]) -> Propagated:
+def propagate(
+    robot: Robot,
+    # from a robot to an array of always the same shape, smooth in the robot's numbers
+    result_of: Callable[[Robot], NDArray[np.float64]],
+) -> Propagated:
     """Carry a robot's standard deviations through to a result, linearly.
 
-    Parameters
-    ----------
-    robot : Robot
-    result_of : callable
-        From a robot to an array of always the same shape, smooth in the robot's numbers.
-
-    Raises
-    ------
-    InputError
-        If no robot a tenth of a standard deviation away can exist, on either side.
+    InputError if no robot a tenth of a standard deviation away can exist, on either side.
     """
     value = np.asarray(result_of(robot), dtype=np.float64)
     parts = {}
@@ -204,122 +187,3 @@ def _deviation(
     stacked = np.array(list(parts.values()))
     variance = np.einsum("i...,ij,j...->...", stacked, correlations(robot), stacked)
     return np.sqrt(np.maximum(variance, 0.0))
-
-
-def _numbers(value: Value) -> tuple[float, ...]:
-    return value if isinstance(value, tuple) else (value,)
-
-
-Find = Callable[[Robot], Iterable[Finding]]
-
-#: slip together: who has one of them in another unit has all of them in it
-_INERTIA = tuple(one.name for one in PARAMETERS if one.table == "body.inertia")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Slip:
-    """One parameter meant in another unit, and what then is left to find."""
-
-    names: tuple[str, ...]  #: the parameters that it changes
-    words: str
-    decimal: bool  #: the decimal point slipped, not the unit
-    left: tuple[Finding, ...]
-
-    def mends(self, finding: Finding) -> bool:
-        """Return whether the finding is gone."""
-        return all((one.code, one.where) != (finding.code, finding.where) for one in self.left)
-
-    @property
-    def rank(self) -> tuple[int, bool, int]:
-        """How many errors it leaves, whether the unit stays, how many findings it leaves; less is likelier."""
-        return sum(one.severity == "error" for one in self.left), self.decimal, len(self.left)
-
-
-def likeliest_slip(robot: Robot, errors: Sequence[Finding], find: Find) -> Slip | None:
-    """Return the slip of units that leaves the fewest errors, if any leaves fewer than there are.
-
-    Parameters
-    ----------
-    robot : Robot
-    errors : sequence of Finding
-        Of that robot; the columns of their places name the parameters to look at.
-    find : callable
-        Returns the findings on a robot.
-    """
-    names = dict.fromkeys(name for finding in errors for name in finding.where.columns)
-    found = len(list(find(robot)))
-    # a slip that makes something else unusual explains nothing
-    slips = [
-        slip
-        for name in names
-        for slip in _slips(robot, name, find)
-        if len(slip.left) - slip.rank[0] <= found - len(errors)
-    ]
-    best = min(slips, key=lambda slip: slip.rank, default=None)
-    if best is None or best.rank[0] >= len(errors):
-        return None
-    # a decimal point may have slipped in any of several parameters: then none is likelier than another
-    rivals = {slip.names for slip in slips if slip.decimal and slip.rank[0] == best.rank[0]}
-    return None if best.decimal and len(rivals) > 1 else best
-
-
-def _slips(robot: Robot, name: str, find: Find) -> Iterator[Slip]:
-    """Yield the findings that remain if a parameter was meant in another unit, or its decimal point slipped."""
-    parameter = BY_NAME[name]
-    value = value_of(robot, parameter)
-    if parameter.shape == "whole number":
-        return
-    together = _INERTIA if name in _INERTIA else (name,)
-    for scale, decimal in _scales(parameter.unit):
-        for meant in _scaled(value, scale):
-            changed = {other: _times(value_of(robot, BY_NAME[other]), scale) for other in together} | {
-                name: meant
-            }
-            try:
-                slipped = with_values(robot, changed)
-            except InputError:
-                continue
-            words = f"{name} {_in_radians(parameter, meant)}{with_unit(parameter, meant)}"
-            yield Slip(names=together, words=words, decimal=decimal, left=tuple(find(slipped)))
-
-
-def _scales(si_unit: str) -> Iterator[tuple[float, bool]]:
-    """Yield what to multiply by if a number was meant in another unit, or given in one and meant in SI.
-
-    Last come slips of the decimal point, which are marked.
-    """
-    for unit in UNITS[si_unit]:
-        if unit != si_unit:
-            factor = to_si(1.0, unit, si_unit)
-            yield from ((factor, False), (1.0 / factor, False))
-    yield from ((0.1, True), (10.0, True))
-
-
-def _scaled(value: Value, scale: float) -> Iterator[Value]:
-    """Yield the value scaled; of a list, one number or all."""
-    if isinstance(value, tuple):
-        for place in range(len(value)):
-            yield tuple(scale * one if i == place else one for i, one in enumerate(value))
-    yield _times(value, scale)
-
-
-def _times(value: Value, scale: float) -> Value:
-    return tuple(scale * one for one in value) if isinstance(value, tuple) else scale * value
-
-
-def with_unit(parameter: Parameter, value: Value) -> str:
-    """Return a value with its unit, angles in degrees."""
-    numbers = value if isinstance(value, tuple) else (value,)
-    unit = "" if parameter.unit == DIMENSIONLESS else f" {parameter.unit}"
-    if parameter.unit == "rad":
-        numbers, unit = tuple(math.degrees(one) for one in numbers), " deg"
-    text = ", ".join(f"{one:.4g}" for one in numbers)
-    return f"{f'[{text}]' if isinstance(value, tuple) else text}{unit}"
-
-
-def _in_radians(parameter: Parameter, value: Value) -> str:
-    """Return "0.785 rad, that is " for an angle."""
-    if parameter.unit != "rad":
-        return ""
-    text = ", ".join(f"{one:.4g}" for one in (value if isinstance(value, tuple) else (value,)))
-    return f"{f'[{text}]' if isinstance(value, tuple) else text} rad, that is "

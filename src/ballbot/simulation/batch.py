@@ -29,9 +29,7 @@ from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of, over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model, ModelLike, as_model
-from ballbot.mechanics.parameters import selector
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
@@ -171,15 +169,14 @@ def simulate_batch(
     every = whole_number(every, "every", least=0) or samples
     records = samples // every
     out = empty_outcome(lanes, records, samples, n)
-    law = wheel_law(*(robot.friction for robot in robots))
-    selected = selector(models[0].formulation, n, pivoting=models[0].pivots, law=law)
+    selected = models[0].selected
     loops, filters = _loops(borne, robots, controllers, sample_time)
     inputs = Inputs(
         code=code_of(selected),
         play_code=play_code_of(selected) if any(one.backlash > 0.0 for one in borne) else 0,
         law_code=law_code(),
         filter_code=sample_code() if len(filters) else 0,
-        parameters=_rows(lambda one: one.packed_under(law), models),
+        parameters=_rows(lambda one: one.packed, models),
         lift_offs=_rows(lift_off, robots),
         laws=np.stack([one.packed for one in controllers]).view(LAW_TYPE)[:, 0],
         loops=loops.view(LOOP.dtype())[:, 0],

@@ -1,45 +1,33 @@
-"""One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w), under any friction law (thesis 3.1 to 3.4).
+"""One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w), tau the classical law (thesis 3.1 to 3.4).
 
-Many drivelines run at once, each with its own inertia, friction, speed limit and torques. Torques are held over a
-sample. The supply's speed limit is a torque-speed curve, or the thesis's clamp (3.2) as it stands, for comparison:
-it limits the output x_1 and not the state x_2, which winds up and leaves the limit late.
+Torques are held over a sample. The supply's speed limit is a torque-speed curve, or the thesis's clamp (3.2) as it
+stands, for comparison: it limits the output x_1 and not the state x_2, which winds up and leaves the limit late.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import positive_number, real_array
+from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.friction import WheelTerms, friction_terms
-from ballbot.mechanics.friction_laws.classical import Classical
-from ballbot.mechanics.friction_laws.interface import (
-    UNLIMITED,
-    FrictionLaw,
-    Inertia,
-    clamped,
-    move,
-)
-from ballbot.mechanics.friction_laws.smoothed import Smoothed
+from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, Inertia, clamped, move
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 
 
 @compiled
-def run_lane(law, inertia, state, speed, torques, sample_time, steps, out):
+def run_driveline(law, inertia, speed, torques, sample_time, steps, out):
     """Turn one driveline; `out` (3, samples) takes speed, angle and integrated speed.
 
     Parameters
     ----------
     law, inertia : named tuple
-    state : ndarray (m,)
-        The law's; it is changed.
     speed : float
         At the start [rad/s].
     torques : ndarray (samples,)
@@ -51,7 +39,7 @@ def run_lane(law, inertia, state, speed, torques, sample_time, steps, out):
     h, angle = sample_time / steps, 0.0
     for sample in range(len(torques)):
         for _ in range(steps):
-            speed, travel = move(law, inertia, torques[sample], state, speed, h)
+            speed, travel = move(law, inertia, torques[sample], speed, h)
             angle += travel
         out[0, sample] = clamped(inertia, speed)
         out[1, sample] = angle
@@ -104,22 +92,16 @@ class Driveline:
     Raises
     ------
     InputError
-        If the inertia is not above zero, or the thesis's clamp meets a friction law that has a state or a dead
-        zone.
+        If the inertia is not above zero.
     """
 
     inertia: float  #: j_w + j_r [kg m^2]
-    friction: FrictionLaw
+    friction: Classical
     speed_limit: TorqueSpeedCurve | SpeedClamp | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.inertia < np.inf:
             raise InputError(f"The driveline's inertia is {self.inertia:g} kg m^2; it must be above zero.")
-        if isinstance(self.speed_limit, SpeedClamp) and not isinstance(self.friction, Classical | Smoothed):
-            raise InputError(
-                f"The thesis's speed clamp needs the classical friction law, not {type(self.friction).__name__}; "
-                "use a torque-speed curve instead."
-            )
 
     @staticmethod
     def of_wheel(
@@ -146,7 +128,7 @@ class Driveline:
             stribeck=friction.stribeck[wheel],
             stribeck_speed=friction.stribeck_speed,
             stribeck_exponent=friction.stribeck_exponent,
-            terms=WheelTerms(*friction_terms(friction).columns()[wheel].tolist()),
+            terms=WheelTerms(*friction_terms(friction)[wheel].tolist()),
         )
         return Driveline(inertia=robot.wheels.inertia + rotor, friction=law, speed_limit=speed_limit)
 
@@ -171,63 +153,45 @@ class Driveline:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivelineMotion:
-    """The result of `simulate_drivelines`: a row for each lane, a column after every sample."""
+    """The result of `simulate_driveline` after every sample."""
 
     t: NDArray[np.float64]  #: (samples,) [s]
-    speeds: NDArray[np.float64]  #: (lanes, samples) as an encoder has them, the thesis's x_1_dot [rad/s]
-    angles: NDArray[np.float64]  #: (lanes, samples) [rad], 0 at the start
-    integrated_speeds: NDArray[np.float64]  #: (lanes, samples) x_2, which (3.2) lets run on [rad/s]
+    speeds: NDArray[np.float64]  #: (samples,) as an encoder has them, the thesis's x_1_dot [rad/s]
+    angles: NDArray[np.float64]  #: (samples,) [rad], 0 at the start
+    integrated_speeds: NDArray[np.float64]  #: (samples,) x_2, which (3.2) lets run on [rad/s]
 
 
-def simulate_drivelines(
-    drivelines: Driveline | Sequence[Driveline],
+def simulate_driveline(
+    line: Driveline,
     torques: ArrayLike,
     *,
     sample_time: float,
     step: float = 1e-3,
-    initial_speeds: ArrayLike = 0.0,
+    initial_speed: float = 0.0,
 ) -> DrivelineMotion:
-    """Turn drivelines by torques held over each sample.
+    """Turn a driveline by torques held over each sample.
 
     Parameters
     ----------
-    drivelines : Driveline or sequence of Driveline
-        One for each lane, or one for all.
-    torques : array_like (samples,) or (lanes, samples)
+    line : Driveline
+    torques : array_like (samples,)
         u [N m].
     sample_time : float
         [s]
     step : float
-        Longest inner step [s]; a lane takes shorter ones where its fastest rate asks for that.
-    initial_speeds : array_like () or (lanes,)
-        [rad/s]; the friction starts as after a long rest.
+        Longest inner step [s]; it is shorter where the driveline's fastest rate asks for that.
+    initial_speed : float
+        [rad/s]
 
     Raises
     ------
     InputError
-        If numbers of lanes disagree, or a time is not allowed.
+        If the torques are no row of finite numbers, a time is not allowed, or the inertia is too small for its
+        friction.
     """
-    lines = [drivelines] if isinstance(drivelines, Driveline) else list(drivelines)
-    inputs = np.atleast_2d(real_array(torques, ("...", "samples"), "The array of torques"))
-    starts = np.atleast_1d(real_array(initial_speeds, ("...",), "The array of initial speeds"))
-    _check(inputs, starts)
+    inputs = real_array(torques, ("samples",), "The array of torques")
+    speed = real_number(initial_speed, "The initial speed")
     sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
-    lanes = _lane_count(len(lines), len(starts), len(inputs))
-    starts, inputs = np.broadcast_to(starts, lanes), np.broadcast_to(inputs, (lanes, inputs.shape[1]))
-    out = np.empty((lanes, 3, inputs.shape[1]))
-    for line, speed, held, found in zip(lines * (lanes // len(lines)), starts, inputs, out, strict=True):
-        steps = _steps(line, sample_time, step)
-        state = line.friction.initial_state(sample_time / steps)
-        run_lane(
-            line.friction.numbers(), line.numbers(), state, speed, held.copy(), sample_time, steps, found
-        )
-    speeds, angles, integrated = np.swapaxes(out, 0, 1)
-    t = np.arange(1.0, inputs.shape[1] + 1.0) * sample_time
-    return DrivelineMotion(t=t, speeds=speeds, angles=angles, integrated_speeds=integrated)
-
-
-def _steps(line: Driveline, sample_time: float, step: float) -> int:
-    """Return the inner steps in a sample: none longer than `step`, nor than the fastest rate allows."""
     wanted = max(sample_time / step, sample_time * line.fastest_rate() / _LARGEST_RATE_STEP)
     if wanted > _MAX_STEPS:
         raise InputError(
@@ -235,26 +199,9 @@ def _steps(line: Driveline, sample_time: float, step: float) -> int:
             f"driveline is {line.fastest_rate():.3g}/s: its inertia of {line.inertia:g} kg m^2 is too small "
             f"for its friction, or the step of {step:g} s is too short."
         )
-    return math.ceil(wanted * (1.0 - 1e-9))
-
-
-def _check(inputs: NDArray[np.float64], starts: NDArray[np.float64]) -> None:
-    if inputs.ndim != 2 or inputs.size == 0:
-        raise InputError(
-            f"The torque array has the shape {inputs.shape}; it must be a row of numbers, or one for each lane."
-        )
-    if starts.ndim != 1:
-        raise InputError(
-            f"The array of initial speeds has the shape {starts.shape}; it must be one number, or one for each lane."
-        )
-
-
-def _lane_count(*counts: int) -> int:
-    lanes = max(counts)
-    if any(count not in (1, lanes) for count in counts):
-        lines, starts, inputs = counts
-        raise InputError(
-            f"There are {lines} drivelines, {starts} initial speeds and {inputs} rows of torques; each "
-            "number must be one or the number of lanes."
-        )
-    return lanes
+    steps = math.ceil(wanted * (1.0 - 1e-9))
+    out = np.empty((3, len(inputs)))
+    run_driveline(line.friction.numbers(), line.numbers(), speed, inputs, sample_time, steps, out)
+    speeds, angles, integrated = out
+    t = np.arange(1.0, len(inputs) + 1.0) * sample_time
+    return DrivelineMotion(t=t, speeds=speeds, angles=angles, integrated_speeds=integrated)

@@ -20,15 +20,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
-from ballbot.mechanics.friction import friction_terms
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
+from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
-from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 
 Hold = Literal["on_ball", "in_air", "upside_down"]
 
@@ -150,11 +149,12 @@ class HeldRobot:
         if self._ball is None:
             limit = self._robot.drive.torque_limit
             acting = np.clip(torques + noise, -limit, limit)
-            motion = simulate_drivelines(
-                self._lines, acting[:, None], sample_time=h, initial_speeds=self._speeds
-            )
-            self._speeds = motion.speeds[:, 0].copy()
-            self._angles = self._angles + motion.angles[:, 0]
+            motions = [
+                simulate_driveline(line, [torque], sample_time=h, initial_speed=speed)
+                for line, torque, speed in zip(self._lines, acting, self._speeds, strict=True)
+            ]
+            self._speeds = np.array([one.speeds[0] for one in motions])
+            self._angles = self._angles + [one.angles[0] for one in motions]
         else:
             self._turn_ball(self._limits.within(torques + noise, self._speeds), h)
         self._t = round(self._t + h, 9)
@@ -174,11 +174,9 @@ class HeldRobot:
             self._speeds = -self._ball.A @ body_rate
             self._angles = self._angles - self._ball.A @ turned
             return
-        friction = self._robot.friction
         self._omega = simulate_balls(
             self._ball,
-            friction=friction_row(friction)[None],
-            terms=None if friction.is_plain else friction_terms(friction),
+            frictions=[self._robot.friction],
             initial=self._omega[None],
             torques=torques[None, None],
             sample_time=h,

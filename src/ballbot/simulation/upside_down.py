@@ -14,7 +14,7 @@ order, in which the ball's place on the floor has no part.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,21 +26,20 @@ from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.contacts import free_torque
 from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined
+from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import from_array
 from ballbot.mechanics.friction import (
-    FrictionTerms,
+    WheelTerms,
     directed_friction,
     dry_friction,
     friction_terms,
-    loaded_coulomb,
     sign,
-    terms_of_wheel,
+    under_load,
 )
-from ballbot.mechanics.friction_laws.classical import ClassicalNumbers, DirectedNumbers
+from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.stick_slip import minimiser
 from ballbot.robot import Friction, Robot
@@ -56,44 +55,17 @@ class BallNumbers(NamedTuple):
     A: NDArray[np.float64]  #: (n, 3)
     M: NDArray[np.float64]  #: (3, 3) [kg m^2]
     push: NDArray[np.float64]  #: M^-1 A^T (3, n)
-    friction: NDArray[np.float64]  #: b, c, s of each wheel, v_s and delta (3 n + 2,)
+    #: b, c, s, 1 / v_s and delta of each wheel, and its terms by direction and load (n, 8)
+    friction: NDArray[np.float64]
     wheels: tuple[int, ...]  #: as many as there are wheels
 
 
-class DirectedBallNumbers(NamedTuple):
-    """The same with friction that differs with direction and follows the motors' torques."""
-
-    A: NDArray[np.float64]
-    M: NDArray[np.float64]
-    push: NDArray[np.float64]
-    friction: NDArray[np.float64]
-    wheels: tuple[int, ...]
-    terms: NDArray[np.float64]  #: `FrictionTerms.columns` (n, k)
-
-
 @inlined
-def _plain_wheel(ball, i):
-    n, friction = len(ball.A), ball.friction
-    b, c, s = friction[i], friction[n + i], friction[2 * n + i]
-    return ClassicalNumbers(b, c, s, 1.0 / friction[3 * n], friction[3 * n + 1])
-
-
-def _wheel(ball, i, torque) -> ClassicalNumbers:  # pragma: no cover (compiled form below)
+def _wheel(ball, i, torque):
     """Return the numbers of a wheel's friction under its motor's torque."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(_wheel)
-def _wheel_of(ball, i, torque):  # noqa: ARG001 (read by type)
-    if ball.instance_class is BallNumbers:
-        return lambda ball, i, torque: _plain_wheel(ball, i)  # noqa: ARG005
-
-    def directed(ball, i, torque):
-        plain, terms = _plain_wheel(ball, i), terms_of_wheel(ball.terms, i)
-        c = loaded_coulomb(plain.c, terms, torque)
-        return DirectedNumbers(plain.b, c, plain.s, plain.inv_vs, plain.delta, terms)
-
-    return directed
+    row = ball.friction[i]
+    terms = WheelTerms(row[5], row[6], row[7])
+    return under_load(ClassicalNumbers(row[0], row[1], row[2], row[3], row[4], terms), torque)
 
 
 @inlined
@@ -108,9 +80,10 @@ def _accelerate(ball, u, omega, signs, rate):
     rate[0] = rate[1] = rate[2] = 0.0
     for i in range(len(u)):
         speed = _speed(ball, i, omega)
-        torque = u[i] - ball.friction[i] * speed
+        wheel = _wheel(ball, i, u[i])
+        torque = u[i] - wheel.b * speed
         if signs[i] != 0.0:
-            torque -= signs[i] * directed_friction(_wheel(ball, i, u[i]), speed, signs[i])
+            torque -= signs[i] * directed_friction(wheel, speed, signs[i])
         for axis in range(3):
             rate[axis] += ball.push[axis, i] * torque
 
@@ -144,18 +117,17 @@ def _convex(ball, u, omega, h, end):
         limits[i] = dry_friction(wheel, speed) if speed != 0.0 else wheel.c + wheel.s
         for axis in range(3):
             end[axis] += h * ball.push[axis, i] * free_torque(wheel, u[i], speed)
-    M, free, C, most, start = _problem(ball.wheels, ball.M, end, ball.A, limits, omega)
-    fill(end, minimiser(M, free, C, most, 0.0, h, start)[2:])
+    M, free, C, most = _problem(ball.wheels, ball.M, end, ball.A, limits)
+    fill(end, minimiser(M, free, C, most, 0.0, h)[2:])
 
 
 @traced
-def _problem(wheels, M, free, A, limits, omega):
+def _problem(wheels, M, free, A, limits):
     """Return the numbers of `minimiser`'s arrays, as tuples."""
     mass = [(1.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0, 0.0)]
     mass += [(0.0, 0.0, M[3 * i], M[3 * i + 1], M[3 * i + 2]) for i in range(3)]
     rows = tuple((0.0, 0.0, A[3 * i], A[3 * i + 1], A[3 * i + 2]) for i in range(len(wheels)))
-    ends = [(0.0, 0.0, one[0], one[1], one[2]) for one in (free, omega)]
-    return tuple(mass), ends[0], rows, from_array(wheels, limits), ends[1]
+    return tuple(mass), (0.0, 0.0, free[0], free[1], free[2]), rows, from_array(wheels, limits)
 
 
 @called
@@ -175,7 +147,7 @@ def run_ball(ball, omega, torques, sample_time, steps, every, out):
 
     Parameters
     ----------
-    ball : BallNumbers or DirectedBallNumbers
+    ball : BallNumbers
     omega : ndarray (3,)
         At the start [rad/s]; it is changed.
     torques : ndarray (samples, n)
@@ -243,17 +215,17 @@ class ClampedBall:
         return LinearBall(A=A, B=np.vstack([np.zeros((3, n)), self.push()]))
 
 
-def friction_row(friction: Friction) -> NDArray[np.float64]:
-    """Return [b.., c.., s.., v_s, delta] (3 n + 2,): a friction's numbers but for its optional terms."""
-    shared = (friction.stribeck_speed, friction.stribeck_exponent)
-    return np.array([*friction.viscous, *friction.coulomb, *friction.stribeck, *shared])
+def _friction_rows(friction: Friction) -> NDArray[np.float64]:
+    """Return the rows of `BallNumbers.friction`."""
+    wheels = np.column_stack([friction.viscous, friction.coulomb, friction.stribeck])
+    shape = np.full((len(wheels), 2), [1.0 / friction.stribeck_speed, friction.stribeck_exponent])
+    return np.hstack([wheels, shape, friction_terms(friction)])
 
 
 def simulate_balls(
     ball: ClampedBall,
     *,
-    friction: ArrayLike,
-    terms: FrictionTerms | None = None,
+    frictions: Sequence[Friction],
     initial: ArrayLike,
     torques: ArrayLike,
     sample_time: float,
@@ -266,10 +238,8 @@ def simulate_balls(
     Parameters
     ----------
     ball : ClampedBall
-    friction : array_like (sets, 3 n + 2)
-        As `friction_row` gives them.
-    terms : FrictionTerms, optional
-        By direction and load, of every set; none by default.
+    frictions : sequence of Friction
+        Of the wheels; rolling friction has no part here.
     initial : array_like (windows, 3)
         Omega at the start of each window [rad/s], in the robot's frame.
     torques : array_like (windows, samples, n)
@@ -286,35 +256,30 @@ def simulate_balls(
 
     Returns
     -------
-    ndarray (sets, windows, samples // every, 3)
+    ndarray (frictions, windows, samples // every, 3)
         Omega after each recorded sample [rad/s].
 
     Raises
     ------
     InputError
-        If shapes disagree, a number is not finite, v_s or delta is not above zero, or a time is not above zero.
+        If shapes disagree, a number is not finite, or a time is not above zero.
     """
     n = len(ball.A)
-    sets = real_array(friction, ("sets", 3 * n + 2), "The array of frictions")
+    sets = [_friction_rows(one) for one in frictions]
+    if any(len(one) != n for one in sets):
+        raise InputError(f"A friction is not that of {n} wheels, which the ball has.")
     starts = real_array(initial, ("windows", 3), "The array of starts")
     inputs = real_array(torques, (len(starts), "samples", n), "The array of torques")
-    if sets.min() < 0.0 or sets[:, -2:].min() <= 0.0:
-        raise InputError(
-            "A friction value is out of range; none may be negative, and v_s and delta must be above zero."
-        )
     sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
     every = whole_number(every, "every", least=1)
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))
     out = np.empty((len(sets), len(starts), inputs.shape[1] // every, 3))
     push, count = ball.push(), len(starts)
-    columns = None if terms is None else terms.columns()
 
     def run(first: int) -> None:
         for lane in range(first, min(first + LANES, len(sets) * count)):
             chosen, window = divmod(lane, count)
-            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen], tuple(range(len(ball.A))))
-            if columns is not None:
-                numbers = DirectedBallNumbers(*numbers, columns)
+            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen], tuple(range(n)))
             omega = starts[window].copy()
             run_ball(numbers, omega, inputs[window], sample_time, steps, every, out[chosen, window])
 
@@ -364,7 +329,6 @@ def follow(
     K = real_array(gain, (len(ball.A), 6), "The gain")
     duration = positive_number(duration, "The duration")
     sample_time = positive_number(sample_time, "The sample time")
-    row, terms = friction_row(friction)[None], None if friction.is_plain else friction_terms(friction)
     omega, turned = np.zeros(3), Rotation.identity()
     t = sample_time * np.arange(max(1, round(duration / sample_time)), dtype=np.float64)
     rotations, omegas, torques = [], [], []
@@ -377,8 +341,7 @@ def follow(
         torques.append(torque)
         after = simulate_balls(
             ball,
-            friction=row,
-            terms=terms,
+            frictions=[friction],
             initial=omega[None],
             torques=torque[None, None],
             sample_time=sample_time,

@@ -6,12 +6,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
-from ballbot.errors import InputError, suggest
-from ballbot.mechanics.friction_laws import BRISTLE_LAWS, BristleLaw
 from ballbot.robot.parameters import parameter
-from ballbot.schema import validate_table
 from ballbot.simulation.imperfections import MAX_DELAY
 
 
@@ -90,31 +87,3 @@ class Timing:
     jitter: float = field(
         default=0.0, metadata=parameter("largest deviation of a sampling instant", unit="s", least=0.0)
     )
-
-
-def read_laws(tables: object) -> tuple[BristleLaw, ...]:
-    """Return the laws that the tables [[driveline_laws]] of a scenario file describe, one for each wheel.
-
-    Raises
-    ------
-    InputError
-        If a table names no law, has an unknown key, or has a value out of range.
-    """
-    if not (isinstance(tables, list) and all(isinstance(table, dict) for table in tables)):
-        raise InputError(
-            "driveline_laws must be tables: write [[driveline_laws]] above the keys of each wheel."
-        )
-    return tuple(_law(dict(table)) for table in tables)
-
-
-def _law(table: dict[str, object]) -> BristleLaw:
-    name = table.pop("law", None)
-    if not (isinstance(name, str) and name in BRISTLE_LAWS):
-        raise InputError(f"driveline_laws.law is {name!r}; it must be one of {', '.join(BRISTLE_LAWS)}.")
-    kind = BRISTLE_LAWS[name]
-    known = [field.name for field in fields(kind)]
-    for key in table:
-        if key not in known:
-            hint = suggest(key, known, otherwise="it has")
-            raise InputError(f"driveline_laws.{key} is not a parameter of the law {name!r}; {hint}")
-    return validate_table(kind, table, of=f"the law {name!r}")

@@ -23,7 +23,6 @@ from ballbot.twin.scenario import Scenario
 
 #: what a scenario may have and the equations of motion do not, and how it is called in a report
 _BEYOND = {
-    "driveline_laws": "other friction laws of the drivelines",
     "softness": "the ball's softness",
     "compliance": "the drivelines' resonance",
     "roughness": "the floor's bumps",
@@ -63,10 +62,7 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
     timing, loop, payload = scenario.timing, scenario.current_loop, scenario.payload
     give = 1.0 / scenario.softness.stiffness if scenario.softness else _GIVE * scenario.contact_time**2
     contacts = RollerContacts(
-        rollers=scenario.rollers,
-        give=give,
-        grip=scenario.roller_grip,
-        creep=_CREEP / scenario.contact_time,
+        rollers=scenario.rollers, give=give, grip=scenario.roller_grip, creep=_CREEP / scenario.contact_time
     )
     return Imperfections(
         sensors=scenario.sensors,
@@ -98,24 +94,7 @@ def true_model(robot: Robot, scenario: Scenario) -> Model:
     The ball does not pivot; on the twin it pivots little.
     """
     body = loaded_body(robot.body, scenario.payload) if scenario.payload else robot.body
-    return Model(robot.replace(friction=_friction(scenario), body=body))
-
-
-def _friction(scenario: Scenario) -> Friction:
-    """Return the friction of a scenario, with its asymmetry as terms of each wheel."""
-    friction, share = scenario.friction, scenario.asymmetry
-    if not share:
-        return friction
-    none = (0.0,) * len(friction.coulomb)
-    return replace(
-        friction,
-        coulomb_asymmetry=_shifted(friction.coulomb_asymmetry or none, friction.coulomb, share),
-        stribeck_asymmetry=_shifted(friction.stribeck_asymmetry or none, friction.stribeck, share),
-    )
-
-
-def _shifted(own: tuple[float, ...], sizes: tuple[float, ...], share: float) -> tuple[float, ...]:
-    return tuple(d + share * c for d, c in zip(own, sizes, strict=True))
+    return Model(robot.replace(friction=scenario.friction, body=body))
 
 
 def loaded_body(body: Body, payload: Payload) -> Body:

@@ -54,14 +54,7 @@ from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.twin.engine import Engine
 from ballbot.twin.faults import Compliance, Payload, Softness
-from ballbot.twin.parts import (
-    BodyParts,
-    WheelParts,
-    point_wheel_parts,
-    split_robot,
-    wheel_frames,
-    wheel_parts,
-)
+from ballbot.twin.parts import BodyParts, WheelParts, split_robot, wheel_frames
 from ballbot.twin.scenario import Scenario, check_scenario
 
 
@@ -189,10 +182,9 @@ def add_wheel(
         body, "body", name=name, pos=-parts.center_distance * frame[:, 0], xyaxes=(*frame[:, 0], *frame[:, 1])
     )
     joint = add(element, "joint", name=name, axis="0 0 1", armature=rotor_inertia(robot))
-    if not scenario.driveline_laws:
-        friction = scenario.friction
-        joint.set("damping", number_text(friction.viscous[index]))
-        joint.set("frictionloss", number_text(friction.coulomb[index] + friction.stribeck[index]))
+    friction = scenario.friction
+    joint.set("damping", number_text(friction.viscous[index]))
+    joint.set("frictionloss", number_text(friction.coulomb[index] + friction.stribeck[index]))
     if scenario.backlash > 0 or scenario.compliance:
         play = add(element, "joint", name=f"play {index + 1}", axis="0 0 1")
         if not scenario.compliance:
@@ -299,8 +291,7 @@ def floor_normal(scenario: Scenario) -> NDArray[np.float64]:
 
 
 def _document(robot: Robot, scenario: Scenario, mounting: Mounting) -> ET.Element:
-    point = scenario.wheel_contact == "point"
-    wheel, rest = split_robot(robot, scenario.rollers, wheel_of=point_wheel_parts if point else wheel_parts)
+    wheel, rest = split_robot(robot, scenario.rollers, point=scenario.wheel_contact == "point")
     root = ET.Element("mujoco", model=f"{robot.name} {scenario.name}")
     _options(root, robot, scenario, mounting)
     world = add(root, "worldbody")

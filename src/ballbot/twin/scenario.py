@@ -18,7 +18,6 @@ from pydantic import ConfigDict
 
 from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError, suggest
-from ballbot.mechanics.friction_laws import BristleLaw
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_number
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameters_of, table
@@ -26,15 +25,7 @@ from ballbot.robot.robot import friction_rows
 from ballbot.simulation.imperfections import Push, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.summary import Summary, listed, summarized
-from ballbot.twin.faults import (
-    Compliance,
-    CurrentLoop,
-    LoadDependence,
-    Payload,
-    Roughness,
-    Softness,
-    Timing,
-)
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
 from ballbot.twin.parts import check_rollers
 
 #: how a wheel touches the ball: by its rollers, or by one point that is always there
@@ -81,8 +72,7 @@ class Scenario:
         default=1.0, metadata=parameter("friction coefficient of the ball on the floor")
     )
     roller_grip: float = field(
-        default=1.0,
-        metadata=parameter("friction coefficient of the rollers on the ball; a small one slips"),
+        default=1.0, metadata=parameter("friction coefficient of the rollers on the ball; a small one slips")
     )
     contact_time: float = field(
         default=0.004, metadata=parameter("time constant of the rubber contacts (MuJoCo's solref)", unit="s")
@@ -101,20 +91,6 @@ class Scenario:
             "of the floor about the world's x and y axes", unit="rad", least=-math.inf, most=0.2
         ),
     )
-    asymmetry: float = field(
-        default=0.0,
-        metadata=parameter(
-            "dry friction is (1 + asymmetry) times its size forward, (1 - asymmetry) times backward",
-            least=-math.inf,
-            most=1.0,
-        ),
-    )
-    driveline_laws: tuple[BristleLaw, ...] = field(
-        default=(),
-        metadata=table(
-            "Other friction laws, in place of those of the wheels in [friction]: one table for each wheel."
-        ),
-    )
     load_dependence: LoadDependence | None = field(
         default=None,
         metadata=table(
@@ -131,8 +107,7 @@ class Scenario:
     compliance: Compliance | None = field(
         default=None,
         metadata=table(
-            "Drivelines that twist, with a resonance.",
-            example=Compliance(frequency=40.0, damping_ratio=0.1),
+            "Drivelines that twist, with a resonance.", example=Compliance(frequency=40.0, damping_ratio=0.1)
         ),
     )
     current_loop: CurrentLoop | None = field(
@@ -302,7 +277,7 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
             for value in _values_at(scenario, one.name):
                 check_number(one, one.name, value)
     check_rollers(scenario.rollers, robot)
-    _check_laws(scenario, robot)
+    _check_friction(scenario, robot)
     _check_rates(scenario)
 
 
@@ -317,19 +292,15 @@ def _values_at(record: object, name: str) -> Iterator[object]:
             yield from _values_at(one, rest)
 
 
-def _check_laws(scenario: Scenario, robot: Robot) -> None:
-    friction, laws = scenario.friction, scenario.driveline_laws
+def _check_friction(scenario: Scenario, robot: Robot) -> None:
+    friction = scenario.friction
     dry = (friction.coulomb, friction.stribeck, friction.coulomb_asymmetry, friction.stribeck_asymmetry)
-    for values in (friction.viscous, *dry, friction.load, laws):
+    for values in (friction.viscous, *dry, friction.load):
         if values and len(values) != robot.wheel_count:
             raise InputError(
                 f"The scenario {scenario.name!r} has friction for {len(values)} wheels, but the robot "
                 f"{robot.name!r} has {robot.wheel_count}. Give one value for each wheel."
             )
-    if laws and (scenario.asymmetry or scenario.load_dependence):
-        raise InputError(
-            "asymmetry and load_dependence need the classical friction; remove them or driveline_laws."
-        )
 
 
 def _check_rates(scenario: Scenario) -> None:

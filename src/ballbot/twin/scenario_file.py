@@ -16,7 +16,7 @@ and, commented out, an example of every other one; it reads back as the same sce
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, fields, is_dataclass, replace
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from types import NoneType
 from typing import get_args, get_type_hints
@@ -24,11 +24,9 @@ from typing import get_args, get_type_hints
 from ballbot.errors import InputError, suggest
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
-from ballbot.mechanics.friction_laws import BRISTLE_LAWS
 from ballbot.robot import RobotLike, as_robot
 from ballbot.robot.parameters import DIMENSIONLESS, parameters_of
 from ballbot.schema import toml_line, validate_table
-from ballbot.twin.faults import read_laws
 from ballbot.twin.scenario import Scenario, check_scenario
 
 #: a fault of each kind, of a size that a robot like the thesis's could have
@@ -87,10 +85,13 @@ def scenario_of(tree: Mapping[str, object], robot: RobotLike, *, default_name: s
     if not isinstance(base, str):
         raise InputError(f"base is {base!r}; it must be a text in quotes, such as {Scenario.names()[0]!r}.")
     start = Scenario.named(base, robot)
-    laws = changes.pop("driveline_laws", None)
-    values = _merged(asdict(replace(start, driveline_laws=())), {"name": default_name, **changes})
+    # files of earlier versions have it as zero
+    if changes.pop("asymmetry", 0.0) != 0.0:
+        raise InputError(
+            "asymmetry is gone: give coulomb_asymmetry and stribeck_asymmetry in [friction] [N m]."
+        )
+    values = _merged(asdict(start), {"name": default_name, **changes})
     scenario = validate_table(Scenario, values, of="a scenario file")
-    scenario = replace(scenario, driveline_laws=start.driveline_laws if laws is None else read_laws(laws))
     check_scenario(scenario, as_robot(robot))
     return scenario
 
@@ -132,19 +133,17 @@ def scenario_text(scenario: Scenario) -> str:
 def _table(name: str, content: object) -> list[str]:
     """Return the lines of a table, in double brackets if there may be several."""
     assert is_dataclass(content)
-    law = next((law for law, kind in BRISTLE_LAWS.items() if isinstance(content, kind)), None)
     return [
-        f"[[{name}]]" if name in ("pushes", "driveline_laws") else f"[{name}]",
-        *([toml_line("law", law)] if law else []),
+        f"[[{name}]]" if name == "pushes" else f"[{name}]",
         *_lines({one.name: getattr(content, one.name) for one in fields(content)}, f"{name}."),
     ]
 
 
 def _lines(values: Mapping[str, object], place: str) -> Iterator[str]:
-    """Yield a line for each key that is not empty; a key of a friction law has no comment."""
+    """Yield a line for each key that is not empty."""
     stated = {one.name: one for one in parameters_of(Scenario)}
     for key, value in values.items():
-        one = stated.get(f"{place}{key}")
-        unit = f" [{one.unit}]" if one and one.unit != DIMENSIONLESS else ""
         if value != ():
-            yield toml_line(key, value, f"{one.meaning}{unit}" if one else "")
+            one = stated[f"{place}{key}"]
+            unit = f" [{one.unit}]" if one.unit != DIMENSIONLESS else ""
+            yield toml_line(key, value, f"{one.meaning}{unit}")

@@ -32,17 +32,12 @@ from ballbot.viewer.motion import integrated_rotation, quaternion_product
 _FALLEN = 1.2
 
 
-def push_force(force: tuple[float, float], height: float, attitude: Sequence[float]) -> NDArray[np.float64]:
-    """Return the generalised force (5,) of a horizontal force (2,) [N] on the body at a height [m].
-
-    Parameters
-    ----------
-    force : tuple of float
-    height : float
-        Above the ball's centre along the body's axis.
-    attitude : sequence of float
-        theta and phi first [rad].
-    """
+def push_force(
+    force: tuple[float, float],
+    height: float,  # above the ball's centre along the body's axis
+    attitude: Sequence[float],  # theta and phi first [rad]
+) -> NDArray[np.float64]:
+    """Return the generalised force (5,) of a horizontal force (2,) [N] on the body at a height [m]."""
     theta, phi = attitude[0], attitude[1]
     f_x, f_y = force
     about_theta = -height * math.cos(theta) * math.cos(phi) * f_y

@@ -63,10 +63,7 @@ class Browser:
     def call(self, method: str, parameters: dict[str, object], session: str = "") -> Answer:
         """Call a method of the protocol and return its result; events on the way are kept.
 
-        Raises
-        ------
-        InputError
-            If the browser refuses it, ends, or gives no answer for `PATIENCE`.
+        InputError if the browser refuses it, ends, or gives no answer for `PATIENCE`.
         """
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
@@ -109,10 +106,7 @@ class Browser:
 def headless_browser(profile: Path) -> Iterator[Browser]:
     """Run Chromium with a profile folder of its own while the block runs.
 
-    Raises
-    ------
-    InputError
-        If no Chromium is installed, or this system has no such pipes.
+    InputError if no Chromium is installed, or this system has no such pipes.
     """
     program = installed_browser()
     if program is None or sys.platform == "win32":
@@ -182,13 +176,7 @@ class Tab:
         self.go(path.resolve().as_uri())
 
     def run(self, expression: str) -> object:
-        """Return the value of a JavaScript expression in the page.
-
-        Raises
-        ------
-        InputError
-            If it throws.
-        """
+        """Return the value of a JavaScript expression in the page; InputError if it throws."""
         found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         if "exceptionDetails" in found:
             raise InputError(f"The page's script failed: {found['exceptionDetails']}")
@@ -197,10 +185,7 @@ class Tab:
     def wait(self, expression: str, patience: float = PATIENCE) -> None:
         """Wait until a JavaScript expression is true, for so long at most [s].
 
-        Raises
-        ------
-        InputError
-            If it does not become true.
+        InputError if it does not become true.
         """
         end = time.monotonic() + patience
         while not self.run(expression):

@@ -21,6 +21,7 @@ from pydantic import ConfigDict, Field
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
+from ballbot.control.overcompensation import has_friction
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
 from ballbot.control.safety import SafeController
 from ballbot.errors import InputError, every
@@ -110,13 +111,10 @@ class Request:
     reset: bool = False
 
 
-def read_request(text: str) -> Request:
+def read_request(text: str | bytes) -> Request:
     """Return the request in a page's message.
 
-    Raises
-    ------
-    InputError
-        If it is no JSON, or asks for anything else or for a value out of its range.
+    InputError if it is no JSON, or asks for anything else or for a value out of its range.
     """
     try:
         tree = json.loads(text)
@@ -141,10 +139,7 @@ def live_entries(
 ) -> tuple[Entry, ...]:
     """Return an entry for each robot with each controller, named by what differs among them.
 
-    Raises
-    ------
-    InputError
-        If there is no such controller or scenario, or it does not fit its robot.
+    InputError if there is no such controller or scenario, or it does not fit its robot.
     """
     entries = []
     for robot_name, robot in robots.items():
@@ -160,14 +155,8 @@ def live_entries(
 def _known(entry: Entry, scenario: Scenario) -> tuple[Robot, Feedback]:
     """Return the robot as its controller knows it, and the controller."""
     robot = entry.robot
-    known = robot if has_friction(robot) else robot.replace(friction=scenario.friction)
+    known = robot if has_friction(robot.friction) else robot.replace(friction=scenario.friction)
     return known, entry.candidate.controller(known)
-
-
-def has_friction(robot: Robot) -> bool:
-    """Return whether a robot file has any friction."""
-    friction = robot.friction
-    return any((*friction.viscous, *friction.breakaway, friction.rolling))
 
 
 class RobotOnFloor:
@@ -298,7 +287,7 @@ def live_view_page(entries: Sequence[Entry]) -> LivePage:
         "Robots pass through one another.",
         "The floor is drawn level. A slope acts; it is the rise towards x, the robot's mark in front.",
     ]
-    bare = [one.name for one in entries if not has_friction(one.robot)]
+    bare = [one.name for one in entries if not has_friction(one.robot.friction)]
     if bare:
         notes.append(
             f"The robot file of {', '.join(bare)} has no friction: the robot has that of the scenario "

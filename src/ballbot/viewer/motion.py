@@ -1,11 +1,9 @@
 """What a log shows at even times: the robot's pose, the ball's rotation, the wheels, friction, signals to plot.
 
-    Omega = R z,    z = T_obw wheel speeds + w,    q_(k+1) = exp(Omega dt) q_k
+    Omega = (-y_dot, x_dot, 0) / r_b,    q_(k+1) = exp(Omega dt) q_k,    wheel speeds = T_owb (R^T Omega - w)
 
-The ball's rotation is not in a log; it is integrated from the ball's angular velocity if the log has it
-(`ball_omega_x` .., body frame). If not, it follows from wheel speeds and body rates; without these from the position,
-of a ball that rolls without slip and does not pivot. Wheel angles come from the encoders, else from the wheels' speeds,
-else from that rolling.
+The ball's rotation is not in a log; it is integrated from the position, of a ball that rolls without slip and does not
+pivot. Wheel angles come from the encoders, else from that rolling.
 
 A log with more rows than a picture a fiftieth of a second is thinned: angles and positions are interpolated, and of a
 torque the least and the greatest value in each interval are kept, so that no peak is lost.
@@ -37,7 +35,6 @@ from ballbot.robot import Robot
 
 #: least time between pictures, and the longest log [s]
 INTERVAL, LONGEST = 0.02, 600.0
-_BALL_RATES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
 _QUATERNION = ("ball_w", "ball_x", "ball_y", "ball_z")
 
 Columns = dict[str, NDArray[np.float64]]
@@ -82,28 +79,29 @@ BODY_NOTE = (
 )
 
 
-def motion_of(log: Log, robot: Robot) -> Motion:
+def motion_of(
+    # with theta, phi and psi, and with x and y or what gives them (`ballbot.log.pose.with_position`). True states of a
+    # simulated run come before the measured ones.
+    log: Log,
+    robot: Robot,  # its geometry, and its friction if the log has wheel speeds
+) -> Motion:
     """Return what a log of a balancing robot shows.
 
-    Parameters
-    ----------
-    log : Log
-        With theta, phi and psi, and with x and y or what gives them (`ballbot.log.pose.with_position`). True states
-        of a simulated run come before the measured ones.
-    robot : Robot
-        Its geometry, and its friction if the log has wheel speeds.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or empty, the log is longer than `LONGEST`, or has another number of wheels.
+    InputError if a column is missing or empty, the log is longer than `LONGEST`, or has another number of wheels.
     """
     _check(log, robot)
     log, notes = _posed(log, robot)
     times, interval = _times(log)
-    wheels, source = _wheel_angles(log, robot)
-    ball, ball_source = _ball_rotation(log, robot)
-    notes = [*notes, f"Ball rotation: {ball_source}.", f"Wheel angles: {source}.", BODY_NOTE]
+    rolling = _rolling_rates(log, robot)
+    ball, (wheels, source) = (
+        integrated_rotation(_integrated(log, rolling)),
+        _wheel_angles(log, robot, rolling),
+    )
+    notes += [
+        "The ball rolls along the position, without slip or pivoting.",
+        f"Wheel angles: {source}.",
+        BODY_NOTE,
+    ]
     columns = {name: _between(times, log.t, log[name]) for name in ("x", "y", "theta", "phi")}
     columns["psi"] = _between(times, log.t, log["psi"])
     columns |= dict(zip(wheel_angle_names(robot.wheel_count), _rows_at(times, log.t, wheels).T, strict=True))
@@ -195,35 +193,22 @@ def _attitude(log: Log) -> NDArray[np.float64]:
 def _body_rates(log: Log) -> NDArray[np.float64]:
     """Return the body's angular velocity w (N, 3), body frame, from the angles' differences."""
     angles = _attitude(log)
-    rates = np.gradient(angles, log.t, axis=0)
+    rates = np.gradient(angles, log.t, axis=0) if len(log) > 1 else np.zeros_like(angles)
     return np.einsum("nij,nj->ni", body_rates_matrix(*angles.T), rates)
 
 
 def _rolling_rates(log: Log, robot: Robot) -> NDArray[np.float64]:
     """Return the angular velocity Omega (N, 3) of a ball that rolls along the log's position, world frame."""
+    if len(log) < 2:
+        return np.zeros((len(log), 3))
     x, y = (_between(log.t, log.t, log[name]) for name in ("x", "y"))
     x_dot, y_dot = np.gradient(x, log.t), np.gradient(y, log.t)
     return np.column_stack((-y_dot, x_dot, np.zeros(len(log)))) / robot.ball.radius
 
 
-def _ball_rotation(log: Log, robot: Robot) -> tuple[NDArray[np.float64], str]:
-    """Return quaternions (N, 4) of the ball, world from ball, wxyz, without jumps of sign; and their source."""
-    if len(log) < 2:
-        return np.array([[1.0, 0.0, 0.0, 0.0]]), "not known from a single row"
-    speeds = wheel_speed_names(robot.wheel_count)
-    R = rotation(*_attitude(log).T)
-    if _has(log, _BALL_RATES):
-        z, source = (
-            np.column_stack([log[name] for name in _BALL_RATES]),
-            "the log's angular velocity of the ball",
-        )
-        Omega = np.einsum("nij,nj->ni", R, z)
-    elif _has(log, speeds):
-        z = np.column_stack([log[name] for name in speeds]) @ transforms(robot).T_obw.T + _body_rates(log)
-        Omega, source = np.einsum("nij,nj->ni", R, z), "from the wheels' speeds and the body's rates"
-    else:
-        Omega, source = _rolling_rates(log, robot), "from the position, rolling without slip or pivoting"
-    return integrated_rotation(0.5 * (Omega[1:] + Omega[:-1]) * np.diff(log.t)[:, None]), source
+def _integrated(log: Log, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what rates (N, k) add up to from row to row (N - 1, k), by the trapezoidal rule."""
+    return 0.5 * (rates[1:] + rates[:-1]) * np.diff(log.t)[:, None]
 
 
 #: w, x, y, z
@@ -242,16 +227,12 @@ def quaternion_product(second: Quaternion, first: Quaternion) -> Quaternion:
 
 
 def integrated_rotation(
-    turns: NDArray[np.float64], *, first: Sequence[float] | NDArray[np.float64] = (1.0, 0.0, 0.0, 0.0)
+    turns: NDArray[np.float64],  # (n, 3) Rotation vectors [rad] in the world frame
+    *,
+    # (4,) Orientation before them, without rotation by default
+    first: Sequence[float] | NDArray[np.float64] = (1.0, 0.0, 0.0, 0.0),
 ) -> NDArray[np.float64]:
     """Return the orientations after small turns, one after the other.
-
-    Parameters
-    ----------
-    turns : ndarray (n, 3)
-        Rotation vectors [rad] in the world frame.
-    first : array_like (4,)
-        Orientation before them, without rotation by default.
 
     Returns
     -------
@@ -272,21 +253,15 @@ def integrated_rotation(
     return quaternions * np.concatenate(([1.0], np.cumprod(np.where(flips, -1.0, 1.0))))[:, None]
 
 
-def _wheel_angles(log: Log, robot: Robot) -> tuple[NDArray[np.float64], str]:
-    """Return the wheels' angles (N, n) from the log's start, and their source."""
-    angles, speeds = wheel_angle_names(robot.wheel_count), wheel_speed_names(robot.wheel_count)
-    if _has(log, angles):
-        table = np.column_stack([log[name] for name in angles])
+def _wheel_angles(log: Log, robot: Robot, rolling: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+    """Return the wheels' angles (N, n) from the log's start, and their source; `rolling` is that of the ball (N, 3)."""
+    names = wheel_angle_names(robot.wheel_count)
+    if _has(log, names):
+        table = np.column_stack([log[name] for name in names])
         return table - table[0], "the encoders"
-    if len(log) < 2:
-        return np.zeros((1, robot.wheel_count)), "not known from a single row"
-    if _has(log, speeds):
-        rates, source = np.column_stack([log[name] for name in speeds]), "the sum of the wheels' speeds"
-    else:
-        z = np.einsum("nji,nj->ni", rotation(*_attitude(log).T), _rolling_rates(log, robot))
-        rates, source = (z - _body_rates(log)) @ transforms(robot).T_owb.T, "from the position, without slip"
-    steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(log.t)[:, None]
-    return np.concatenate((np.zeros((1, robot.wheel_count)), np.cumsum(steps, axis=0))), source
+    z = np.einsum("nji,nj->ni", rotation(*_attitude(log).T), rolling)
+    steps = _integrated(log, (z - _body_rates(log)) @ transforms(robot).T_owb.T)
+    return np.concatenate((np.zeros((1, robot.wheel_count)), np.cumsum(steps, axis=0))), "from the position"
 
 
 def _references(log: Log, times: NDArray[np.float64]) -> Columns:

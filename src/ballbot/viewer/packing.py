@@ -28,15 +28,5 @@ def packed(values: NDArray[np.float64], *, resolution: float = RESOLUTION) -> di
     return {"kind": "uint16", "offset": offset, "step": scale, "data": _text(whole)}
 
 
-def unpacked(column: dict[str, object]) -> NDArray[np.float64]:
-    """Return the values (K,) of a packed column, as the page computes them; NaN where missing."""
-    data = base64.b64decode(str(column["data"]))
-    if column["kind"] == "float32":
-        return np.frombuffer(data, dtype="<f4").astype(np.float64)
-    whole = np.frombuffer(data, dtype="<u2")
-    offset, step = (float(str(column[name])) for name in ("offset", "step"))
-    return np.where(whole == _MISSING, np.nan, offset + step * whole)
-
-
 def _text(numbers: NDArray[np.generic]) -> str:
     return base64.b64encode(numbers.tobytes()).decode("ascii")

@@ -145,32 +145,18 @@ class LivePage:
 
 
 def live_page(
-    robots: Mapping[str, Robot],
+    robots: Mapping[str, Robot],  # by name, at most `MOST_RUNS`
     *,
-    world: Sequence[str],
+    world: Sequence[str],  # names of a frame's first values
+    # names and homes: the names of each robot's values in a frame, and where it starts [m]
     names: Sequence[Sequence[str]],
     homes: Sequence[tuple[float, float]],
-    notes: Sequence[str],
+    notes: Sequence[str],  # what is shown, in sentences
     title: str,
 ) -> LivePage:
     """Return the page of a live view, which shows the robots at rest until the first frame comes.
 
-    Parameters
-    ----------
-    robots : mapping of str to Robot
-        By name, at most `MOST_RUNS`.
-    world : sequence of str
-        Names of a frame's first values.
-    names, homes : sequence
-        The names of each robot's values in a frame, and where it starts [m].
-    notes : sequence of str
-        What is shown, in sentences.
-    title : str
-
-    Raises
-    ------
-    InputError
-        If there is no robot, or there are too many.
+    InputError if there is no robot, or there are too many.
     """
     _check_number(len(robots), "robots")
     first = next(iter(robots.values()))

@@ -38,21 +38,15 @@ _SHOW = """(() => {{
 }})()"""
 
 
-def write_video(page: str, path: Path, *, progress: ProgressCallback = ignore_progress) -> None:
+def write_video(
+    page: str,  # HTML of `ballbot.viewer.replay_page`, with logs and without autoplay
+    path: Path,  # the file; its ending chooses the format, such as .mp4, .webm or .gif
+    *,
+    progress: ProgressCallback = ignore_progress,
+) -> None:
     """Write a replay as a video, from its start to its end in real time.
 
-    Parameters
-    ----------
-    page : str
-        HTML of `ballbot.viewer.replay_page`, with logs and without autoplay.
-    path : Path
-        The file; its ending chooses the format, such as .mp4, .webm or .gif.
-    progress : callable, optional
-
-    Raises
-    ------
-    InputError
-        If ffmpeg or Chromium is not installed, or ffmpeg cannot write such a file.
+    InputError if ffmpeg or Chromium is not installed, or ffmpeg cannot write such a file.
     """
     program = shutil.which("ffmpeg")
     if program is None:

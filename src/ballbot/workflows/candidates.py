@@ -17,19 +17,16 @@ class Mine:
     def reset(self) -> None: ...
     def update(self, t, state, reference): return torques
 
-The modules beside the file that it imports belong to the controller: by their checksums a worker, or a comparison that
-goes on, knows that none of them was changed.
+Modules beside the file can be imported; each controller gets its own, and only the file itself is watched for changes.
 """
 
 from __future__ import annotations
 
 import importlib.util
-import os
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import TypeVar, cast, get_args
 
@@ -57,16 +54,13 @@ class UserController:
     """
 
     sample_time: float  #: [s]
-    estimator: (
-        EstimatorName  #: of the on-board state that it is given; the user's `estimator`, else "onboard"
-    )
-    checksums: Mapping[str, str]  #: SHA-256 of each file that it is made of, by its path
+    estimator: EstimatorName  #: of its on-board state; the user's `estimator`, else "onboard"
 
     def __init__(self, path: str, made_by: str, robot: Robot, estimator: EstimatorName | None = None) -> None:
         """Make it: `made_by(robot)` in the Python file at `path`; `estimator` replaces the one that it names."""
         self._path, self._made_by, self._robot = path, made_by, robot
         make = _attribute(path, made_by)
-        self.checksums = {str(file): sha256_of(file) for file in sorted({*_modules(Path(path)).values()})}
+        self._checksum = sha256_of(Path(path))
         made = self._guarded("when it was made", lambda: make(robot))
         lacking = [name for name in ("sample_time", "reset", "update") if not hasattr(made, name)]
         if lacking:
@@ -83,16 +77,8 @@ class UserController:
         """Return a new one of the same file for another on-board state."""
         return UserController(self._path, self._made_by, self._robot, estimator)
 
-    def __reduce__(
-        self,
-    ) -> tuple[Callable[..., UserController], tuple[str, str, Robot, EstimatorName, dict[str, str]]]:
-        return _remake, (
-            self._path,
-            self._made_by,
-            self._robot,
-            self.estimator,
-            dict(self.checksums),
-        )
+    def __reduce__(self) -> tuple[Callable[..., UserController], tuple[object, ...]]:
+        return _remake, (self._path, self._made_by, self._robot, self.estimator, self._checksum)
 
     def reset(self) -> None:
         """Forget everything that happened so far."""
@@ -125,31 +111,23 @@ class UserController:
             return call()
         except InputError:
             raise
-        except (Exception, SystemExit) as error:  # sys.exit ends nothing but this call
+        except (Exception, SystemExit) as error:
             raise InputError(
                 f"{self._place} failed {moment}: {_error_text(error, Path(self._path))}."
             ) from error
 
 
-def _remake(
-    path: str, made_by: str, robot: Robot, estimator: EstimatorName, checksums: Mapping[str, str]
-) -> UserController:
-    """Return a copy of a controller, if the files that it is made of are as they were."""
-    for file, before in checksums.items():
-        if not Path(file).is_file() or sha256_of(Path(file)) != before:
-            raise InputError(
-                f"{os.path.relpath(file)} was changed while {path}:{made_by} ran; begin anew, so that all runs are of "
-                "one controller."
-            )
+def _remake(path: str, made_by: str, robot: Robot, estimator: EstimatorName, checksum: str) -> UserController:
+    """Return a copy of a controller, if its file is as it was."""
+    if not Path(path).is_file() or sha256_of(Path(path)) != checksum:
+        raise InputError(
+            f"{path} was changed while {path}:{made_by} ran; begin anew, so that all runs are of one controller."
+        )
     return UserController(path, made_by, robot, estimator)
 
 
 def _attribute(path: str, name: str) -> Callable[[Robot], object]:
-    """Return what a Python file has under a name.
-
-    It is run once in each process, until it changes. Modules beside it can be imported, after Python's and installed
-    ones.
-    """
+    """Return what a Python file has under a name; it is run once in each process, until it changes."""
     file = Path(path)
     if not file.is_file():
         raise InputError(f"there is no Python file {path!r}.")
@@ -159,16 +137,21 @@ def _attribute(path: str, name: str) -> Callable[[Robot], object]:
         assert spec is not None  # its name ends in .py
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
+        known, folder = set(sys.modules), str(file.resolve().parent)
         sys.modules[module_name] = module  # dataclasses look their module up
-        folder = str(file.resolve().parent)
-        if folder not in sys.path:
-            sys.path.append(folder)
+        sys.path.insert(0, folder)
         try:
             spec.loader.exec_module(module)
-        except (Exception, SystemExit) as error:
+        except (Exception, SystemExit) as error:  # sys.exit ends nothing but this call
             del sys.modules[module_name]
             raise InputError(f"{path} cannot be run: {_error_text(error, file)}.") from error
-    _check_names(path)
+        finally:
+            sys.path.remove(folder)
+            sys.path.append(folder)  # for what it imports while it runs
+            # another controller's modules may have the same names
+            for other in set(sys.modules) - known - {module_name}:
+                if str(getattr(sys.modules[other], "__file__", None)).startswith(folder):
+                    del sys.modules[other]
     make = getattr(sys.modules[module_name], name, None)
     if not callable(make):
         raise InputError(
@@ -177,37 +160,11 @@ def _attribute(path: str, name: str) -> Callable[[Robot], object]:
     return make
 
 
-def _modules(path: Path) -> dict[str, Path]:
-    """Return a Python file and the modules beside it that it imports, however deep, by their names."""
-    finder = ModuleFinder(path=[str(path.resolve().parent)])
-    try:
-        finder.run_script(str(path.resolve()))
-    except SyntaxError:  # of a module whose import failed and was caught
-        return {"__main__": path.resolve()}
-    files = {name: getattr(one, "__file__", None) for name, one in finder.modules.items()}
-    return {name: Path(file) for name, file in files.items() if file}
-
-
-def _check_names(path: str) -> None:
-    """Raise InputError if a module beside a file is not the one that is imported under its name."""
-    for name, file in _modules(Path(path)).items():
-        used = None if name == "__main__" else getattr(sys.modules.get(name), "__file__", None)
-        if used and Path(used).resolve() != file:
-            raise InputError(
-                f"{path} imports {name}, but {used} is in use under that name; give {file.name} another name."
-            )
-
-
 def _error_text(error: BaseException, file: Path) -> str:
     """Return an error in words, with the last line of the user's file that it passed through."""
-    lines = [
-        one.lineno
-        for one in traceback.extract_tb(error.__traceback__)
-        if Path(one.filename).resolve() == file.resolve()
-    ]
+    passed = traceback.extract_tb(error.__traceback__)
+    lines = [one.lineno for one in passed if Path(one.filename).resolve() == file.resolve()]
     words = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".:")
-    if isinstance(error, SystemExit):
-        words = f"it called sys.exit({error}), and a controller must not end the program"
     return f"{words} (line {lines[-1]})" if lines else words
 
 

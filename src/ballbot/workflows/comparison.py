@@ -15,7 +15,7 @@ from __future__ import annotations
 import copy
 import json
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
@@ -223,23 +223,11 @@ class ComparedRun:
         )
 
     def result(self) -> RunResult:
-        """Make the run and return what is kept of it.
-
-        Raises
-        ------
-        InputError
-            As `log`, or if the run cannot be scored.
-        """
+        """Make the run and return what is kept of it; InputError as of `log`, or if it cannot be scored."""
         return self.result_of(self.log())
 
     def result_of(self, log: Log) -> RunResult:
-        """Return what is kept of the run's log.
-
-        Raises
-        ------
-        InputError
-            If the run cannot be scored.
-        """
+        """Return what is kept of the run's log; InputError if it cannot be scored."""
         try:
             found = score(log, settle=self.settle, disturbed=self.disturbed)
         except InputError as error:
@@ -331,11 +319,13 @@ def run_comparison(
         made.update(zip(places, results, strict=True))
         run.progress(Progress(stage="comparing controllers", done=len(made), total=len(runs)))
 
-    with closing(
-        _made_together([[runs[place] for place in block] for block in blocks], processes)
-    ) as made_blocks:
-        for block, results in zip(blocks, made_blocks, strict=True):
+    pool = ThreadPoolExecutor(processes or os.cpu_count())
+    try:
+        batches = pool.map(_run_block, [[runs[place] for place in block] for block in blocks])
+        for block, results in zip(blocks, batches, strict=True):
             keep(block, results)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
     slow = [runs[place] for place in alone]
     with closing(Processes(count=processes).each(ComparedRun.result, slow)) as made_alone:
         for place, result in made_alone:
@@ -347,18 +337,15 @@ def _loop_blocks(runs: Sequence[ComparedRun]) -> list[list[int]]:
     """Return the places of the runs that go through the compiled loop, as many together as it steps side by side."""
     alike: dict[tuple[object, ...], list[int]] = {}
     for place, one in enumerate(runs):
-        if isinstance(one.plant, LoopRobot) and isinstance(one.controller, Controller):
-            model, borne = one.plant.model, one.plant.imperfections
-            if borne.fix is None and _sampled_alike(borne, one.controller):
-                key = (one.course, one.duration, one.controller.sample_time, one.controller.estimator)
-                key += (model.formulation, model.step, model.pivots, borne.backlash > 0.0)
-                alike.setdefault(key, []).append(place)
+        if not (isinstance(one.plant, LoopRobot) and isinstance(one.controller, Controller)):
+            continue
+        model, borne, period = one.plant.model, one.plant.imperfections, one.controller.sample_time
+        sampled = borne.sensors.sample_time if borne.sensors else period
+        if borne.fix is None and abs(sampled - period) <= 1e-9 * sampled:
+            key = (one.course, one.duration, period, one.controller.estimator)
+            key += (model.formulation, model.step, model.pivots, borne.backlash > 0.0)
+            alike.setdefault(key, []).append(place)
     return [places[k : k + LANES] for places in alike.values() for k in range(0, len(places), LANES)]
-
-
-def _sampled_alike(borne: Imperfections, controller: Controller) -> bool:
-    sensors = borne.sensors
-    return sensors is None or abs(sensors.sample_time - controller.sample_time) <= 1e-9 * sensors.sample_time
 
 
 def _run_block(runs: Sequence[ComparedRun]) -> list[RunResult]:
@@ -376,15 +363,3 @@ def _run_block(runs: Sequence[ComparedRun]) -> list[RunResult]:
         threads=1,
     )
     return [one.result_of(batch.log(lane)) for lane, one in enumerate(runs)]
-
-
-def _made_together(
-    blocks: Sequence[Sequence[ComparedRun]], count: int | None
-) -> Generator[list[RunResult], None, None]:
-    """Yield the results of each block, in their order, which threads of this process make."""
-    pool, finished = ThreadPoolExecutor(count or os.cpu_count()), False
-    try:
-        yield from pool.map(_run_block, blocks)
-        finished = True
-    finally:
-        pool.shutdown(wait=finished, cancel_futures=True)

@@ -19,9 +19,10 @@ controller by pairs of controllers that differ in one thing, on the same robots 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +127,7 @@ SQUARE = NamedCourse(name="square", duration=32.0)
 SLOW_COURSES = (NamedCourse(name="hold", duration=14.0), NamedCourse(name=SLOW_CIRCLE, duration=14.0))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Step:
     """Two controllers that differ in one thing."""
 
@@ -138,40 +139,34 @@ class Step:
     course: NamedCourse | None = None
 
 
-def _compensation_steps(to: str, before: str, after: str) -> tuple[Step, ...]:
+def _compensation(to: str, before: str, after: str) -> tuple[Step, ...]:
     return tuple(
-        Step(adds="full compensation", to=to, before=before, after=after, course=course)
-        for course in (None, *SLOW_COURSES)
+        Step("full compensation", to, before, after, course=course) for course in (None, *SLOW_COURSES)
     )
 
 
 STEPS = (
-    *_compensation_steps("the soft gain", "none", "full"),
+    *_compensation("the soft gain", "none", "full"),
     Step(
-        adds="the Kalman filter, shaped references and feed-forward",
-        to="the soft gain",
-        before="none",
-        after="soft_filter_shaping",
+        "the Kalman filter, shaped references and feed-forward",
+        "the soft gain",
+        "none",
+        "soft_filter_shaping",
+    ),
+    Step("the stiff gain", "filter, shaping and feed-forward", "soft_filter_shaping", "stiff_filter_shaping"),
+    Step(
+        "the Kalman filter",
+        "the stiff gain with shaping and feed-forward",
+        "stiff_shaping",
+        "stiff_filter_shaping",
     ),
     Step(
-        adds="the stiff gain",
-        to="filter, shaping and feed-forward",
-        before="soft_filter_shaping",
-        after="stiff_filter_shaping",
+        "the disturbance observer and integral action",
+        "the stiff gain with filter, shaping and feed-forward",
+        "stiff_filter_shaping",
+        "precise_without_compensation",
     ),
-    Step(
-        adds="the Kalman filter",
-        to="the stiff gain with shaping and feed-forward",
-        before="stiff_shaping",
-        after="stiff_filter_shaping",
-    ),
-    Step(
-        adds="the disturbance observer and integral action",
-        to="the stiff gain with filter, shaping and feed-forward",
-        before="stiff_filter_shaping",
-        after="precise_without_compensation",
-    ),
-    *_compensation_steps("the precise controller without it", "precise_without_compensation", "precise"),
+    *_compensation("the precise controller without it", "precise_without_compensation", "precise"),
 )
 
 
@@ -181,7 +176,8 @@ class Trial:
 
     controller: Controller
     scores: tuple[Score, ...]  #: by the true position
-    performances: tuple[Performance, ...]  #: as the robot's own log shows them
+    performances: tuple[Performance, ...] = ()  #: as the robot's own log shows them
+    log: Log | None = None  #: of the first run, if it is kept
 
     @staticmethod
     def of(controller: Controller, results: Sequence[RunResult]) -> Trial:
@@ -190,6 +186,7 @@ class Trial:
             controller=controller,
             scores=tuple(one.score for one in results),
             performances=tuple(Performance.from_array(one.measured) for one in results),
+            log=results[0].log,
         )
 
     @property
@@ -233,7 +230,11 @@ class ControllerChoice:
     trials: Mapping[str, Trial]  #: by candidate
     equals: tuple[str, ...]  #: candidates that count as the best, the best one first; none if all fall
     chosen: str | None  #: None if every candidate falls on some plant
-    runs: Mapping[str, Log]  #: by candidate, on the first plant
+
+    @property
+    def runs(self) -> dict[str, Log]:
+        """The candidates' runs on the first plant."""
+        return {name: one.log for name, one in self.trials.items() if one.log is not None}
 
     @property
     def controller(self) -> Controller | None:
@@ -318,23 +319,14 @@ def choose_controller(
     InputError
         If a robot cannot be run or a run cannot be scored.
     """
-    found = run_comparison(
-        [
-            loop_run(name, controller, plant, course, logged=plant is plants[0])
-            for name, controller in controllers.items()
-            for plant in plants
-        ],
-        run=run,
-    )
-    trials = {name: Trial.of(one, found.of(name, course.name)) for name, one in controllers.items()}
-    logs = {name: found.of(name, course.name)[0].log for name in controllers}
+    asked = {name: (controller, course) for name, controller in controllers.items()}
+    trials = run_trials(asked, plants, logged=True, run=run)
     return ControllerChoice(
         plants=tuple(plants),
         course=course,
         trials=trials,
         equals=equal_best(trials),
         chosen=smoothest_of_best(trials),
-        runs={name: log for name, log in logs.items() if log is not None},
     )
 
 
@@ -349,20 +341,52 @@ def measure_steps(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Mappin
     controllers = {name: trial.controller for name, trial in choice.trials.items()}
     controllers |= variants(controllers)
     needed = dict.fromkeys((name, step.course) for step in STEPS for name in (step.before, step.after))
-    new = [(name, course) for name, course in needed if course is not None or name not in choice.trials]
-    found = run_comparison(
-        [
-            loop_run(name, controllers[name], plant, course or choice.course)
-            for name, course in new
-            for plant in choice.plants
-        ],
-        run=run,
-    )
-    trials = {(name, None): trial for name, trial in choice.trials.items()} | {
-        (name, course): Trial.of(controllers[name], found.of(name, (course or choice.course).name))
-        for name, course in new
+    known = {(name, None): trial for name, trial in choice.trials.items()}
+    asked = {
+        (name, course): (controllers[name], course or choice.course)
+        for name, course in needed
+        if (name, course) not in known
     }
+    trials = known | run_trials(asked, choice.plants, run=run)
     return {step: (trials[step.before, step.course], trials[step.after, step.course]) for step in STEPS}
+
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+def run_trials(
+    asked: Mapping[Key, tuple[Controller, NamedCourse]],
+    plants: Sequence[PlantDraw],
+    *,
+    logged: bool = False,
+    run: Run = DEFAULT_RUN,
+) -> dict[Key, Trial]:
+    """Run controllers, each on its course and on every robot.
+
+    Parameters
+    ----------
+    asked : mapping
+        Controller and course of each trial, by any key.
+    plants : sequence of PlantDraw
+    logged : bool
+        Whether each trial keeps the log of its first run.
+    run : Run, optional
+
+    Raises
+    ------
+    InputError
+        If a robot cannot be run or a run cannot be scored.
+    """
+    runs = [
+        loop_run(str(place), controller, plant, course, logged=logged and plant is plants[0])
+        for place, (controller, course) in enumerate(asked.values())
+        for plant in plants
+    ]
+    results = run_comparison(runs, run=run).results
+    return {
+        key: Trial.of(controller, results[place * len(plants) :][: len(plants)])
+        for place, (key, (controller, _)) in enumerate(asked.items())
+    }
 
 
 def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:

@@ -6,9 +6,8 @@ outermost. The standings are means over the seeds, and every controller against 
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +22,7 @@ from ballbot.log import Log
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, plotted, summarized
-from ballbot.workflows.candidates import Candidate, UserController
+from ballbot.workflows.candidates import Candidate
 from ballbot.workflows.comparison import (
     ComparedRun,
     Comparison,
@@ -37,26 +36,23 @@ from ballbot.workflows.comparison import (
     write_result,
 )
 from ballbot.workflows.courses import Course
-from ballbot.workflows.metrics import Score, score_results, true_place
+from ballbot.workflows.metrics import Metric, Score, score_results, true_place
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: what a track has, its points in a second, and the decimals they are kept with [m, rad]
-_TRACKED = ("t", "x", "y", "theta", "phi", "psi")
+#: what a track has, its points in a second, and the decimals they are kept with [m]
+_TRACKED = ("t", "x", "y")
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
-    """How the robot really stood in a run, ten times a second, to a tenth of a millimetre and of a milliradian."""
+    """Where the robot really was in a run, ten times a second, to a tenth of a millimetre."""
 
     t: NDArray[np.float64]  #: (N,) [s]
     x: NDArray[np.float64]  #: (N,) [m]
     y: NDArray[np.float64]  #: (N,) [m]
-    theta: NDArray[np.float64]  #: (N,) [rad]
-    phi: NDArray[np.float64]  #: (N,) [rad]
-    psi: NDArray[np.float64]  #: (N,) [rad]
     ended: str | None  #: why the run stopped early
 
     @staticmethod
@@ -186,36 +182,21 @@ def kept_runs(folder: Path, made_from: Mapping[str, str]) -> RunFolder[RunResult
 
 
 def _track(log: Log) -> NDArray[np.float64]:
-    """Return how the robot really stood (6, N), as a `Track` has it."""
+    """Return where the robot really was (3, N), as a `Track` has it."""
     step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
     place = true_place(log)
     return np.round(np.array([place[name][::step] for name in _TRACKED]), _TRACK_DECIMALS)
 
 
-@dataclass(frozen=True)
-class Metric:
-    """A number of a score, as tables and figures show it."""
-
-    key: str  #: of `Score`
-    heading: str  #: of a table's column
-    words: str  #: that name it in a sentence
-    _: KW_ONLY
-    unit: str  #: that it is shown in
-    scale: float  #: from SI to that unit
-    decimals: int
-
-
 #: in the order of the tables; of all of them less is better
 METRICS = (
-    Metric("peak_position_error", "peak", "peak position error", unit="mm", scale=1e3, decimals=0),
-    Metric("rms_position_error", "RMS", "RMS position error", unit="mm", scale=1e3, decimals=0),
-    Metric(
-        "peak_heading_error", "heading", "peak heading error", unit="deg", scale=180.0 / np.pi, decimals=1
-    ),
-    Metric("settling_time", "settling", "settling time", unit="s", scale=1.0, decimals=1),
-    Metric("rms_torque", "torque", "RMS torque", unit="N m", scale=1.0, decimals=3),
-    Metric("high_frequency_torque", "above 10 Hz", "torque above 10 Hz", unit="N m", scale=1.0, decimals=3),
-    Metric("energy", "energy", "energy exchanged", unit="J", scale=1.0, decimals=1),
+    Metric("peak_position_error", "peak position error", "mm", 1e3, 0, "peak"),
+    Metric("rms_position_error", "RMS position error", "mm", 1e3, 0, "RMS"),
+    Metric("peak_heading_error", "peak heading error", "deg", 180.0 / np.pi, 1, "heading"),
+    Metric("settling_time", "settling time", "s", 1.0, 1, "settling"),
+    Metric("rms_torque", "RMS torque", "N m", 1.0, 3, "torque"),
+    Metric("high_frequency_torque", "torque above 10 Hz", "N m", 1.0, 3, "above 10 Hz"),
+    Metric("energy", "energy exchanged", "J", 1.0, 1, "energy"),
 )
 METRIC_BY_KEY = {metric.key: metric for metric in METRICS}
 #: that are never zero, so that their ratios are finite
@@ -284,7 +265,11 @@ def overall(league: League, controller: str) -> Overall:
         runs=len(everything),
         falls=falls,
         fall_interval=fraction_with_interval(falls, len(everything)),
-        ratios={name: _ratio(mine, first, name) for name in RATIOS if controller != league.controllers[0]},
+        ratios={
+            name: Paired.of(*([_values(scores, name) for scores in part] for part in (mine, first))).ratio
+            for name in RATIOS
+            if controller != league.controllers[0]
+        },
     )
 
 
@@ -313,27 +298,12 @@ def league_results(league: League) -> dict[str, object]:
     }
 
 
-def _values(scores: Sequence[Score], name: str) -> list[float]:
-    return [float(getattr(score, name)) if score.ended is None else np.nan for score in scores]
+def _values(scores: Sequence[Score], name: str) -> NDArray[np.float64]:
+    return np.array([getattr(score, name) if score.ended is None else np.nan for score in scores], np.float64)
 
 
 def _falls(scores: Sequence[Score]) -> int:
     return sum(score.ended is not None for score in scores)
-
-
-def _ratio(mine: Sequence[Sequence[Score]], first: Sequence[Sequence[Score]], name: str) -> Estimate:
-    own, others = (np.array([_values(scores, name) for scores in part]) for part in (mine, first))
-    return Paired(own, others).ratio
-
-
-def user_files(controllers: Iterable[Feedback]) -> dict[Path, str]:
-    """Return the checksums of the files that users' controllers consist of, by their paths from here."""
-    return {
-        Path(os.path.relpath(path)): checksum
-        for one in controllers
-        if isinstance(one, UserController)
-        for path, checksum in one.checksums.items()
-    }
 
 
 def league_identity(

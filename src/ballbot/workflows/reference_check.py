@@ -1,7 +1,7 @@
 """Whether a robot can follow a reference, before it is tried: the torque, speed, power, lean and grip that it needs.
 
-They are computed twice: in closed loop with sensors, and for the path followed exactly, by the exact equations of
-motion backwards.
+The closed loop with sensors shows falls and errors. How much of each limit is used follows, for the path followed
+exactly, from the exact equations of motion backwards; if the path jumps, the closed loop's use counts.
 Given x(t), y(t), psi(t), the five equations M q_ddot + bias = W^T u + rolling friction have two leans and n torques as
 unknowns. Velocities Z (5, 2) that turn no wheel, W Z = 0 (the body turning with the ball), eliminate the torques:
 
@@ -28,7 +28,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.floor import rolling_friction
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.model import Model
-from ballbot.results import key, left_out, reported, to_results
+from ballbot.results import left_out, reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
 from ballbot.simulation.batch import simulate_batch
@@ -56,6 +56,14 @@ class Demand:
     states: NDArray[np.float64]  #: (N, 10)
     torques: NDArray[np.float64]  #: (N, n) [N m]
     wheel_speeds: NDArray[np.float64]  #: (N, n) [rad/s]
+
+    @staticmethod
+    def of(
+        model: Model, t: NDArray[np.float64], states: NDArray[np.float64], torques: NDArray[np.float64]
+    ) -> Demand:
+        """Return states and torques with the wheels' speeds."""
+        speeds = model.wheel_speed(states[:, :5], states[:, 5:])
+        return Demand(t=t, states=states, torques=torques, wheel_speeds=speeds)
 
     @property
     def power(self) -> NDArray[np.float64]:
@@ -85,10 +93,11 @@ def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) ->
     path = gaussian_filter1d(path, ROUNDING / sample_time, axis=0, mode="nearest")
     q = np.zeros((len(path), 5))
     q[:, [0, 1, 4]] = path
-    preconditioner = _lean_equation(model)
+    linear = _lean_equation(model, len(q), sample_time)
     for _ in range(_STEPS):
         residual = _residual(model, q, sample_time)
-        change = -_solve_lean(preconditioner, residual, sample_time)
+        residual[[0, -1]] = 0.0
+        change = -solve_banded((1, 1), linear, residual)
         q[:, 2:4] += change
         if not np.abs(q[:, 2:4]).max() < 1.0:
             break
@@ -135,27 +144,17 @@ def _residual(model: Model, q: NDArray[np.float64], sample_time: float) -> NDArr
     )
 
 
-def _lean_equation(model: Model) -> tuple[float, float]:
-    """Return j [kg m^2] and m_r g l [N m] of the lean's linear equation, the mean of both leans."""
-    origin = np.zeros((1, 5))
+def _lean_equation(model: Model, rows: int, sample_time: float) -> NDArray[np.float64]:
+    """Return j lean_ddot - m_r g l lean as bands (3, rows), the mean of both leans; the lean is zero at both ends."""
+    origin, body = np.zeros((1, 5)), model.robot.body
     Z = _without_turning(model.wheel_jacobian(origin))[0]
     inertia = Z.T @ model.mass_matrix(origin)[0]
-    body = model.robot.body
-    return 0.5 * float(inertia[0, 2] + inertia[1, 3]), body.mass * model.robot.gravity * body.center_of_mass
-
-
-def _solve_lean(
-    equation: tuple[float, float], right: NDArray[np.float64], sample_time: float
-) -> NDArray[np.float64]:
-    """Return the leans (N, 2) of j lean_ddot - m_r g l lean = right that are zero at both ends."""
-    inertia, tipping = equation
-    bands = np.empty((3, len(right)))
-    bands[0] = bands[2] = inertia / sample_time**2
-    bands[1] = -2.0 * inertia / sample_time**2 - tipping
+    stiffness = 0.5 * float(inertia[0, 2] + inertia[1, 3]) / sample_time**2
+    bands = np.empty((3, rows))
+    bands[0] = bands[2] = stiffness
+    bands[1] = -2.0 * stiffness - body.mass * model.robot.gravity * body.center_of_mass
     bands[1, [0, -1]], bands[0, 1], bands[2, -2] = 1.0, 0.0, 0.0
-    inner = right.copy()
-    inner[[0, -1]] = 0.0
-    return np.asarray(solve_banded((1, 1), bands, inner), dtype=np.float64)
+    return bands
 
 
 def _demand(model: Model, q: NDArray[np.float64], sample_time: float, rest: int) -> Demand:
@@ -180,6 +179,7 @@ THIN = 0.8
 _STEP = 1e-3  # inner step of the closed loop [s]
 _RUNS = 5  # of the closed loop
 _GRIP = 1.0  # friction coefficient of the wheels on the ball, as of the loop
+_NO_LOAD = 100.0  # a wheel that needs a larger friction coefficient carries no load
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,36 +200,25 @@ class Use:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Followed:
-    """How the reference is followed in closed loop."""
-
-    uses: tuple[Use, ...]
-    share_at_torque_limit: float  #: share of the time in which a wheel's torque is at its limit
-    ended: float  #: when the robot falls [s]; infinity if it does not
-    peak_error: float  #: largest distance from the reference [m]
-    peak_power: float  #: mechanical, of all motors [W]
-
-
-@dataclass(frozen=True, kw_only=True)
 class ReferenceMargins:
-    """How much of the robot's limits a reference uses."""
+    """How much of the robot's limits a reference uses, and how it is followed in closed loop."""
 
     name: str  #: of the reference
-    #: when [s] and by how much [m or rad]; a path with jumps has no demand
+    #: when [s] and by how much [m or rad]; a path with jumps cannot be followed exactly
     jumps: tuple[tuple[float, float], ...]
-    uses: tuple[Use, ...] = field(
-        metadata=key("followed_exactly")
-    )  #: of the path followed exactly; empty if it jumps
-    peak_power: float | None  #: of the path followed exactly, mechanical [W]
+    uses: tuple[Use, ...]  #: of the path followed exactly; of the closed loop if the path jumps
+    peak_power: float  #: mechanical, of all motors, likewise [W]
     supply_voltage: float = field(metadata=left_out)  #: [V]
-    closed: Followed = field(metadata=key("closed_loop"))
+    ended: float  #: when the robot falls in closed loop [s]; infinity if it does not
+    peak_error: float  #: largest distance from the reference in closed loop [m]
+    share_at_torque_limit: (
+        float  #: share of the time in which a wheel's torque is at its limit in closed loop
+    )
 
     @reported
     def can_be_followed(self) -> bool:
         """Whether no limit is exceeded and the robot does not fall."""
-        return self.closed.ended == np.inf and all(
-            use.share <= 1.0 for use in (*self.uses, *self.closed.uses)
-        )
+        return self.ended == np.inf and all(use.share <= 1.0 for use in self.uses)
 
 
 def check_reference(
@@ -240,9 +229,10 @@ def check_reference(
     duration: float,
     name: str = "the reference",
 ) -> ReferenceMargins:
-    """Return which share of a robot's limits a reference uses, followed exactly and in closed loop.
+    """Return which share of a robot's limits a reference uses, and how it is followed in closed loop.
 
-    The closed loop is the compiled one, with the nominal scenario's sensors, delay and noise.
+    The closed loop is the compiled one, with the nominal scenario's sensors, delay and noise; the worst of five runs
+    counts.
 
     Parameters
     ----------
@@ -260,70 +250,49 @@ def check_reference(
     InputError
         If the duration is invalid, the reference has a lean or a rate, or no lean can follow it.
     """
-    model, sample_time = Model(robot, step=_STEP), controller.sample_time
+    sample_time = controller.sample_time
     loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), step=_STEP)
     wanted = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
     poses = wanted[:, [0, 1, 4]]
     changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
     jumps = np.flatnonzero(changes > JUMP)
-    demand = None if len(jumps) else path_demand(model, poses, sample_time)
-    return ReferenceMargins(
-        name=name,
-        jumps=tuple((float((k + 1) * sample_time), float(changes[k])) for k in jumps),
-        uses=_uses(model, controller, demand.t, demand.states, demand.torques) if demand else (),
-        peak_power=float(demand.power.max()) if demand else None,
-        supply_voltage=robot.drive.supply_voltage,
-        closed=_followed(loop, reference, wanted, duration),
-    )
-
-
-def available_torque(
-    robot: Robot, limit: float, torques: NDArray[np.float64], speeds: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the torque [N m] that motors have in the direction of `torques` at wheel speeds, of any shape."""
-    top = top_speed(robot)
-    forward = speeds * np.sign(torques)
-    return limit * np.clip((top - forward) / (FALLING_PART * top), 0.0, 1.0)
-
-
-def _followed(loop: Loop, reference: Reference, wanted: NDArray[np.float64], duration: float) -> Followed:
-    """Run the loop a few times, each with noise of its own; the worst of each quantity counts."""
     run = simulate_batch(
         loop.model,
-        loop.controller,
+        controller,
         reference,
         duration=duration,
         initial_states=np.array([initial_state_of(seed) for seed in range(_RUNS)]),
         imperfections=loop.imperfections,
     )
     going = run.t <= run.ended[:, None] + 1e-9
-    t, states, torques = np.broadcast_to(run.t, going.shape)[going], run.states[going], run.torques[going]
-    speeds = loop.model.wheel_speed(states[:, :5], states[:, 5:])
-    error = np.hypot(*(states[:, :2] - np.broadcast_to(wanted, (_RUNS, *wanted.shape))[going][:, :2]).T)
-    limit = loop.controller.torque_limit
-    return Followed(
-        uses=_uses(loop.model, loop.controller, t, states, torques),
-        share_at_torque_limit=float(np.mean(np.abs(torques).max(axis=1) >= limit * (1.0 - 1e-9))),
+    error = np.hypot(*(run.states[..., :2] - wanted[:, :2])[going].T)
+    torques = run.torques[going]
+    if len(jumps):
+        path = Demand.of(loop.model, np.broadcast_to(run.t, going.shape)[going], run.states[going], torques)
+    else:
+        path = path_demand(Model(robot, step=_STEP), poses, sample_time)
+    at_limit = np.abs(torques).max(axis=1) >= controller.torque_limit * (1.0 - 1e-9)
+    return ReferenceMargins(
+        name=name,
+        jumps=tuple((float((k + 1) * sample_time), float(changes[k])) for k in jumps),
+        uses=_uses(Model(robot), controller, path),
+        peak_power=float(path.power.max()),
+        supply_voltage=robot.drive.supply_voltage,
         ended=float(run.ended.min()),
         peak_error=float(error.max()),
-        peak_power=float((torques * speeds).sum(axis=1).max()),
+        share_at_torque_limit=float(np.mean(at_limit)),
     )
 
 
-def _uses(
-    model: Model,
-    controller: Controller,
-    t: NDArray[np.float64],
-    states: NDArray[np.float64],
-    torques: NDArray[np.float64],
-) -> tuple[Use, ...]:
-    """Return the largest use of each limit along states (N, 10) under torques (N, n)."""
-    robot, limit = model.robot, controller.torque_limit
-    speeds = model.wheel_speed(states[:, :5], states[:, 5:])
-    left = np.maximum(available_torque(robot, limit, torques, speeds), 1e-3 * limit)
-    needed = np.empty(len(t))
-    seen = real_array(states, (len(t), 10), "The array of states")
-    given = real_array(torques, (len(t), robot.wheel_count), "The array of torques")
+def _uses(model: Model, controller: Controller, path: Demand) -> tuple[Use, ...]:
+    """Return the largest use of each limit along a path."""
+    robot, limit, top = model.robot, controller.torque_limit, top_speed(model.robot)
+    # the torque that is left in its direction: none at the motors' highest speed
+    forward = path.wheel_speeds * np.sign(path.torques)
+    left = limit * np.clip((top - forward) / (FALLING_PART * top), 1e-3, 1.0)
+    needed = np.empty(len(path.t))
+    seen = real_array(path.states, (len(path.t), 10), "The array of states")
+    given = real_array(path.torques, (len(path.t), robot.wheel_count), "The array of torques")
     friction_needed_along(model.selected, model.packed, pack_contacts(robot), seen, given, needed)
 
     def most(quantity: str, values: NDArray[np.float64], limits: ArrayLike, unit: str) -> Use:
@@ -335,19 +304,19 @@ def _uses(
             value=float(values[place]),
             limit=float(limits[place]),
             unit=unit,
-            t=float(t[place[0]]),
+            t=float(path.t[place[0]]),
             wheel=int(place[1]) + 1 if values.ndim == 2 else None,
         )
 
     return (
-        most("torque", np.abs(torques), left, "N m"),
-        most("wheel speed", np.abs(speeds), top_speed(robot), "rad/s"),
-        most("lean", lean_of(states[..., 2], states[..., 3]), lost_lean(model), "rad"),
+        most("torque", np.abs(path.torques), left, "N m"),
+        most("wheel speed", np.abs(path.wheel_speeds), top, "rad/s"),
+        most("lean", lean_of(path.states[:, 2], path.states[:, 3]), lost_lean(model), "rad"),
         most("grip", needed, _GRIP, ""),
     )
 
 
-MARGIN_HEADINGS = ("", "quantity", "at most", "limit", "used", "when [s]")
+MARGIN_HEADINGS = ("quantity", "at most", "limit", "used", "when [s]")
 
 
 def reference_verdict(margins: ReferenceMargins) -> list[str]:
@@ -357,17 +326,15 @@ def reference_verdict(margins: ReferenceMargins) -> list[str]:
         lines = [f"The robot cannot follow {name}:", *(f"- {reason};" for reason in reasons)]
         lines[-1] = lines[-1][:-1] + "."
     else:
-        uses = (*margins.uses, *margins.closed.uses)
-        tightest = max(uses, key=lambda use: use.share)
+        tightest = max(margins.uses, key=lambda use: use.share)
         margin = "a thin margin" if tightest.share > THIN else "its tightest margin"
         lines = [
             f"The robot can follow {name}; {margin} is {tightest.quantity}, {percent(tightest.share)} used."
         ]
-    closed = margins.closed
-    if closed.ended == np.inf:
+    if margins.ended == np.inf:
         lines.append(
-            f"With this controller its largest distance from the reference is {closed.peak_error:.3f} m, and "
-            f"its torques are {_time_at_limit(closed.share_at_torque_limit)}."
+            f"With this controller its largest distance from the reference is {margins.peak_error:.3f} m, and "
+            f"its torques are {_time_at_limit(margins)}."
         )
     if margins.jumps:
         t, size = margins.jumps[0]
@@ -376,7 +343,7 @@ def reference_verdict(margins: ReferenceMargins) -> list[str]:
             f"The reference jumps (by {size:.3g} at t = {t:g} s{more}). No robot follows a jump exactly, so "
             "only the closed loop is evaluated."
         )
-    power = closed.peak_power if margins.peak_power is None else max(margins.peak_power, closed.peak_power)
+    power = margins.peak_power
     lines.append(
         f"The motors deliver at most {power:.3g} W, {power / margins.supply_voltage:.3g} A at "
         f"{margins.supply_voltage:g} V, without the losses of the windings. Compare that with "
@@ -385,14 +352,9 @@ def reference_verdict(margins: ReferenceMargins) -> list[str]:
     return lines
 
 
-def _time_at_limit(share: float) -> str:
+def _time_at_limit(margins: ReferenceMargins) -> str:
+    share = margins.share_at_torque_limit
     return f"at their limit {percent(share)} of the time" if share > 0.0 else "never at their limit"
-
-
-def margin_rows(margins: ReferenceMargins) -> list[list[str]]:
-    """Return the table's rows: of the path followed exactly, and in closed loop."""
-    parts = (("followed exactly", margins.uses), ("closed loop", margins.closed.uses))
-    return [[which, *_row(use)] for which, uses in parts for use in uses]
 
 
 def margin_results(margins: ReferenceMargins) -> dict[str, object]:
@@ -401,18 +363,13 @@ def margin_results(margins: ReferenceMargins) -> dict[str, object]:
 
 
 def _reasons(margins: ReferenceMargins) -> list[str]:
-    reasons = [_reason(use) for use in margins.uses if use.share > 1.0]
-    closed = margins.closed
-    uses = [
-        use
-        for use in closed.uses
-        if use.share > 1.0 and not (use.quantity == "lean" and closed.ended < np.inf)
-    ]
-    reasons += [f"in closed loop {_reason(use)}" for use in uses]
-    if closed.ended < np.inf:
+    fell = margins.ended < np.inf
+    # a robot that falls leans beyond its limit: that is no second reason
+    exceeded = [one for one in margins.uses if one.share > 1.0 and not (one.quantity == "lean" and fell)]
+    reasons = [_reason(one) for one in exceeded]
+    if fell:
         reasons.append(
-            f"in closed loop it falls at t = {closed.ended:.2f} s, after its torques were "
-            f"{_time_at_limit(closed.share_at_torque_limit)}"
+            f"in closed loop it falls at t = {margins.ended:.2f} s, after its torques were {_time_at_limit(margins)}"
         )
     return reasons
 
@@ -433,23 +390,25 @@ _REASONS = {
 def _reason(use: Use) -> str:
     if use.quantity == "grip" and use.value > _NO_LOAD:
         return f"a wheel lifts off the ball at t = {use.t:.2f} s"
-    scale = 180.0 / np.pi if use.unit == "rad" else 1.0
-    numbers = {"value": scale * use.value, "limit": scale * use.limit, "t": use.t, "wheel": use.wheel}
-    return _REASONS[use.quantity].format(**numbers)
+    value, limit, _ = _in_degrees(use)
+    return _REASONS[use.quantity].format(value=value, limit=limit, t=use.t, wheel=use.wheel)
 
 
-#: friction coefficients above this are of a wheel without load
-_NO_LOAD = 100.0
+def _in_degrees(use: Use) -> tuple[float, float, str]:
+    """Return value, limit and unit, of an angle in degrees."""
+    if use.unit != "rad":
+        return use.value, use.limit, use.unit
+    return np.degrees(use.value), np.degrees(use.limit), "deg"
 
 
-def _row(use: Use) -> list[str]:
-    value, limit, unit = use.value, use.limit, use.unit
-    if unit == "rad":
-        value, limit, unit = np.degrees(value), np.degrees(limit), "deg"
-    name = use.quantity if use.wheel is None else f"{use.quantity}, wheel {use.wheel}"
-    shown = ["lifted", f"{limit:.3g}", "-"] if value > _NO_LOAD else []
-    return [
-        unit_heading(name, unit),
-        *(shown or [f"{value:.3g}", f"{limit:.3g}", percent(use.share)]),
-        f"{use.t:.2f}",
-    ]
+def margin_rows(margins: ReferenceMargins) -> list[list[str]]:
+    """Return the table's rows, one of each limit."""
+    rows = []
+    for use in margins.uses:
+        value, limit, unit = _in_degrees(use)
+        name = use.quantity if use.wheel is None else f"{use.quantity}, wheel {use.wheel}"
+        lifted = value > _NO_LOAD
+        shown = "lifted" if lifted else f"{value:.3g}"
+        share = "-" if lifted else percent(use.share)
+        rows.append([unit_heading(name, unit), shown, f"{limit:.3g}", share, f"{use.t:.2f}"])
+    return rows

@@ -32,8 +32,7 @@ from ballbot.control.presets import (
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.comparison import run_comparison
-from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse, Trial, loop_run
+from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse, Trial, run_trials
 
 #: of the integrals beside the soft weights, so small that the position gain stays within a tenth of the soft one's
 _SOFT_INTEGRAL_WEIGHTS = (0.02, 0.02, 0.002)
@@ -68,13 +67,12 @@ class Stiffness:
     """Controllers of one gain."""
 
     position_gain: float  #: torque of all wheels, root of the sum of squares, for a metre along x [N m/m]
-    #: largest over the frequencies, without and with the observer; infinite without stability
-    sensitivities: Mapping[bool, float]
+    sensitivity: float  #: largest over the frequencies, of the gain by itself; infinite without stability
     trials: Mapping[Variant, Trial]
 
     def holds(self, variant: Variant) -> bool:
-        """Return whether the loop has margins and no run fell."""
-        return self.sensitivities[variant.observer] <= LARGEST_SENSITIVITY and not self.trials[variant].falls
+        """Return whether the gain by itself has margins and no run fell."""
+        return self.sensitivity <= LARGEST_SENSITIVITY and not self.trials[variant].falls
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,39 +121,20 @@ def measure_stiffness(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Fr
         As `choose_controller`.
     """
     base, scenario = choice.trials["precise"].controller, choice.plants[0].scenario
-    plants = choice.plants[:_ROBOTS]
     course = replace(choice.course, duration=min(choice.course.duration, _DURATION))
     end = _end(base, scenario)
     ladder = np.linspace(0.0, end, _GAINS).tolist()
-    controllers = {
-        (place, variant): _controller(base, s, variant)
-        for place, s in enumerate(ladder)
-        for variant in VARIANTS
-    }
-    found = run_comparison(
-        [
-            loop_run(f"{place} {variant}", controller, plant, course)
-            for (place, variant), controller in controllers.items()
-            for plant in plants
-        ],
-        run=run,
+    controllers = {(s, variant): _controller(base, s, variant) for s in ladder for variant in VARIANTS}
+    trials = run_trials(
+        {key: (one, course) for key, one in controllers.items()}, choice.plants[:_ROBOTS], run=run
     )
-
-    def trial(place: int, variant: Variant) -> Trial:
-        return Trial.of(controllers[place, variant], found.of(f"{place} {variant}", course.name))
-
     gains = tuple(
         Stiffness(
-            position_gain=_position_gain(controllers[place, VARIANTS[0]]),
-            sensitivities={
-                observer: _sensitivity(
-                    controllers[place, Variant(compensation=False, observer=observer)], scenario
-                )
-                for observer in (False, True)
-            },
-            trials={one: trial(place, one) for one in VARIANTS},
+            position_gain=_position_gain(controllers[s, VARIANTS[0]]),
+            sensitivity=_sensitivity(controllers[s, VARIANTS[0]], scenario),
+            trials={variant: trials[s, variant] for variant in VARIANTS},
         )
-        for place in range(_GAINS)
+        for s in ladder
     )
     return FrictionByStiffness(
         course=course, gains=gains, precise_gain=_position_gain(base), margins_end=end < _STIFFEST
@@ -191,14 +170,16 @@ def _between(soft: Sequence[float], stiff: Sequence[float], s: float) -> NDArray
 
 def _end(base: Controller, scenario: Scenario) -> float:
     """Return up to which s a gain by itself has margins."""
-    for s in np.arange(_LEAST, _STIFFEST, 0.25):
+    end = _LEAST
+    while end < _STIFFEST:
         try:
-            stiffer = _controller(base, s + 0.25, VARIANTS[0])
+            stiffer = _controller(base, end + 0.25, VARIANTS[0])
         except InputError:  # no gain stabilises with these weights
-            return float(s)
+            break
         if _sensitivity(stiffer, scenario) > LARGEST_SENSITIVITY:
-            return float(s)
-    return _STIFFEST
+            break
+        end += 0.25
+    return end
 
 
 def _sensitivity(controller: Controller, scenario: Scenario) -> float:

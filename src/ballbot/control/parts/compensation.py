@@ -30,7 +30,7 @@ from ballbot.mechanics.equations import ball_rate, body_rates
 from ballbot.mechanics.floor import rolling_brake
 from ballbot.mechanics.friction import WheelTerms, dry_friction, friction_shift, friction_terms
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.parameters import DirectedWheel, Wheel
+from ballbot.mechanics.parameters import Wheel
 from ballbot.robot import Robot
 
 
@@ -65,7 +65,7 @@ class CompensationRecord:
 def compensation_record(settings: LawSettings) -> CompensationRecord:
     """Return the friction of a controller's robot as compiled code reads it."""
     robot, friction = settings.robot, settings.robot.friction
-    terms = friction_terms(friction)
+    d, e, mu = friction_terms(friction).T
     return CompensationRecord(
         inv_rb=1.0 / robot.ball.radius,
         inv_vs=1.0 / friction.stribeck_speed,
@@ -80,9 +80,9 @@ def compensation_record(settings: LawSettings) -> CompensationRecord:
         coulomb=np.asarray(friction.coulomb),
         stribeck=np.asarray(friction.stribeck),
         directed=float(not friction.is_plain),
-        coulomb_asymmetry=terms.coulomb_asymmetry,
-        stribeck_asymmetry=terms.stribeck_asymmetry,
-        load=terms.load,
+        coulomb_asymmetry=d,
+        stribeck_asymmetry=e,
+        load=mu,
         for_rolling=rolling_torques(robot),
     )
 
@@ -142,22 +142,16 @@ def _wheel_friction(own, i, relative, torque) -> tuple[float, float]:
     """Return a wheel's friction, and the fraction compensated where the feedback's torque is `torque`."""
     axle = (own.axles[i, 0], own.axles[i, 1], own.axles[i, 2])
     speed = dot(axle, relative)
-    wheel = Wheel(axle, own.viscous[i], own.coulomb[i], own.stribeck[i], own.inv_vs, own.delta)
+    terms = WheelTerms(own.coulomb_asymmetry[i], own.stribeck_asymmetry[i], own.load[i])
+    wheel = Wheel(axle, own.viscous[i], own.coulomb[i], own.stribeck[i], terms, own.inv_vs, own.delta)
     ramp = _ramp(speed * own.steepness)
     friction = wheel.b * speed + dry_friction(wheel, speed) * ramp
     if own.directed > 0.0:
-        friction += _directed_part(own, wheel, i, speed, ramp)
+        # by which the friction forward, or less than it backward, differs from the mean of both directions
+        friction += friction_shift(wheel, speed) * abs(ramp)
         friction += own.load[i] * abs(torque + friction) * ramp
     works_against = torque * friction > 0.0
     return friction, own.full + (own.partial if works_against else 0.0)
-
-
-@inlined
-def _directed_part(own, wheel, i, speed, ramp):
-    """Return by how much the friction forward, or less than it backward, differs from the mean of both directions."""
-    terms = WheelTerms(own.coulomb_asymmetry[i], own.stribeck_asymmetry[i], own.load[i])
-    directed = DirectedWheel(wheel.axle, wheel.b, wheel.c, wheel.s, wheel.inv_vs, wheel.delta, terms)
-    return friction_shift(directed, speed) * abs(ramp)
 
 
 @inlined

@@ -1,16 +1,6 @@
 """One axis with friction: a mass or inertia and its friction, identified from records of force and position."""
 
 from ballbot.identification.axis.identify import AxisIdentification, AxisOptions, identify_axis
-from ballbot.identification.axis.model import AXIS_LAWS
-from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.regression import InverseFit, inverse_fit
+from ballbot.identification.axis.record import AxisRecord, record_of_rows
 
-__all__ = [
-    "AXIS_LAWS",
-    "AxisIdentification",
-    "AxisOptions",
-    "AxisRecord",
-    "InverseFit",
-    "identify_axis",
-    "inverse_fit",
-]
+__all__ = ["AxisIdentification", "AxisOptions", "AxisRecord", "identify_axis", "record_of_rows"]

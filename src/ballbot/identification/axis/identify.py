@@ -1,9 +1,9 @@
 """Identification of one axis: a wheel, a motor, a joint or a slide.
 
-1. The inverse model (`regression`) gives start values, and selects the forces over position and load: one after
-   another, the one first that explains most of the force of held-out blocks of time.
-2. Output error over windows (`output_error`) fits every friction law of the ladder, and selects one: the law that
-   predicts held-out blocks better than the simpler law within it, if its own parameters are determined.
+1. The inverse model (`motion`) gives start values.
+2. Output error over windows (`output_error`) fits nested models, and each is kept that predicts held-out blocks of time
+   better than the simpler one: gravity, friction under load, and a law of friction, if its own parameters are
+   determined.
 3. Intervals: the covariance clustered in time; and how far the parameters move, beyond chance, in fits to parts of the
    records (halves in time, single records, the faster half, windows without a reversal) and from the inverse model.
 
@@ -19,45 +19,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, finding_results, note, warning
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.fitting.model_selection import (
-    Candidate,
-    Gain,
-    HeldOut,
-    ModelSelection,
-    gain_between,
-    neighbours,
-    select_model,
-)
+from ballbot.fitting.model_selection import Gain, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import resamples
 from ballbot.identification.axis.model import (
-    AXIS_LAWS,
+    FORCES,
+    LAWS,
+    PARAMETERS,
     Axis,
-    AxisLaw,
     AxisModel,
-    check_law,
-    harmonic,
-    parameter_named,
     unit_for,
 )
-from ballbot.identification.axis.motion import default_bandwidth, speed_at_start
+from ballbot.identification.axis.motion import AxisMotion, inverse_model, motion_of, speed_at_start
 from ballbot.identification.axis.output_error import (
-    FOLDS,
     OutputError,
     OutputErrorFit,
-    Sighting,
     blocks_of,
     fit_output_error,
     held_out_squares,
-    sighting,
     window_duration,
     windows_of,
 )
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.regression import InverseFit, RegressionRows, inverse_fit, regression_rows
 from ballbot.progress import Progress
 from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
 
@@ -66,17 +52,10 @@ if TYPE_CHECKING:
 
 #: a force or a law that lowers the error on held-out blocks by less than this share is not worth its parameters
 USEFUL_GAIN = 0.02
-#: largest p-value of the coefficients of a force that is selected
-_LARGEST_CHANCE = 1e-3
-#: gravity comes before a spring, which resembles it over a small travel, and before friction under a load, which
-#: contains a gravity not yet found
-_WORTH = {"gravity": 1.0, "spring": 0.3, "load": 0.3}
-#: coefficients within so many standard errors of zero by output error are those of no force
-_REFUTED = 2.0
-#: of the columns of a wider model, each of length one
+#: of the columns of the inverse model with one force more, each of length one
 _LARGEST_CONDITION = 300.0
-#: Stribeck speeds that a fit begins at, over the fastest speed
-_STRIBECK_STARTS = (0.03, 0.15)
+#: Stribeck speeds that a fit begins at, over the fastest speed, and shares of the load
+_STRIBECK_STARTS, _LOAD_START = (0.03, 0.15), 0.05
 #: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
 _FADES = 0.5
 #: slower than this share of its usual speed, an axis reverses or rests
@@ -88,8 +67,8 @@ _FAR = 10.0
 _KNOWN = 2.0
 #: standard errors that a difference or an effect is beyond, where chance makes one in 1,000 cases
 _CLEAR = 3.3
-#: least share of the residual force's variance that a dependence explains
-_LEAST_SHARE = 0.05
+#: least share of the residual force's variance that a dependence explains, and the largest p-value of it
+_LEAST_SHARE, _LARGEST_CHANCE = 0.05, 1e-3
 _DRAWS, _SEED = 2000, 0
 
 
@@ -100,25 +79,23 @@ class AxisOptions:
     Raises
     ------
     InputError
-        If there is no such law or harmonic, or the bandwidth is not above zero.
+        If there is no such law, or the bandwidth is not above zero.
     """
 
-    law: str | None = None  #: see `AXIS_LAWS`
+    law: str | None = None  #: see `LAWS`
     bandwidth: float | None = None  #: of the motion [Hz], which sets the filters
-    harmonics: tuple[int, ...] | None = None  #: of the force over position
-    spring: bool | None = None
-    load_friction: bool | None = None
+    gravity: bool | None = None  #: of an axis that turns
+    load_friction: bool | None = None  #: whether dry friction grows with the load
     known: Mapping[str, float] = field(default_factory=dict)  #: parameters that are not estimated, by name
 
     def __post_init__(self) -> None:
-        if self.law is not None:
-            check_law(self.law)
+        if self.law is not None and self.law not in LAWS:
+            hint = suggest(self.law, LAWS, otherwise="the laws are")
+            raise InputError(f"There is no friction law {self.law!r} (--law); {hint}")
         if self.bandwidth is not None and not 0.0 < self.bandwidth < np.inf:
             raise InputError(
                 f"--bandwidth is {self.bandwidth:g}; it must be a finite number above zero [Hz]."
             )
-        for number in self.harmonics or ():
-            harmonic(number)
 
 
 DEFAULT_OPTIONS = AxisOptions()
@@ -135,18 +112,18 @@ class AxisErrors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisEstimate:
-    """One method's parameters and their prediction errors."""
+    """One law's parameters and their prediction errors."""
 
-    method: str  #: "inverse" or "output error"
     model: AxisModel
     values: dict[str, float]  #: by name, SI units
     standard_errors: dict[str, float]  #: by name, of the whole interval; NaN for a parameter at a bound
     half_widths: dict[str, float]  #: of the 95 % intervals, by name
-    correlation: NDArray[np.float64]  #: (p, p) of the errors; empty of the inverse model
+    correlation: NDArray[np.float64]  #: (p, p) of the errors
     errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
+    gain: Gain | None  #: on held-out blocks over the simpler law
 
     @property
-    def law(self) -> AxisLaw:
+    def law(self) -> str:
         """Its friction law."""
         return self.model.law
 
@@ -160,15 +137,14 @@ class AxisEstimate:
             name: [value - self.half_widths[name], value + self.half_widths[name]]
             for name, value in self.values.items()
         }
+        errors = {one.record: {k: v for k, v in vars(one).items() if k != "record"} for one in self.errors}
         return {
-            "method": self.method,
-            "law": self.law.name,
             "parameters": self.values,
             "standard_errors": self.standard_errors,
             "intervals_95": intervals,
-            "errors": {
-                one.record: {k: v for k, v in vars(one).items() if k != "record"} for one in self.errors
-            },
+            "errors": errors,
+            "simpler": LAWS[self.law][1],
+            "gain": self.gain.to_dict() if self.gain else None,
         }
 
 
@@ -179,30 +155,19 @@ class AxisIdentification:
 
     records: tuple[str, ...]  #: that were fitted
     unit: str  #: of positions: "m" or "rad"
-    terms: tuple[tuple[str, Gain], ...]  #: forces over position and load that were selected, and their gains
+    forces: dict[str, Gain]  #: gravity and load that were selected, with their gains
     window: float  #: length of the windows [s]
-    inverse: AxisEstimate  #: the law's linear part by the inverse model, of the moving axis
-    best: AxisEstimate  #: the law that was selected or requested, by output error
-    by_law: dict[str, AxisEstimate]  #: every law by output error
-    laws: ModelSelection[AxisLaw]  #: every law, by its errors on held-out blocks
+    best: AxisEstimate  #: the law that was selected or requested
+    by_law: dict[str, AxisEstimate]  #: every law
+    selected: str  #: the law that held-out blocks select
     expected: tuple[float, float, float]  #: error over windows on held-out blocks [m], and its 95 % interval
     findings: tuple[Finding, ...]
-
-    @property
-    def chosen(self) -> AxisLaw:
-        """The friction law."""
-        return self.best.law
-
-    @property
-    def estimates(self) -> tuple[AxisEstimate, ...]:
-        """The chosen law by both steps."""
-        return self.inverse, self.best
 
     def summary(self) -> Summary:
         """Return the law's parameters with their standard errors, the error to expect elsewhere, and findings."""
         best, unit = self.best, f"m{self.unit}"
         rows = [
-            (name, estimated(value, best.standard_errors[name], unit_for(parameter_named(name), self.unit)))
+            (name, estimated(value, best.standard_errors[name], unit_for(PARAMETERS[name], self.unit)))
             for name, value in best.values.items()
         ]
         error, low, high = (1e3 * one for one in self.expected)
@@ -210,13 +175,13 @@ class AxisIdentification:
             f"{error:.3g} {unit} RMS over {self.window:.3g} s, 95 % interval {low:.3g} to {high:.3g} {unit}"
         )
         return Summary(
-            title=f"Axis of {', '.join(self.records)}, law {self.chosen.name}: value ± standard error",
+            title=f"Axis of {', '.join(self.records)}, law {self.best.law}: value ± standard error",
             rows=(*rows, ("error elsewhere", words)),
             sentences=first_texts(self.findings),
         )
 
     def plot(self) -> Figure:
-        """Return a figure of each law's gain on held-out blocks over the simpler law within it."""
+        """Return a figure of what each law gains on held-out blocks over the simpler law."""
         return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
@@ -224,29 +189,16 @@ class AxisIdentification:
         return {
             "records": list(self.records),
             "unit": self.unit,
-            "law": self.chosen.name,
-            "terms": {name: gain.to_dict() for name, gain in self.terms},
+            "law": self.best.law,
+            "terms": {name: gain.to_dict() for name, gain in self.forces.items()},
             "force_between_rows": "interpolated" if self.best.model.interpolated else "held",
             "window": self.window,
             "parameters": self.best.values,
             "standard_errors": self.best.standard_errors,
-            "estimates": {one.method: one.to_dict() for one in self.estimates},
-            "selection": [_law_result(one) for one in self.laws.candidates],
             "laws": {name: one.to_dict() for name, one in self.by_law.items()},
             "expected_elsewhere": {"position_rmse": self.expected[0], "interval_95": list(self.expected[1:])},
             "findings": finding_results(self.findings),
         }
-
-
-def _law_result(one: Candidate[AxisLaw]) -> dict[str, object]:
-    gain = one.gain
-    return {
-        "law": one.name,
-        "below": one.within,
-        "held_out_rms": float(np.sqrt(one.held_out.squares.mean())),
-        "gain": gain.share if gain else np.nan,
-        "gain_interval": [gain.lower, gain.upper] if gain else [np.nan, np.nan],
-    }
 
 
 def identify_axis(
@@ -275,45 +227,45 @@ def identify_axis(
     """
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
     _check(records, validation_records, options)
-    run.progress(Progress(stage="inverse model"))
-    band = options.bandwidth
-    seen = [sighting(one, band or default_bandwidth(one)) for one in records]
-    others = [sighting(one, band or default_bandwidth(one)) for one in validation_records]
-    model, terms = _model(seen, options)
-    first = _fit("coulomb", model, seen, band)
-    model, terms, first = _confirmed(model, terms, first, seen, options)
-    fits = {"coulomb": first}
-    for number, name in enumerate(AXIS_LAWS):
-        run.progress(Progress(stage=f"law {name}", done=number, total=len(AXIS_LAWS)))
-        if name != "coulomb":
-            fits[name] = _fit(name, model, seen, band)
+    run.progress(Progress(stage="forces"))
+    seen, others = (
+        [motion_of(one, options.bandwidth) for one in several] for several in (records, validation_records)
+    )
+    first, forces = _with_forces(seen, options)
+    fits = {}
+    for number, name in enumerate(LAWS):
+        run.progress(Progress(stage=f"law {name}", done=number, total=len(LAWS)))
+        fits[name] = first if name == "coulomb" else _fit_law(name, first, seen)
     run.progress(Progress(stage="held-out blocks"))
-    squares = {name: held_out_squares(fits[name]) for name in AXIS_LAWS}
-    laws = _select_law(fits, squares, seen)
-    chosen = options.law or laws.best.name
-    by_law = {name: _estimate(fit, seen, others) for name, fit in fits.items()}
-    fit = fits[chosen]
-    linear = fit.model.with_law("coulomb") if chosen == "stribeck" else fit.model
-    moving = inverse_fit(records, linear, bandwidth=band, moving=True)
-    best, lacks = _widened(by_law[chosen], fit, moving)
-    errors = dict(zip(moving.names, moving.clustered_errors.tolist(), strict=True))
+    squares = {name: held_out_squares(fit) for name, fit in fits.items()}
+    gains = {
+        name: _gain(squares[name], squares[simpler]) if simpler else None
+        for name, (_, simpler) in LAWS.items()
+    }
+    selected = _selected(fits, gains, seen)
+    chosen = options.law or selected
+    duration = window_duration(records)
+    by_law = {
+        name: AxisEstimate(
+            model=fit.model,
+            values=fit.values,
+            standard_errors=fit.standard_errors,
+            half_widths={key: fit.quantile * error for key, error in fit.standard_errors.items()},
+            correlation=fit.correlation,
+            errors=tuple(_errors(fit, one, duration) for one in (*seen, *others)),
+            gain=gains[name],
+        )
+        for name, fit in fits.items()
+    }
+    best, lacks = _widened(by_law[chosen], fits[chosen], seen)
     found = AxisIdentification(
         records=tuple(one.name for one in records),
         unit=records[0].unit,
-        terms=terms,
-        window=window_duration(records),
-        inverse=AxisEstimate(
-            method="inverse",
-            model=linear,
-            values=moving.by_name,
-            standard_errors=errors,
-            half_widths={name: 1.96 * error for name, error in errors.items()},
-            correlation=np.empty((0, 0)),
-            errors=_errors(linear, moving.by_name, seen, others),
-        ),
+        forces=forces,
+        window=duration,
         best=best,
         by_law=by_law | {chosen: best},
-        laws=laws,
+        selected=selected,
         expected=_expected(squares[chosen]),
         findings=(),
     )
@@ -321,9 +273,9 @@ def identify_axis(
         *_law_findings(found, by_user=options.law is not None),
         *lacks,
         *_undetermined(best),
-        *_delayed(fit),
-        *_outliers(fit),
-        *_residual_findings(records, best, band),
+        *_delayed(fits[chosen]),
+        *_outliers(fits[chosen]),
+        *_residual_findings(seen, best),
         *_elsewhere(found),
     )
     return replace(found, findings=findings)
@@ -336,8 +288,10 @@ def _check(
     names = [one.name for one in everything]
     if not records:
         raise InputError("There is no record to identify the axis from.")
-    if options.harmonics and records[0].unit == "m":
-        raise InputError("An axis that slides has no turn for --harmonics.")
+    if options.gravity and records[0].unit == "m":
+        raise InputError(
+            "An axis that slides has no gravity over its position (--gravity), but in its offset."
+        )
     if len(set(names)) < len(names):
         raise InputError(
             f"Two of the records have the same name ({', '.join(names)}); give each its own name."
@@ -352,246 +306,162 @@ def _check(
             )
 
 
-Terms = tuple[tuple[str, Gain], ...]
+def _with_forces(seen: Sequence[AxisMotion], options: AxisOptions) -> tuple[OutputErrorFit, dict[str, Gain]]:
+    """Return the fit of the law `coulomb` with gravity and load as requested or selected, and the gains of these."""
+    # rows at uneven times are not those of the loop that holds the force
+    uneven = not all(one.record.even for one in seen)
+    asked = {"gravity": options.gravity, "load": options.load_friction}
+    model = AxisModel(
+        law="coulomb",
+        forces=tuple(name for name, wanted in asked.items() if wanted),
+        interpolated=uneven,
+        known=options.known,
+    )
+    gains, with_gravity = dict[str, Gain](), replace(model, forces=("gravity", *model.forces))
+    if (
+        options.gravity is None
+        and seen[0].record.unit == "rad"
+        and inverse_model(seen, with_gravity).condition < _LARGEST_CONDITION
+    ):
+        fit = _fit(with_gravity, seen)
+        without = _fit(model, seen, begin=fit.values)
+        gain = _gain_of("gravity", fit, without)
+        fit, gains = (fit, {"gravity": gain}) if gain else (without, gains)
+    else:
+        fit = _fit(model, seen)
+    # without gravity, friction under load is part of b and c
+    if options.load_friction is None and "gravity" in fit.model.forces:
+        wider = replace(fit.model, forces=(*fit.model.forces, "load"))
+        other = _fit(wider, seen, begin={**fit.values, "load": _LOAD_START})
+        gain = _gain_of("load", other, fit)
+        if gain:
+            fit, gains["load"] = other, gain
+    if not uneven:
+        # a log that is slower than its loop contains some of its rows; the force changes between them
+        other = _fit(replace(fit.model, interpolated=True), seen, begin=fit.values)
+        fit = other if other.rms < (1.0 - USEFUL_GAIN) * fit.rms else fit
+    return fit, gains
 
 
-def _model(seen: Sequence[Sighting], options: AxisOptions) -> tuple[AxisModel, Terms]:
-    """Return the model with the law `coulomb` and the forces requested or selected, and the gains of the selected."""
-    harmonics = [name for number in dict.fromkeys(options.harmonics or ()) for name in harmonic(number)]
+def _gain_of(name: str, fit: OutputErrorFit, without: OutputErrorFit) -> Gain | None:
+    """Return what a force gains on held-out blocks; None if it is not worth its parameters."""
+    gain = _gain(held_out_squares(fit), held_out_squares(without))
+    return gain if _useful(gain) and any(_is_clear(fit, one) for one in FORCES[name]) else None
+
+
+def _gain(squares: NDArray[np.float64], others: NDArray[np.float64]) -> Gain:
+    return gain_between(squares[:, None], others[:, None], blocks_of(len(squares)))
+
+
+def _useful(gain: Gain | None) -> bool:
+    return gain is not None and gain.significant and gain.share >= USEFUL_GAIN
+
+
+def _is_clear(fit: OutputErrorFit, name: str) -> bool:
+    return abs(fit.values[name]) > _CLEAR * fit.standard_errors[name]
+
+
+def _fit(
+    model: AxisModel, seen: Sequence[AxisMotion], begin: Mapping[str, float] | None = None
+) -> OutputErrorFit:
+    """Fit a model by output error from some values, or from the inverse model's."""
     records = [one.record for one in seen]
-    requested = AxisModel(
-        law=AXIS_LAWS["coulomb"],
-        terms=(*(("spring",) if options.spring else ()), *harmonics),
-        load=bool(options.load_friction),
-        held=options.known,
-        # rows at uneven times are not those of the loop that holds the force
-        interpolated=not all(one.even for one in records),
-    )
-    model, gains = select_forces(records, requested, options)
-    if model.interpolated:
-        return model, gains
-    # a log that is slower than its loop contains some of its rows; the force changes between them
-    held, between = (
-        _fit("coulomb", replace(model, interpolated=one), seen, options.bandwidth) for one in (False, True)
-    )
-    if between.rms < (1.0 - USEFUL_GAIN) * held.rms:
-        return select_forces(records, replace(requested, interpolated=True), options)
-    return model, gains
-
-
-def select_forces(
-    records: Sequence[AxisRecord], model: AxisModel, options: AxisOptions = DEFAULT_OPTIONS
-) -> tuple[AxisModel, Terms]:
-    """Return a model with the forces over position and load that the records support, and the gain of each."""
-    gains = list[tuple[str, Gain]]()
-    squares = _held_out_force(regression_rows(records, model, bandwidth=options.bandwidth, moving=True))
-    while True:
-        found = [
-            (name, wider, gain, own)
-            for name, wider in _wider(records, model, options)
-            for gain, own in _gains_of(records, model, wider, squares, options.bandwidth)
-        ]
-        if not found:
-            return model, tuple(gains)
-        name, model, gain, squares = max(found, key=lambda one: one[2].share * _WORTH[one[0]])
-        gains.append((name, gain))
-
-
-def _wider(
-    records: Sequence[AxisRecord], model: AxisModel, options: AxisOptions
-) -> Iterator[tuple[str, AxisModel]]:
-    """Yield models with one force more, of those that the user left open."""
-    if options.spring is None and "spring" not in model.terms:
-        yield "spring", replace(model, terms=("spring", *model.terms))
-    # without a force over position it is part of b and c
-    if options.load_friction is None and not model.load and model.terms:
-        yield "load", replace(model, load=True)
-    if options.harmonics is None and records[0].unit == "rad" and "sin_1" not in model.terms:
-        yield "gravity", replace(model, terms=(*model.terms, *harmonic(1)))
-
-
-def _held_out_force(rows: RegressionRows) -> NDArray[np.float64]:
-    """Return the sum of squared errors of the force in each block (blocks, 1), fitted without every third block."""
-    X, squares = rows.design, np.empty((int(rows.block.max()) + 1, 1))
-    for fold in range(FOLDS):
-        out = rows.block % FOLDS == fold
-        values = np.linalg.lstsq(X[~out], rows.force[~out], rcond=None)[0]
-        left = rows.force[out] - X[out] @ values
-        sums = np.bincount(rows.block[out], weights=left**2, minlength=len(squares))
-        squares[fold::FOLDS, 0] = sums[fold::FOLDS]
-    return squares
-
-
-def _gains_of(
-    records: Sequence[AxisRecord],
-    model: AxisModel,
-    wider: AxisModel,
-    squares: NDArray[np.float64],
-    bandwidth: float | None,
-) -> Iterator[tuple[Gain, NDArray[np.float64]]]:
-    """Yield what a wider model gains, and its squares on held-out blocks, if the records support it."""
-    rows = regression_rows(records, wider, bandwidth=bandwidth, moving=True)
-    X = rows.design
-    lengths = np.linalg.norm(X, axis=0)
-    if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
-        return
-    fit = fit_linear(X, rows.force, rows.block)
-    names = list(rows.columns)
-    own = [place for place, name in enumerate(names) if name not in model.names]
-    if not fit.p_value(own) < _LARGEST_CHANCE:
-        return
-    if wider.load and not 0.0 < fit.values[names.index("load")] < 1.0:
-        return
-    ours = _held_out_force(rows)
-    gain = gain_between(ours, squares, neighbours(range(len(ours)), block=1))
-    if gain.significant and gain.share >= 0.5 * USEFUL_GAIN:
-        yield gain, ours
-
-
-def _fit(law: str, model: AxisModel, seen: Sequence[Sighting], bandwidth: float | None) -> OutputErrorFit:
-    """Fit a law by output error from the inverse model's values."""
-    own, records = model.with_law(law), [one.record for one in seen]
-    linear = model.with_law("coulomb") if law == "stribeck" else own
-    start = inverse_fit(records, linear, bandwidth=bandwidth, moving=True).by_name
-    if start.get("mass", 1.0) <= 0.0:
-        raise InputError(
-            f"{records[0].name}: the inverse model estimates a mass of {start['mass']:.3g}, which must be above zero. "
-            "The sign of the force or its column is wrong, or the force is delayed."
-        )
     duration = window_duration(records)
-    problem = OutputError(model=own, windows=tuple(windows_of(one, duration) for one in seen))
-    if law != "stribeck":
-        return fit_output_error(problem, start)
-    fastest = max(float(np.abs(one.motion.speed).max()) for one in seen)
-    found = [
-        fit_output_error(
-            problem, {**start, "stribeck": 0.2 * start["coulomb"], "stribeck_speed": share * fastest}
+    problem = OutputError(model=model, windows=tuple(windows_of(one, duration) for one in seen))
+    if begin is not None:
+        return fit_output_error(problem, begin)
+    inverse = inverse_model(seen, model).values
+    if inverse.get("mass", 1.0) <= 0.0:
+        raise InputError(
+            f"{records[0].name}: the inverse model estimates a mass of {inverse['mass']:.3g}, which must be above "
+            "zero. The sign of the force or its column is wrong, or the force is delayed."
         )
-        for share in _STRIBECK_STARTS
+    start = {
+        name: value if PARAMETERS[name].scale == "signed" else max(value, 0.0)
+        for name, value in inverse.items()
+    }
+    return fit_output_error(problem, {"load": _LOAD_START, **start})
+
+
+def _fit_law(law: str, first: OutputErrorFit, seen: Sequence[AxisMotion]) -> OutputErrorFit:
+    """Fit a law with the forces of a fit of the law `coulomb`, and from its values."""
+    model = first.model.with_law(law)
+    fastest = max(float(np.abs(one.speed).max()) for one in seen)
+    # a Stribeck speed has several minima
+    starts = [
+        {
+            **first.values,
+            "asymmetry": 0.0,
+            "stribeck": 0.2 * first.values["coulomb"],
+            "stribeck_speed": share * fastest,
+        }
+        for share in (_STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1])
     ]
-    return min(found, key=lambda fit: fit.rms)
+    return min((_fit(model, seen, begin=start) for start in starts), key=lambda fit: fit.rms)
 
 
-def _confirmed(
-    model: AxisModel, terms: Terms, fit: OutputErrorFit, seen: Sequence[Sighting], options: AxisOptions
-) -> tuple[AxisModel, Terms, OutputErrorFit]:
-    """Return the model without selected forces that output error refutes, which noise of the position does not bias."""
-    for term, _ in terms:
-        names = harmonic(1) if term == "gravity" else (term,)
-        sizes = [abs(fit.values[name]) / max(fit.standard_errors[name], 1e-300) for name in names]
-        if all(not size > _REFUTED for size in sizes):
-            kept = tuple(one for one in model.terms if one not in names)
-            model = replace(model, terms=kept, load=model.load and term != "load")
-            terms = tuple(one for one in terms if one[0] != term)
-            fit = _fit("coulomb", model, seen, options.bandwidth)
-    return model, terms, fit
-
-
-def _select_law(
-    fits: Mapping[str, OutputErrorFit], squares: Mapping[str, NDArray[np.float64]], seen: Sequence[Sighting]
-) -> ModelSelection[AxisLaw]:
-    """Select a law among those fitted, by the mean square errors of windows held out (w,)."""
-    groups = blocks_of(len(squares["coulomb"]))
-
-    def held_out(name: str, inner: AxisLaw | None) -> HeldOut[AxisLaw]:  # noqa: ARG001 (fits are made)
-        return HeldOut(model=AXIS_LAWS[name], squares=squares[name][:, None], baseline=None, groups=groups)
-
-    within = {name: law.below for name, law in AXIS_LAWS.items()}
-    selection = select_model(
-        within, held_out, eligible=[name for name in within if AXIS_LAWS[name].symmetric]
+def _selected(
+    fits: Mapping[str, OutputErrorFit], gains: Mapping[str, Gain | None], seen: Sequence[AxisMotion]
+) -> str:
+    """Return the law that held-out blocks select."""
+    stribeck = fits["stribeck"]
+    fastest = max(float(np.quantile(np.abs(one.speed), 0.95)) for one in seen)
+    determined = all(
+        stribeck.standard_errors[name] < stribeck.values[name] for name in ("stribeck", "stribeck_speed")
     )
-    best = selection.best
-    fastest = max(float(np.quantile(np.abs(one.motion.speed), 0.95)) for one in seen)
-    while best.within and best.gain:
-        fit = fits[best.name]
-        own = [name for name in best.model.names if name not in AXIS_LAWS[best.within].names]
-        determined = all(fit.standard_errors[name] < abs(fit.values[name]) for name in own)
-        fades = fit.values.get("stribeck_speed", 0.0) < _FADES * fastest
-        if determined and fades and best.gain.share >= USEFUL_GAIN:
-            break
-        best = selection.find(best.within)
-    dry = fits["coulomb"]
-    if best.name == "viscous" and dry.values["coulomb"] > _CLEAR * dry.standard_errors["coulomb"]:
-        # noise of the position may be most of the error, and hide a friction that is known to a few percent
-        best = selection.find("coulomb")
-    return ModelSelection(candidates=selection.candidates, best=best)
+    if _useful(gains["stribeck"]) and determined and stribeck.values["stribeck_speed"] < _FADES * fastest:
+        return "stribeck"
+    # noise of the position may be most of the error, and hide a friction that is known to a few percent
+    return "coulomb" if _useful(gains["coulomb"]) or _is_clear(fits["coulomb"], "coulomb") else "viscous"
 
 
-def _estimate(fit: OutputErrorFit, seen: Sequence[Sighting], others: Sequence[Sighting]) -> AxisEstimate:
-    return AxisEstimate(
-        method="output error",
-        model=fit.model,
-        values=fit.values,
-        standard_errors=fit.standard_errors,
-        half_widths={name: fit.quantile * error for name, error in fit.standard_errors.items()},
-        correlation=fit.correlation,
-        errors=_errors(fit.model, fit.values, seen, others),
+def _errors(fit: OutputErrorFit, motion: AxisMotion, duration: float) -> AxisErrors:
+    """Return how well a fit predicts a record over windows and whole."""
+    record, windows = motion.record, windows_of(motion, duration)
+    squares = OutputError(model=fit.model, windows=(windows,)).squares(fit.values)
+    counts = np.bincount(windows.compared[2])
+    whole = np.nan
+    if len(record.parts) == 1:
+        whole = float(np.sqrt(np.mean(open_loop_error(fit.model.axis(fit.values), record) ** 2)))
+    return AxisErrors(
+        record=record.name,
+        window_rmse=float(np.sqrt(np.sum(squares * counts) / counts.sum())),
+        open_loop_rmse=whole,
     )
 
 
-def _errors(
-    model: AxisModel, values: dict[str, float], seen: Sequence[Sighting], others: Sequence[Sighting]
-) -> tuple[AxisErrors, ...]:
-    """Return how well parameters predict the records fitted, and others, over windows and whole."""
-    duration, axis, found = window_duration([one.record for one in seen]), model.axis(values), []
-    for one in (*seen, *others):
-        record = one.record
-        windows = windows_of(one, duration)
-        squares = OutputError(model=model, windows=(windows,)).squares(values)
-        counts = np.bincount(windows.compared[2])
-        whole = np.nan
-        if len(record.segments) == 1:
-            start = np.array([[record.position[0], speed_at_start(record)]])
-            last = np.array([len(record) - 1])
-            moved = axis.windows(record, np.array([0]), last, start, interpolated=model.interpolated)
-            whole = float(np.sqrt(np.mean((moved - record.position[1:]) ** 2)))
-        found.append(
-            AxisErrors(
-                record=record.name,
-                window_rmse=float(np.sqrt(np.sum(squares * counts) / counts.sum())),
-                open_loop_rmse=whole,
-            )
-        )
-    return tuple(found)
+def open_loop_error(axis: Axis, record: AxisRecord) -> NDArray[np.float64]:
+    """Return the error [m] of the position (N - 1,) after each row, moved by the force from the first row on."""
+    start = np.array([[record.position[0], speed_at_start(record)]])
+    return axis.windows(record, np.array([0]), np.array([len(record) - 1]), start) - record.position[1:]
 
 
 def _widened(
-    plain: AxisEstimate, fit: OutputErrorFit, inverse: InverseFit
+    plain: AxisEstimate, fit: OutputErrorFit, seen: Sequence[AxisMotion]
 ) -> tuple[AxisEstimate, list[Finding]]:
     """Return the result with intervals that contain what differs between parts and methods, and a finding on that."""
-    names = list(fit.values)
+    names, own = list(fit.values), np.array(list(fit.standard_errors.values()))
     lacks, causes = np.zeros(len(names)), [""] * len(names)
     for cause, windows in _parts(fit):
         moves, errors = fit.moved_by(windows)
         # a part that hardly determines a parameter says nothing about it
-        known = errors < _KNOWN * np.array(list(fit.standard_errors.values()))
-        beyond = np.sqrt(np.maximum(np.where(known, moves**2 - errors**2, 0.0), 0.0))
+        beyond = np.sqrt(np.maximum(np.where(errors < _KNOWN * own, moves**2 - errors**2, 0.0), 0.0))
         for i in np.flatnonzero(beyond > lacks):
             lacks[i], causes[i] = beyond[i], cause
-    for i, name in enumerate(names):
-        if name not in inverse.names:
-            continue
-        at = inverse.names.index(name)
-        chance = (
-            np.nan_to_num(inverse.clustered_errors[at]) ** 2 + np.nan_to_num(fit.standard_errors[name]) ** 2
-        )
-        apart = (fit.values[name] - inverse.values[at]) ** 2
-        if apart - chance > lacks[i] ** 2:
-            lacks[i], causes[i] = np.sqrt(apart - chance), "by the inverse model"
+    inverse = inverse_model(seen, fit.model)
+    for name, error in zip(inverse.names, inverse.fit.errors.tolist(), strict=True):
+        i = names.index(name)
+        beyond = (fit.values[name] - inverse.values[name]) ** 2 - error**2 - np.nan_to_num(own[i]) ** 2
+        if beyond > lacks[i] ** 2:
+            lacks[i], causes[i] = np.sqrt(beyond), "by the inverse model"
     # a parameter at a bound has no interval
-    errors = {
-        name: float(np.hypot(fit.standard_errors[name], lack))
-        for name, lack in zip(names, lacks, strict=True)
-    }
+    errors = dict(zip(names, np.hypot(own, lacks).tolist(), strict=True))
     halves = {name: fit.quantile * error for name, error in errors.items()}
     best = replace(plain, standard_errors=errors, half_widths=halves)
-    most = [i for i, name in enumerate(names) if lacks[i] > _CLEAR * fit.standard_errors[name]]
-    if not most:
+    most = np.flatnonzero(lacks > _CLEAR * own)
+    if not most.size:
         return best, []
-    words = []
-    for cause in dict.fromkeys(causes[i] for i in most):
-        moved = [f"{parameter_named(names[i]).symbol} by {lacks[i]:.2g}" for i in most if causes[i] == cause]
-        words.append(f"{', '.join(moved)} {cause}")
+    words = [f"{PARAMETERS[names[i]].symbol} by {lacks[i]:.2g} {causes[i]}" for i in most]
     text = (
         "The model may lack something: parameters differ by more than chance between parts or methods "
         f"({'; '.join(words)}). The 95 % intervals include that."
@@ -603,11 +473,11 @@ def _parts(fit: OutputErrorFit) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Yield parts of the records, as windows (w,), each with what a fit to it is."""
     speeds, slow, record = [], [], []
     for number, one in enumerate(fit.problem.windows):
-        speed = np.abs(one.seen.motion.speed)
+        speed = np.abs(one.motion.speed)
         for first, count in zip(one.firsts.tolist(), one.counts.tolist(), strict=True):
             part = speed[first : first + count + 1]
             speeds.append(float(np.sqrt(np.mean(part**2))))
-            slow.append(float(part.min()) < _SLOW * one.seen.usual_speed)
+            slow.append(float(part.min()) < _SLOW * one.motion.usual_speed)
             record.append(number)
     count, numbers = len(speeds), np.array(record)
     time = np.arange(count) < count // 2
@@ -615,46 +485,46 @@ def _parts(fit: OutputErrorFit) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     yield "in the second half", ~time
     yield "in the faster half of the windows", np.array(speeds) >= np.median(speeds)
     yield "without the windows that reverse or rest", ~np.array(slow)
-    if len(set(record)) > 1:
+    if len(fit.problem.windows) > 1:
         for number in set(record):
             yield f"in record {number + 1}", numbers == number
 
 
 def _expected(squares: NDArray[np.float64]) -> tuple[float, float, float]:
     """Return the error [m] of held-out windows with mean square errors (w,), with the interval of a like record's."""
-    groups = blocks_of(len(squares))
-    means = np.array([squares[one].mean() for one in groups])
+    means = np.array([squares[one].mean() for one in blocks_of(len(squares))])
     drawn = np.sqrt(resamples(len(means), block=1, repeats=_DRAWS, seed=_SEED) @ means / len(means))
     middle = float(np.sqrt(squares.mean()))
     # this record's mean varies as the other one's does
-    spread = np.sqrt(2.0) * float(np.std(np.log(np.maximum(drawn, 1e-300))))
-    return middle, middle * float(np.exp(-1.96 * spread)), middle * float(np.exp(1.96 * spread))
+    factor = float(np.exp(1.96 * np.sqrt(2.0) * np.std(np.log(np.maximum(drawn, 1e-300)))))
+    return middle, middle / factor, middle * factor
 
 
 #: what to do about a residual force that depends on a quantity
 _ADVICE = {
-    "position": "a force over position is missing: try --harmonics or --spring",
+    "position": "a force over position is missing, as of a cable, cogging or gravity (--gravity)",
     "speed": "friction is no straight line over speed: compare the laws",
     "time": "friction or the constant force drifts; record the warm machine",
 }
 
 
-def _residual_findings(
-    records: Sequence[AxisRecord], best: AxisEstimate, bandwidth: float | None
-) -> Iterator[Finding]:
+def _residual_findings(seen: Sequence[AxisMotion], best: AxisEstimate) -> Iterator[Finding]:
     """Warn if the force that the result leaves depends on position, speed or time, by straight pieces over each."""
-    rows = regression_rows(records, best.model, bandwidth=bandwidth, moving=True)
-    left = rows.force - rows.design @ np.array([best.values[name] for name in rows.columns])
-    if "stribeck" in best.values:
-        speed = rows.seen["speed"]
-        fading = np.exp(-np.abs(speed) / best.values["stribeck_speed"]) * np.sign(speed)
-        left = left - best.values["stribeck"] * fading
-    for quantity, column in rows.seen.items():
+    axis, tables = best.axis(), []
+    for number, one in enumerate(seen):
+        force, rows = one.force(interpolated=best.model.interpolated), one.moving
+        left = force - axis.other_forces(force, one.position, one.speed, one.acceleration)
+        left = one.lowpassed(left - axis.friction(one.speed))[rows]
+        # records have blocks of their own
+        block = one.block[rows] + number * 10**6
+        tables.append(np.array([left, block, one.position[rows], one.speed[rows], one.record.t[rows]]))
+    left, block, *columns = np.hstack(tables)
+    for quantity, column in zip(("position", "speed", "time"), columns, strict=True):
         edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, 6)))
         if len(edges) < 3:
             continue
         shapes = np.column_stack([np.interp(column, edges, one) for one in np.eye(len(edges))])
-        fit = fit_linear(shapes, left, rows.block)
+        fit = fit_linear(shapes, left, block.astype(np.int64))
         chance = fit.p_value(range(shapes.shape[1]))
         share = float(np.mean((shapes @ fit.values - np.mean(left)) ** 2) / max(np.var(left), 1e-300))
         if chance < _LARGEST_CHANCE and share > _LEAST_SHARE:
@@ -666,23 +536,19 @@ def _residual_findings(
 
 
 def _law_findings(found: AxisIdentification, *, by_user: bool) -> Iterator[Finding]:
-    chosen = found.chosen.name
+    chosen = found.best.law
     words = f"The law {chosen} was {'requested' if by_user else 'selected'}"
-    if by_user and found.laws.best.name != chosen:
-        words += f"; held-out blocks would select {found.laws.best.name}"
-    open_laws = [one.name for one in found.laws.candidates if one.decision == "undecided" and one.gain]
-    if open_laws:
-        words += f". Held-out blocks do not decide about {' and '.join(open_laws)}"
+    if found.selected != chosen:
+        words += f"; held-out blocks would select {found.selected}"
     yield note("law", f"{words}.")
-    both = found.laws.find("asymmetric")
-    if both.accepted and both.gain and found.chosen.symmetric:
-        ours, theirs = found.best.errors, found.by_law["asymmetric"].errors
-        others = [(a, b) for a, b in zip(ours, theirs, strict=True) if a.record not in found.records]
-        better = [a.record for a, b in others if b.window_rmse < a.window_rmse]
+    both = found.by_law["asymmetric"]
+    if both.gain and both.gain.significant and chosen != "asymmetric":
+        ours = {one.record: one.window_rmse for one in found.best.errors if one.record not in found.records}
+        better = [one for one in both.errors if one.window_rmse < ours.get(one.record, 0.0)]
         confirmed = (
-            "no other record shows whether the machine or this run has it"
-            if not others
-            else f"{len(better)} of {len(others)} other records are predicted better with it"
+            f"{len(better)} of {len(ours)} other records are predicted better with it"
+            if ours
+            else "no other record shows whether the machine or this run has it"
         )
         yield note(
             "asymmetry",
@@ -693,7 +559,7 @@ def _law_findings(found: AxisIdentification, *, by_user: bool) -> Iterator[Findi
 
 def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
     for name, value in best.values.items():
-        error, kind = best.standard_errors[name], parameter_named(name)
+        error, kind = best.standard_errors[name], PARAMETERS[name]
         if kind.scale == "signed":
             continue
         if not np.isfinite(error):
@@ -708,8 +574,7 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
 
 def _delayed(fit: OutputErrorFit) -> Iterator[Finding]:
     """Warn if the motion shows that the force acts later or earlier than its rows."""
-    records = [one.seen.record for one in fit.problem.windows]
-    row = max(one.sample_time for one in records)
+    row = max(one.record.sample_time for one in fit.problem.windows)
     begun = fit.problem.starts(fit.values)
     change = replace(fit.problem, late=row).errors(fit.values) - begun.errors
     column = begun.project(change) / row
@@ -731,18 +596,19 @@ def _delayed(fit: OutputErrorFit) -> Iterator[Finding]:
 
 def _outliers(fit: OutputErrorFit) -> Iterator[Finding]:
     """Name the windows that are predicted far worse than the others."""
-    counts = np.bincount(fit.problem.window)
-    errors = np.sqrt(np.bincount(fit.problem.window, weights=fit.residuals**2) / counts)
+    errors = np.sqrt(
+        np.bincount(fit.problem.window, weights=fit.residuals**2) / np.bincount(fit.problem.window)
+    )
     far = np.flatnonzero(errors > _FAR * np.median(errors))
     if 0 < len(far) <= 0.1 * len(errors):
-        firsts = [
-            f"{one.seen.record.name}, rows {first + 1} to {first + count + 1}"
+        spans = [
+            f"{one.record.name}, {one.record.t[first]:.4g} to {one.record.t[first + count]:.4g} s"
             for one in fit.problem.windows
             for first, count in zip(one.firsts.tolist(), one.counts.tolist(), strict=True)
         ]
         text = (
             f"{len(far)} of {len(errors)} windows are predicted more than {_FAR:.0f} times worse than the others "
-            f"({'; '.join(firsts[i] for i in far[:3])}): look for lost messages, touches or hits there, and leave "
+            f"({'; '.join(spans[i] for i in far[:3])}): look for lost messages, touches or hits there, and leave "
             "corrupted cells empty."
         )
         yield warning("outliers", text)
@@ -750,20 +616,12 @@ def _outliers(fit: OutputErrorFit) -> Iterator[Finding]:
 
 def _elsewhere(found: AxisIdentification) -> Iterator[Finding]:
     """Compare the errors on other records with the error expected there."""
-    middle, low, high = found.expected
+    middle, low, high = (1e3 * one for one in found.expected)
     for one in found.best.errors:
-        if one.record not in found.records:
-            fits = (
-                "as expected"
-                if low <= one.window_rmse <= high
-                else "better"
-                if one.window_rmse < low
-                else "worse"
-            )
-            unit = f"m{found.unit}"
-            text = (
-                f"{one.record} is predicted {fits}{'' if fits == 'as expected' else ' than expected'}: "
-                f"{1e3 * one.window_rmse:.3g} {unit}, expected {1e3 * middle:.3g} ({1e3 * low:.3g} to "
-                f"{1e3 * high:.3g})."
-            )
-            yield warning("other-record", text) if fits == "worse" else note("other-record", text)
+        if one.record in found.records:
+            continue
+        error, unit = 1e3 * one.window_rmse, f"m{found.unit}"
+        fits = "better than expected" if error < low else "worse than expected"
+        fits = "as expected" if low <= error <= high else fits
+        text = f"{one.record} is predicted {fits}: {error:.3g} {unit}, expected {middle:.3g} ({low:.3g} to {high:.3g})."
+        yield warning("other-record", text) if error > high else note("other-record", text)

@@ -1,18 +1,11 @@
 """One axis under friction: its parameters, the friction laws that are tried, and its motion.
 
-    M a = F - offset - G(q) - friction(v) - mu W sgn(v)
-    G(q) = k q + sum_n S_n sin(n q) + C_n cos(n q)
+    M a = F - offset - G(q) - b v - d |v| - (c + s exp(-|v/v_s|) + mu W) sgn(v)        G(q) = S sin q + C cos q
 
-n = 1 is gravity on an axis that turns; higher ones are cogging and gear errors; k is a cable or a spring. The nested
-laws of friction:
-
-    viscous       b v
-    coulomb       b v + c sgn(v)
-    stribeck      b v + (c + s exp(-|v/v_s|)) sgn(v)
-    asymmetric    b v + c sgn(v) with another b and c for each direction; then c+ - c- contains the offset
-
-and with each of them dry friction may grow with the load W = |F + G(q)| / 2 that gears transmit: M. Duclusaud et al.,
-Extended friction models for the physics simulation of servo actuators, arXiv 2410.08650 (2024), with mu twice theirs.
+G is gravity on an axis that turns. The viscous friction is b + d forwards and b - d backwards; Coulomb friction that
+differs by direction is c with part of the offset. Dry friction may grow with the load W = |F + G(q)| / 2 that gears
+transmit: M. Duclusaud et al., Extended friction models for the physics simulation of servo actuators, arXiv 2410.08650
+(2024), with mu twice theirs.
 
 The motion is that of `ballbot.mechanics.friction_laws`, the force held over a row or changing evenly to the next one, G
 taken in the middle of each step.
@@ -21,7 +14,7 @@ taken in the middle of each step.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -29,23 +22,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Parameter, RelativeSpace, Scale
-from ballbot.identification.axis.record import GAP, AxisRecord
+from ballbot.identification.axis.record import AxisRecord
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.friction_laws.classical import Classical, ClassicalNumbers
-from ballbot.mechanics.friction_laws.interface import UNLIMITED, Inertia, move
+from ballbot.mechanics.friction import NO_TERMS
+from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumbers, Inertia, move
 
 Values = Mapping[str, float]
-#: the highest harmonic of a force over position
-MOST_HARMONICS = 500
 
 
-def _parameter(name: str, symbol: str, unit: str, meaning: str, *, scale: Scale = "amount") -> Parameter:
-    bounds = (-math.inf, math.inf) if scale == "signed" else (0.0, math.inf)
-    default = 1.0 if scale == "ratio" else 0.0
+def _parameter(
+    name: str, symbol: str, unit: str, meaning: str, scale: Scale = "amount", most: float = math.inf
+) -> Parameter:
     return Parameter(
-        name=name, symbol=symbol, unit=unit, scale=scale, bounds=bounds, default=default, meaning=meaning
+        name=name,
+        symbol=symbol,
+        unit=unit,
+        scale=scale,
+        bounds=(-math.inf if scale == "signed" else 0.0, most),
+        default=1.0 if scale == "ratio" else 0.0,
+        meaning=meaning,
     )
 
 
@@ -54,161 +50,85 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
         one.name: one
         for one in (
-            _parameter("mass", "M", "kg", "mass or inertia", scale="ratio"),
+            _parameter("mass", "M", "kg", "mass or inertia", "ratio"),
             _parameter("viscous", "b", "N s/m", "viscous"),
+            _parameter("asymmetry", "d", "N s/m", "viscous, forwards above the mean", "signed"),
             _parameter("coulomb", "c", "N", "Coulomb"),
-            _parameter("offset", "offset", "N", "constant force", scale="signed"),
+            _parameter("offset", "offset", "N", "constant force", "signed"),
             _parameter("stribeck", "s", "N", "break-away above Coulomb"),
-            _parameter("stribeck_speed", "v_s", "m/s", "Stribeck speed", scale="ratio"),
-            _parameter("viscous_plus", "b+", "N s/m", "viscous, forwards"),
-            _parameter("viscous_minus", "b-", "N s/m", "viscous, backwards"),
-            _parameter("coulomb_plus", "c+", "N", "Coulomb, forwards"),
-            _parameter("coulomb_minus", "c-", "N", "Coulomb, backwards"),
-            _parameter("spring", "k", "N/m", "spring or cable", scale="signed"),
-            _parameter("load", "mu", "1", "Coulomb, as a share of the load"),
+            _parameter("stribeck_speed", "v_s", "m/s", "Stribeck speed", "ratio"),
+            _parameter("gravity_sine", "S", "N", "gravity, of sin q", "signed"),
+            _parameter("gravity_cosine", "C", "N", "gravity, of cos q", "signed"),
+            _parameter("load", "mu", "1", "Coulomb, as a share of the load", most=1.0),
         )
     }
 )
-
-
-def parameter_named(name: str) -> Parameter:
-    """Return the parameter of that name, a harmonic's too: "sin_1", "cos_1"."""
-    if name in PARAMETERS:
-        return PARAMETERS[name]
-    kind, _, number = name.partition("_")
-    symbol = {"sin": "S", "cos": "C"}[kind]
-    return _parameter(name, f"{symbol}_{number}", "N", f"{kind}({number} q)", scale="signed")
 
 
 def unit_for(parameter: Parameter, axis_unit: str) -> str:
     """Return a parameter's unit for an axis of positions in "m" or "rad"; empty for a number without one."""
     if axis_unit == "m" or parameter.unit == "1":
         return parameter.unit.removeprefix("1")
-    turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s", "N/m": "N m/rad"}
+    turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s"}
     return turning[parameter.unit]
 
 
-@dataclass(frozen=True, kw_only=True)
-class AxisLaw:
-    """One law of the ladder."""
-
-    name: str
-    below: str | None  #: the law within it
-    names: tuple[str, ...]  #: its parameters
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether both directions have one friction."""
-        return "viscous" in self.names
-
-    def laws(self, values: Values) -> tuple[Classical, Classical]:
-        """Return the friction forwards and backwards."""
-
-        def side(b: str, c: str) -> Classical:
-            return Classical(
-                viscous=values[b],
-                coulomb=values.get(c, 0.0),
-                stribeck=values.get("stribeck", 0.0),
-                stribeck_speed=values.get("stribeck_speed", 1.0),
-                stribeck_exponent=1.0,
-            )
-
-        if not self.symmetric:
-            return side("viscous_plus", "coulomb_plus"), side("viscous_minus", "coulomb_minus")
-        both = side("viscous", "coulomb")
-        return both, both
-
-
-_COULOMB = ("mass", "viscous", "coulomb", "offset")
-
-AXIS_LAWS: Mapping[str, AxisLaw] = MappingProxyType(
+#: the friction laws: the parameters of each, and the simpler law that it is compared with
+LAWS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
     {
-        law.name: law
-        for law in (
-            AxisLaw(name="viscous", below=None, names=("mass", "viscous", "offset")),
-            AxisLaw(name="coulomb", below="viscous", names=_COULOMB),
-            AxisLaw(name="stribeck", below="coulomb", names=(*_COULOMB, "stribeck", "stribeck_speed")),
-            AxisLaw(
-                name="asymmetric",
-                below="coulomb",
-                names=("mass", "viscous_plus", "coulomb_plus", "viscous_minus", "coulomb_minus"),
-            ),
-        )
+        "viscous": (("mass", "viscous", "offset"), ""),
+        "coulomb": (("mass", "viscous", "coulomb", "offset"), "viscous"),
+        "stribeck": (("mass", "viscous", "coulomb", "offset", "stribeck", "stribeck_speed"), "coulomb"),
+        "asymmetric": (("mass", "viscous", "coulomb", "offset", "asymmetry"), "coulomb"),
     }
 )
-
-
-def check_law(name: str) -> None:
-    """Raise InputError if no law has that name."""
-    if name not in AXIS_LAWS:
-        hint = suggest(name, AXIS_LAWS, otherwise="the laws are")
-        raise InputError(f"There is no friction law {name!r} (--law); {hint}")
-
-
-def harmonic(number: int) -> tuple[str, str]:
-    """Return the names of the two parameters of a harmonic; InputError if there is none of that number."""
-    if not 1 <= number <= MOST_HARMONICS:
-        raise InputError(
-            f"--harmonics names {number}; a harmonic is a whole number from 1 to {MOST_HARMONICS}."
-        )
-    return f"sin_{number}", f"cos_{number}"
+#: what else may act, and its parameters
+FORCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"gravity": ("gravity_sine", "gravity_cosine"), "load": ("load",)}
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisModel:
     """What is estimated."""
 
-    law: AxisLaw
-    terms: tuple[str, ...] = ()  #: of the force over position: "spring", "sin_1", "cos_1", ...
-    load: bool = False  #: whether dry friction grows with the load
+    law: str  #: one of `LAWS`
+    forces: tuple[str, ...] = ()  #: those of `FORCES`
     interpolated: bool = False  #: whether the force changes evenly from row to row; it is held otherwise
-    held: Values = field(default_factory=dict)  #: parameters that are known, by name
+    known: Values = field(default_factory=dict)  #: parameters that are not estimated, by name
 
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters that are estimated."""
-        every = (*self.law.names, *self.terms, *(("load",) if self.load else ()))
-        return tuple(name for name in every if name not in self.held)
+        own = (name for force in self.forces for name in FORCES[force])
+        return tuple(name for name in (*LAWS[self.law][0], *own) if name not in self.known)
 
     def with_law(self, name: str) -> AxisModel:
         """Return the same with another friction law."""
-        return replace(self, law=AXIS_LAWS[name])
+        return replace(self, law=name)
 
     def axis(self, values: Values) -> Axis:
         """Return the axis with these parameters and the known ones."""
-        return Axis(law=self.law, values={**self.held, **values})
+        return Axis(values={**self.known, **values}, interpolated=self.interpolated)
 
     def space(self, start: Values) -> RelativeSpace:
         """Return the parameters, scaled by their values at `start`."""
-        return RelativeSpace(
-            parameters=tuple(
-                replace(parameter_named(name), default=float(start[name])) for name in self.names
-            )
-        )
+        named = [replace(PARAMETERS[name], default=float(start[name])) for name in self.names]
+        return RelativeSpace(parameters=tuple(named))
 
     def by_name(self, vector: NDArray[np.float64]) -> dict[str, float]:
         """Return parameters (p,) by name."""
         return dict(zip(self.names, vector.tolist(), strict=True))
 
 
-def position_columns(terms: Sequence[str], position: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return the force over position of each term for a coefficient of one, (N,)."""
-    columns = {}
-    for name in terms:
-        kind, _, number = name.partition("_")
-        columns[name] = (
-            position if name == "spring" else {"sin": np.sin, "cos": np.cos}[kind](int(number) * position)
-        )
-    return columns
-
-
 class _Numbers(NamedTuple):
     """An axis as compiled code reads it."""
 
-    plus: ClassicalNumbers  #: the friction forwards
-    minus: ClassicalNumbers  #: the friction backwards
+    law: ClassicalNumbers  #: without asymmetry and load
+    asymmetry: float
     inertia: Inertia
-    field: NDArray[np.float64]  #: a row (0, k, 0), then a row (n, S_n, C_n) for each harmonic
+    sine: float  #: S
+    cosine: float  #: C
     mu: float
 
 
@@ -220,66 +140,52 @@ class _Windows(NamedTuple):
     starts: NDArray[np.float64]  #: (w, 2) position [m] and speed [m/s]
 
 
-class _Drive(NamedTuple):
-    """The force of each row (N,), which begins at `forces` [N] and rises evenly by `rises` [N] over `durations` [s]."""
-
-    forces: NDArray[np.float64]
-    rises: NDArray[np.float64]
-    durations: NDArray[np.float64]
-
-
 @inlined
-def _loaded(law, more):
-    return ClassicalNumbers(law.b, law.c + more, law.s, law.inv_vs, law.delta)
-
-
-@inlined
-def _step(axis, state, position, speed, force, h) -> tuple[float, float]:
-    """Return position and speed after h [s] under a force, less that of the position halfway."""
+def _step(axis, position, speed, force, h) -> tuple[float, float]:
+    """Return position and speed after h [s] under a force, less gravity halfway."""
     halfway = position + 0.5 * h * speed
-    over_position = axis.field[0, 1] * halfway
-    for i in range(1, len(axis.field)):
-        angle = axis.field[i, 0] * halfway
-        over_position += axis.field[i, 1] * math.sin(angle) + axis.field[i, 2] * math.cos(angle)
-    more = 0.5 * axis.mu * abs(force + over_position)
-    force -= over_position
-    if speed > 0.0 or (speed == 0.0 and force > 0.0):
-        speed, travel = move(_loaded(axis.plus, more), axis.inertia, force, state, speed, h)
-    else:
-        speed, travel = move(_loaded(axis.minus, more), axis.inertia, force, state, speed, h)
+    gravity = axis.sine * math.sin(halfway) + axis.cosine * math.cos(halfway)
+    dry = axis.law.c + 0.5 * axis.mu * abs(force + gravity)
+    force -= gravity
+    way = 1.0 if speed > 0.0 or (speed == 0.0 and force > 0.0) else -1.0
+    law = ClassicalNumbers(
+        axis.law.b + way * axis.asymmetry, dry, axis.law.s, axis.law.inv_vs, axis.law.delta, axis.law.terms
+    )
+    speed, travel = move(law, axis.inertia, force, speed, h)
     return position + travel, speed
 
 
 @compiled
-def follow_windows(axis, windows, drive, steps, positions):
-    """Move in windows under a drive; `positions` takes, one window after another, the position at each row's end."""
-    state = np.empty(0)
+def follow_windows(axis, windows, forces, rises, h, steps, positions):
+    """Move in windows; `positions` takes, one window after another, the position at each row's end.
+
+    The force of each row begins at `forces` (N,) [N] and rises evenly by `rises` (N,) [N] over h [s].
+    """
     place = 0
     for w in range(len(windows.firsts)):
         position, speed = windows.starts[w, 0], windows.starts[w, 1]
         for k in range(windows.firsts[w], windows.firsts[w] + windows.counts[w]):
-            part = drive.durations[k] / steps
             for i in range(steps):
-                force = drive.forces[k] + drive.rises[k] * (i + 0.5) / steps
-                position, speed = _step(axis, state, position, speed, force, part)
+                force = forces[k] + rises[k] * (i + 0.5) / steps
+                position, speed = _step(axis, position, speed, force, h / steps)
             positions[place] = position
             place += 1
 
 
 #: explicit steps are at most this part of the axis's fastest time constant
 _LARGEST_RATE_STEP = 0.5
-#: and at most this part of the time constant of a force over position [rad]: an error of 1e-3 of its phase
-_LARGEST_FIELD_STEP = 0.15
+#: and at most this part of gravity's time constant [rad]: an error of 1e-3 of its phase
+_LARGEST_GRAVITY_STEP = 0.15
 #: steps of the simulation in one row, at most
 _MOST_STEPS = 50
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Axis:
-    """A mass with friction, a constant force against it and forces that depend on position."""
+    """A mass with friction, a constant force against it and gravity."""
 
-    law: AxisLaw
-    values: Values
+    values: Values  #: parameters that are not there are zero
+    interpolated: bool = False  #: whether the force changes evenly from row to row
 
     def windows(
         self,
@@ -287,8 +193,6 @@ class Axis:
         firsts: NDArray[np.int64],
         counts: NDArray[np.int64],
         starts: NDArray[np.float64],
-        *,
-        interpolated: bool = False,
     ) -> NDArray[np.float64]:
         """Return the positions at the ends of the rows of windows of a record, one window after another.
 
@@ -299,21 +203,29 @@ class Axis:
             The first row of each window, and how many rows it runs over.
         starts : ndarray (w, 2)
             Position and speed at each first row.
-        interpolated : bool
-            Whether the force changes evenly from row to row; it is held by default.
         """
-        acting = record.force - self.values.get("offset", 0.0)
-        rises = np.append(np.diff(acting), 0.0) if interpolated else np.zeros(len(acting))
-        longest = float(record.durations.max()) if record.even else GAP * record.sample_time
+        acting = record.force - self._value("offset")
+        rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))
         positions = np.empty(int(counts.sum()))
-        follow_windows(
-            self._numbers(),
-            _Windows(firsts, counts, starts),
-            _Drive(acting, rises, record.durations),
-            self._steps(longest),
-            positions,
+        numbers = _Numbers(
+            law=self._law,
+            asymmetry=self._value("asymmetry"),
+            inertia=Inertia(
+                inv_J=1.0 / self.values["mass"], clamp=UNLIMITED, stall=UNLIMITED, inv_no_load=0.0
+            ),
+            sine=self._value("gravity_sine"),
+            cosine=self._value("gravity_cosine"),
+            mu=self._value("load"),
         )
+        h, steps = record.sample_time, self._steps(record.sample_time)
+        follow_windows(numbers, _Windows(firsts, counts, starts), acting, rises, h, steps, positions)
         return positions
+
+    def friction(self, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the friction without load [N] at speeds (N,)."""
+        law = self._law
+        dry = law.c + law.s * np.exp(-np.abs(speed) * law.inv_vs)
+        return law.b * speed + self._value("asymmetry") * np.abs(speed) + dry * np.sign(speed)
 
     def other_forces(
         self,
@@ -322,46 +234,28 @@ class Axis:
         speed: NDArray[np.float64],
         acceleration: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Return the part of a force (N,) that is not the law's friction: of the mass, the offset, G(q) and a load."""
-        first, *harmonics = self._field()
-        G = first[1] * position
-        for n, s, c in harmonics:
-            G = G + s * np.sin(n * position) + c * np.cos(n * position)
-        offset = self.values.get("offset", 0.0)
-        loaded = 0.5 * self.values.get("load", 0.0) * np.abs(force - offset + G) * np.sign(speed)
+        """Return the part of a force (N,) that is not `friction`: of the mass, the offset, G(q) and the load."""
+        G = self._value("gravity_sine") * np.sin(position) + self._value("gravity_cosine") * np.cos(position)
+        offset = self._value("offset")
+        loaded = 0.5 * self._value("load") * np.abs(force - offset + G) * np.sign(speed)
         return self.values["mass"] * acceleration + offset + G + loaded
 
-    def _numbers(self) -> _Numbers:
-        """Return the axis as compiled code reads it."""
-        plus, minus = (ClassicalNumbers(*one.numbers()[:5]) for one in self.law.laws(self.values))
-        return _Numbers(
-            plus=plus,
-            minus=minus,
-            inertia=Inertia(
-                inv_J=1.0 / self.values["mass"], clamp=UNLIMITED, stall=UNLIMITED, inv_no_load=0.0
-            ),
-            field=self._field(),
-            mu=self.values.get("load", 0.0),
-        )
+    @property
+    def _law(self) -> ClassicalNumbers:
+        b, c, s = (self._value(name) for name in ("viscous", "coulomb", "stribeck"))
+        return ClassicalNumbers(b, c, s, 1.0 / self.values.get("stribeck_speed", 1.0), 1.0, NO_TERMS)
 
-    def _field(self) -> NDArray[np.float64]:
-        """Return the rows of `_Numbers.field`."""
-        rows = [(0.0, self.values.get("spring", 0.0), 0.0)]
-        for name in self.values:
-            if name.startswith("sin_"):
-                number = name.removeprefix("sin_")
-                rows.append((float(number), self.values[name], self.values[f"cos_{number}"]))
-        return np.array(rows)
+    def _value(self, name: str) -> float:
+        return self.values.get(name, 0.0)
 
     def _steps(self, row: float) -> int:
         """Return the steps in a row that lasts `row` [s]."""
-        laws, mass = self.law.laws(self.values), self.values["mass"]
-        slope = max(law.explicit_slope() for law in laws)
-        wanted = row * slope / mass / _LARGEST_RATE_STEP
+        law, mass = self._law, self.values["mass"]
+        viscous = law.b + abs(self._value("asymmetry"))
+        wanted = row * (viscous + law.s * law.inv_vs) / mass / _LARGEST_RATE_STEP
         if wanted > _MOST_STEPS:
             # a Stribeck speed that one step passes: the law is Coulomb's but for its break-away
-            wanted *= max(law.viscous for law in laws) / slope
-        first, *harmonics = self._field()
-        stiffness = abs(first[1]) + sum(n * math.hypot(s, c) for n, s, c in harmonics)
-        turning = row * math.sqrt(stiffness / mass) / _LARGEST_FIELD_STEP
+            wanted = row * viscous / mass / _LARGEST_RATE_STEP
+        gravity = math.hypot(self._value("gravity_sine"), self._value("gravity_cosine"))
+        turning = row * math.sqrt(gravity / mass) / _LARGEST_GRAVITY_STEP
         return min(max(1, math.ceil(wanted), math.ceil(turning)), _MOST_STEPS)

@@ -1,121 +1,151 @@
-"""Speed and acceleration of an axis from its position.
+"""Speed and acceleration of an axis from its position, and the inverse model, in which output error begins.
 
-Without delay: a Butterworth filter run forwards and backwards, central differences twice, and every column of a
-regression through the same decimation: A. Janot, M. Gautier and M. Brunot, Data set and reference models of EMPS,
-Nonlinear System Identification Benchmarks, Eindhoven 2019, and M. Gautier, Dynamic identification of robots with power
-model, ICRA 1997. Filter lengths at the ends and the first row kept are MATLAB's (`filtfilt`, `decimate`), on which the
-last digits of the published numbers depend.
+    F = M a + b v + d |v| + c sgn(v) + offset + G(q)
 
-Rows at uneven times are interpolated to even ones by a cubic spline in each part between gaps, and the result back.
+The position passes a Butterworth filter run forwards and backwards, without delay, and is differentiated by central
+differences. Every column of the regression passes the same filter at a lower frequency (M. Gautier, Dynamic
+identification of robots with power model, ICRA 1997). Rows at rest are left out, as friction balances any force there,
+and rows next to the ends of a part, where the filters have no rows beyond.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from ballbot.errors import InputError
+from ballbot.fitting.least_squares import LinearFit, fit_linear
+from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.record import AxisRecord
 
-_BUTTERWORTH_ORDER = 4
-_DECIMATION_ORDER, _DECIMATION_RIPPLE = 8, 0.05  # ripple in dB
-#: the filter passes so many times the motion's bandwidth, decimation keeps twice it
-_FILTER_RATIO, _DECIMATION_RATIO = 5.0, 2.0
+_ORDER = 4
+#: frequencies of the filters of the position and of the regression's columns, over the motion's bandwidth
+_POSITION_FILTER, _COLUMN_FILTER = 5.0, 2.0
 #: largest bandwidth assumed for a motion; faster axes are rare [Hz]
 LARGEST_BANDWIDTH = 20.0
-_START_ROWS = 15
 #: a part between gaps with fewer rows is not used
-LEAST_SEGMENT = 30
-#: decimated rows next to either end of a part that the filters disturb, but at most this share of it at either end
-_DISTURBED, _MOST_DISTURBED = 5, 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class AxisMotion:
-    """The motion of the axis, without noise above the filter's frequency."""
-
-    position: NDArray[np.float64]  #: (N,) [m]
-    speed: NDArray[np.float64]  #: (N,) [m/s]
-    acceleration: NDArray[np.float64]  #: (N,) [m/s^2]
-
-
+LEAST_PART = 30
+_START_ROWS = 15
+#: an axis slower than this share of its usual speed is at rest
+REST = 0.02
+#: residuals within a block may depend on each other [s]
+BLOCK = 1.0
 #: noise of the position adds at most this share to the mean square of the acceleration
 _NOISE_SHARE = 0.02
 #: for that the bandwidth is lowered by this factor at a time, down to so many periods in the record
 _LOWERED, _LEAST_MOTIONS = 1.25, 10.0
+#: of columns of length one: beyond it their errors are 1e4 times those of the force, which no record has to 1e-4
+LARGEST_CONDITION = 1e4
 
 
-def default_bandwidth(record: AxisRecord) -> float:
-    """Return the bandwidth [Hz] of the motion that is assumed: 20 Hz, or less if sampling is slow or position noisy."""
-    rate = 1.0 / record.sample_time
-    band = min(LARGEST_BANDWIDTH, 0.04 * rate)
-    least = min(band, _LEAST_MOTIONS / record.duration)
-    density = 2.0 * position_noise(record, bandwidth=band) ** 2 / rate
-    while band > least:
-        motion = smoothed_motion(record, bandwidth=band)
-        cutoff = _DECIMATION_RATIO * band
-        noise = (2.0 * np.pi) ** 4 * density * cutoff**5 / 5.0
-        slow = smoothed_motion(record, bandwidth=max(least, band / _FILTER_RATIO))
-        if noise <= _NOISE_SHARE * min(np.var(motion.acceleration), np.var(slow.acceleration)):
-            break
-        band = max(least, band / _LOWERED)
-    return band
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AxisMotion:
+    """A record's motion, filtered."""
+
+    record: AxisRecord
+    bandwidth: float  #: [Hz]
+    position: NDArray[np.float64]  #: (N,) [m]
+    speed: NDArray[np.float64]  #: (N,) [m/s]
+    acceleration: NDArray[np.float64]  #: (N,) [m/s^2]
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation [m] of white noise in the recorded position, from the part that the filter removes."""
+        removed = self.record.position - self.position
+        share = 1.0 - 2.0 * _POSITION_FILTER * self.bandwidth * self.record.sample_time
+        return float(np.sqrt(np.mean(removed**2) / max(share, 0.1)))
+
+    @cached_property
+    def usual_speed(self) -> float:
+        """Root mean square [m/s]."""
+        return float(np.sqrt(np.mean(self.speed**2)))
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """Which rows (N,) are neither at rest nor near an end of a part; those at rest too if there is little else."""
+        inside = np.zeros(len(self.speed), dtype=bool)
+        for first, end in self.record.parts:
+            near = min(round(1.0 / (self.bandwidth * self.record.sample_time)), (end - first) // 5)
+            inside[first + near : end - near] = end - first >= LEAST_PART
+        moving = inside & (np.abs(self.speed) >= REST * self.usual_speed)
+        return moving if moving.mean() > 0.1 else inside
+
+    def force(self, *, interpolated: bool) -> NDArray[np.float64]:
+        """Return the force (N,) at the moment of each row: between what is held before and after it."""
+        force = self.record.force
+        return force if interpolated else 0.5 * (force + np.append(force[0], force[:-1]))
+
+    def lowpassed(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return values (N,), filtered as the columns of the regression are."""
+        return _filtered(self.record, values, _COLUMN_FILTER * self.bandwidth)
+
+    @cached_property
+    def block(self) -> NDArray[np.int64]:
+        """The block of time of each row (N,)."""
+        return (self.record.t // BLOCK).astype(np.int64)
 
 
-def position_noise(record: AxisRecord, *, bandwidth: float) -> float:
-    """Return the standard deviation [m] of white noise in the position, from the part that the filter removes."""
-    removed = record.position - smoothed_motion(record, bandwidth=bandwidth).position
-    share = 1.0 - 2.0 * _FILTER_RATIO * bandwidth * record.sample_time
-    return float(np.sqrt(np.mean(removed**2) / max(share, 0.1)))
+def motion_of(record: AxisRecord, bandwidth: float | None = None) -> AxisMotion:
+    """Return the motion of a record.
 
-
-def smoothed_motion(record: AxisRecord, *, bandwidth: float) -> AxisMotion:
-    """Return position, speed and acceleration, filtered at five times the bandwidth [Hz].
+    The bandwidth is 20 Hz by default, or less if the sampling is slow or the position noisy.
 
     Raises
     ------
     InputError
-        If that is beyond half the sampling rate.
+        If the filter for the bandwidth [Hz] is beyond half the sampling rate, or no part is long enough.
     """
+    if all(end - first < LEAST_PART for first, end in record.parts):
+        raise InputError(f"{record.name} has no part of {LEAST_PART} rows on end; log without gaps.")
+    if bandwidth is not None:
+        return _motion(record, bandwidth)
     rate = 1.0 / record.sample_time
-    cutoff = _FILTER_RATIO * bandwidth
+    band = min(LARGEST_BANDWIDTH, 0.04 * rate)
+    least = min(band, _LEAST_MOTIONS / record.duration)
+    motion = _motion(record, band)
+    density = 2.0 * motion.noise**2 / rate
+    while band > least:
+        noise = (2.0 * np.pi) ** 4 * density * (_COLUMN_FILTER * band) ** 5 / 5.0
+        slow = _motion(record, max(least, band / _POSITION_FILTER))
+        if noise <= _NOISE_SHARE * min(np.var(motion.acceleration), np.var(slow.acceleration)):
+            break
+        band = max(least, band / _LOWERED)
+        motion = _motion(record, band)
+    return motion
+
+
+def _motion(record: AxisRecord, band: float) -> AxisMotion:
+    position = _filtered(record, record.position, _POSITION_FILTER * band)
+    speed, acceleration = np.zeros((2, len(record)))
+    for first, end in record.parts:
+        if end - first >= LEAST_PART:
+            speed[first:end] = np.gradient(position[first:end], record.sample_time)
+            acceleration[first:end] = np.gradient(speed[first:end], record.sample_time)
+    return AxisMotion(
+        record=record, bandwidth=band, position=position, speed=speed, acceleration=acceleration
+    )
+
+
+def _filtered(record: AxisRecord, values: NDArray[np.float64], cutoff: float) -> NDArray[np.float64]:
+    """Return values (N,) without what is faster than a frequency [Hz], in each part that is long enough."""
+    rate = 1.0 / record.sample_time
     if not 0.0 < cutoff < 0.5 * rate:
+        band = cutoff / _POSITION_FILTER
         raise InputError(
-            f"A bandwidth (--bandwidth) of {bandwidth:g} Hz needs a filter at {cutoff:g} Hz, and {record.name} is "
+            f"A bandwidth (--bandwidth) of {band:g} Hz needs a filter at {cutoff:g} Hz, and {record.name} is "
             f"sampled at {rate:.4g} Hz; choose a bandwidth above zero and below {0.1 * rate:.3g} Hz."
         )
-    b, a = np.asarray(scipy.signal.butter(_BUTTERWORTH_ORDER, cutoff / (0.5 * rate)), dtype=float)
-
-    def filtered(position: NDArray[np.float64]) -> NDArray[np.float64]:
-        smooth = scipy.signal.filtfilt(b, a, position, padlen=3 * _BUTTERWORTH_ORDER)
-        speed = np.gradient(smooth, record.sample_time)
-        return np.array([smooth, speed, np.gradient(speed, record.sample_time)])
-
-    if record.even:
-        return AxisMotion(*filtered(record.position))
-    whole = np.zeros((3, len(record)))
-    whole[0] = record.position
-    for first, last in record.segments:
-        if last - first >= LEAST_SEGMENT:
-            whole[:, first:last] = _on_even_rows(record, first, last, filtered)
-    return AxisMotion(*whole)
-
-
-def _on_even_rows(
-    record: AxisRecord,
-    first: int,
-    last: int,
-    filtered: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-) -> NDArray[np.float64]:
-    """Return the filtered motion of rows first to last, (3, rows), at their own times."""
-    t = record.t[first:last]
-    even = np.linspace(t[0], t[-1], max(LEAST_SEGMENT, round((t[-1] - t[0]) / record.sample_time) + 1))
-    return CubicSpline(even, filtered(CubicSpline(t, record.position[first:last])(even)), axis=1)(t)
+    b, a = np.asarray(scipy.signal.butter(_ORDER, cutoff / (0.5 * rate)), dtype=float)
+    smooth = values.copy()
+    for first, end in record.parts:
+        if end - first >= LEAST_PART:
+            smooth[first:end] = scipy.signal.filtfilt(b, a, values[first:end], padlen=3 * _ORDER)
+    return smooth
 
 
 def speed_at_start(record: AxisRecord) -> float:
@@ -127,51 +157,72 @@ def speed_at_start(record: AxisRecord) -> float:
     return float(np.polynomial.Polynomial.fit(record.t[rows], record.position[rows], 3).deriv()(0.0))
 
 
-def first_row(record: AxisRecord, *, bandwidth: float) -> int:
-    """Return the first row after the filter's start-up, which takes five of its periods."""
-    return round(5.0 / (_FILTER_RATIO * bandwidth * record.sample_time)) - 1
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InverseModel:
+    """The inverse model of the moving axis, by least squares."""
 
-
-def decimation_factor(record: AxisRecord, *, bandwidth: float) -> int:
-    """Return the factor of a decimation that keeps twice the bandwidth."""
-    return max(1, round(0.8 * 0.5 / record.sample_time / (_DECIMATION_RATIO * bandwidth)))
-
-
-def decimated(values: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
-    """Return every `factor`-th of values (N,), the last among them, after a Chebyshev filter without delay."""
-    if factor == 1:
-        return values
-    b, a = np.asarray(scipy.signal.cheby1(_DECIMATION_ORDER, _DECIMATION_RIPPLE, 0.8 / factor), dtype=float)
-    smooth = scipy.signal.filtfilt(b, a, values, padlen=3 * _DECIMATION_ORDER)
-    return smooth[(len(values) - 1) % factor :: factor]
-
-
-class Decimation:
-    """The rows of a record that a decimation leaves, of each part between gaps that is long enough, after the start."""
-
-    def __init__(self, record: AxisRecord, *, bandwidth: float) -> None:
-        self.factor = decimation_factor(record, bandwidth=bandwidth)
-        start = max(0, first_row(record, bandwidth=bandwidth))
-        spans = [(max(first, start), last) for first, last in record.segments]
-        #: first row and the row after the last of each part
-        self.kept = [one for one in spans if one[1] - one[0] >= max(LEAST_SEGMENT, 4 * self.factor)]
-
-    def of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return decimated values (n,) of values (N,)."""
-        return np.concatenate([decimated(values[first:last], self.factor) for first, last in self.kept])
-
-    def picked(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values (n,) of the rows that are left, of values (N,), without a filter."""
-        return np.concatenate(
-            [values[np.arange(a, b)[(b - a - 1) % self.factor :: self.factor]] for a, b in self.kept]
-        )
+    names: tuple[str, ...]  #: (p,) the parameters that the force is linear in
+    fit: LinearFit
+    explained: float  #: share of the force's square
+    condition: float  #: of the columns, each of length one
 
     @property
-    def disturbed(self) -> NDArray[np.bool_]:
-        """Which of the rows (n,) are too near an end of their part."""
-        found = []
-        for first, last in self.kept:
-            count = -(-(last - first) // self.factor)
-            near, place = min(_DISTURBED, int(_MOST_DISTURBED * count)), np.arange(count)
-            found.append((place < near) | (place >= count - near))
-        return np.concatenate(found)
+    def values(self) -> dict[str, float]:
+        """The parameters by name; friction may be below zero."""
+        return dict(zip(self.names, self.fit.values.tolist(), strict=True))
+
+
+def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseModel:
+    """Fit the linear part of a model, without the load.
+
+    Raises
+    ------
+    InputError
+        If the records do not distinguish the parameters.
+    """
+    parts = [_columns(motion, model) for motion in motions]
+    names = tuple(name for name in model.names if name in parts[0])
+    force = np.concatenate([part["force"] for part in parts])
+    X = np.column_stack([np.concatenate([part[name] for part in parts]) for name in names])
+    begins = np.cumsum([0, *(int(one.block[-1]) + 1 for one in motions)])
+    block = np.concatenate([one.block[one.moving] + a for one, a in zip(motions, begins[:-1], strict=True)])
+    lengths = np.linalg.norm(X, axis=0)
+    if len(X) <= len(names) or not lengths.all():
+        which = [name for name, length in zip(names, lengths, strict=True) if length == 0.0] or list(names)
+        raise _apart(motions[0].record, which)
+    singular, directions = np.linalg.svd(X / lengths, full_matrices=False)[1:]
+    if singular[0] > LARGEST_CONDITION * singular[-1]:
+        mixed = np.abs(directions[-1])
+        which = [name for name, share in zip(names, mixed, strict=True) if share > 0.3 * mixed.max()]
+        raise _apart(motions[0].record, which)
+    fit = fit_linear(X, force, block)
+    return InverseModel(
+        names=names,
+        fit=fit,
+        explained=float(1.0 - np.sum(fit.residuals**2) / np.sum(force**2)),
+        condition=float(singular[0] / singular[-1]),
+    )
+
+
+def _apart(record: AxisRecord, names: Sequence[str]) -> InputError:
+    return InputError(
+        f"{record.name} cannot show {' and '.join(names)} apart: the motion is too short, too even or of one direction "
+        "only. Record speeding up, slowing down and both directions at several speeds."
+    )
+
+
+def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, NDArray[np.float64]]:
+    """Return the force and its part for each parameter of one, of the moving rows (n,)."""
+    record, position, speed = motion.record, motion.position, motion.speed
+    force = motion.force(interpolated=model.interpolated)
+    columns = {
+        "mass": motion.acceleration,
+        "viscous": speed,
+        "asymmetry": np.abs(speed),
+        "coulomb": np.sign(speed),
+        "offset": np.ones(len(record)),
+        "gravity_sine": np.sin(position),
+        "gravity_cosine": np.cos(position),
+    }
+    columns["force"] = force - sum((value * columns[name] for name, value in model.known.items()), 0.0)
+    return {name: motion.lowpassed(one)[motion.moving] for name, one in columns.items()}

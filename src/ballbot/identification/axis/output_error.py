@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import Stopping, minimize_squares
-from ballbot.fitting.parameter import RelativeSpace
 from ballbot.fitting.uncertainty import block_length, correlation, covariance, leverage_corrected
 from ballbot.identification.axis.model import AxisModel, Values
-from ballbot.identification.axis.motion import AxisMotion, position_noise, smoothed_motion, speed_at_start
+from ballbot.identification.axis.motion import LEAST_PART, AxisMotion, speed_at_start
 from ballbot.identification.axis.record import AxisRecord
 
 #: length of a window [s], shorter where records are so short that there would be fewer than `_LEAST_WINDOWS`
@@ -36,10 +35,10 @@ WINDOW = 1.0
 _LEAST_WINDOWS = 9
 #: blocks of time are held out and drawn together; there are about as many
 _BLOCKS = 12
-FOLDS = 3
+_FOLDS = 3
 #: half the central difference, in the scaled parameter: wide enough to average over single events of sticking
 _DIFFERENCE = 5e-4
-_MOST_STEPS = 30
+_MOST_STEPS, _HELD_OUT_STEPS = 30, 8
 #: the descent ends where a step lowers the sum of squares by less than this share
 _ENOUGH = 1e-4
 #: it starts at least this far inside the bounds; a parameter that ends closer to one than `_AT_BOUND` is at it
@@ -53,45 +52,31 @@ _ROUNDS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sighting:
-    """A record with its filtered motion."""
-
-    record: AxisRecord
-    motion: AxisMotion
-    bandwidth: float  #: [Hz]
-    noise: float  #: of the position [m]
-    usual_speed: float  #: root mean square [m/s]
-
-
-def sighting(record: AxisRecord, bandwidth: float) -> Sighting:
-    """Return a record with its filtered motion."""
-    motion = smoothed_motion(record, bandwidth=bandwidth)
-    return Sighting(
-        record=record,
-        motion=motion,
-        bandwidth=bandwidth,
-        noise=max(position_noise(record, bandwidth=bandwidth), 1e-9 * float(np.ptp(record.position))),
-        usual_speed=float(np.sqrt(np.mean(motion.speed**2))),
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class AxisWindows:
     """Windows of one record, and which of its rows are compared: every `_COMPARED_EVERY`, and from one row on."""
 
-    seen: Sighting
+    motion: AxisMotion
     firsts: NDArray[np.int64]  #: (w,)
     counts: NDArray[np.int64]  #: (w,) rows that each runs over
     starts: NDArray[np.float64]  #: (w, 2) position and speed there
 
+    @property
+    def record(self) -> AxisRecord:
+        """The record."""
+        return self.motion.record
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the position's noise [m], at least that of rounding."""
+        return max(self.motion.noise, 1e-9 * float(np.ptp(self.record.position)))
+
     @cached_property
     def compared(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Which of the positions at rows' ends are compared (m,), the rows of these, and the window of each."""
-        every = max(1, round(_COMPARED_EVERY / self.seen.record.sample_time))
+        every = max(1, round(_COMPARED_EVERY / self.record.sample_time))
         begins = np.cumsum(self.counts) - self.counts
         steps = [np.arange(min(every, count), count + 1, every) for count in self.counts.tolist()]
-        sizes = [len(one) for one in steps]
-        step, window = np.concatenate(steps), np.repeat(np.arange(len(steps)), sizes)
+        step, window = np.concatenate(steps), np.repeat(np.arange(len(steps)), [len(one) for one in steps])
         return begins[window] + step - 1, self.firsts[window] + step, window
 
     def only(self, kept: NDArray[np.bool_]) -> AxisWindows:
@@ -99,23 +84,22 @@ class AxisWindows:
         return replace(self, firsts=self.firsts[kept], counts=self.counts[kept], starts=self.starts[kept])
 
 
-def windows_of(seen: Sighting, duration: float) -> AxisWindows:
+def windows_of(motion: AxisMotion, duration: float) -> AxisWindows:
     """Return windows of about that duration [s], end to end, in each part between gaps."""
-    record, spans = seen.record, list[tuple[int, int]]()
-    for begin, end in record.segments:
-        if end - begin >= 3:
-            count = max(1, round(float(record.t[end - 1] - record.t[begin]) / duration))
+    record, spans = motion.record, list[tuple[int, int]]()
+    for begin, end in record.parts:
+        if end - begin >= LEAST_PART:
+            count = max(1, round((end - 1 - begin) * record.sample_time / duration))
             edges = np.linspace(begin, end - 1, count + 1).astype(int)
             spans += [(int(a), int(b)) for a, b in pairwise(edges) if b > a]
     firsts = np.array([first for first, _ in spans], dtype=np.int64)
-    speeds = seen.motion.speed[firsts].copy()
-    speeds[firsts == 0] = speed_at_start(record)
-    positions = np.where(record.even & (firsts == 0), record.position[firsts], seen.motion.position[firsts])
+    starts = np.column_stack([motion.position[firsts], motion.speed[firsts]])
+    starts[firsts == 0] = (record.position[0], speed_at_start(record))
     return AxisWindows(
-        seen=seen,
+        motion=motion,
         firsts=firsts,
         counts=np.array([last - first for first, last in spans], dtype=np.int64),
-        starts=np.column_stack([positions, speeds]),
+        starts=starts,
     )
 
 
@@ -138,28 +122,30 @@ class OutputError:
         begins = np.cumsum([0, *(len(one.firsts) for one in self.windows)])
         return np.concatenate([one.compared[2] + a for one, a in zip(self.windows, begins[:-1], strict=True)])
 
+    @property
+    def count(self) -> int:
+        """How many windows there are."""
+        return int(self.window.max()) + 1
+
     @cached_property
     def _begins(self) -> NDArray[np.intp]:
         return np.flatnonzero(np.diff(self.window, prepend=-1))
 
     @cached_property
     def _noise(self) -> NDArray[np.float64]:
-        return np.concatenate([np.full(len(one.compared[0]), one.seen.noise) for one in self.windows])
+        return np.concatenate([np.full(len(one.compared[0]), one.noise) for one in self.windows])
 
     def errors(self, values: Values, *, noises: float = 0.0, speeds: float = 0.0) -> NDArray[np.float64]:
         """Return simulated minus recorded positions (m,), the starts moved by shares of the noise and usual speed."""
         found, axis = [], self.model.axis(values)
         for one in self.windows:
-            seen, record = one.seen, one.seen.record
+            record = one.record
             moved = record
             if self.late:
                 moved = replace(record, force=np.interp(record.t - self.late, record.t, record.force))
             places, rows, _ = one.compared
-            starts = one.starts + np.array([noises * seen.noise, speeds * seen.usual_speed])
-            positions = axis.windows(
-                moved, one.firsts, one.counts, starts, interpolated=self.model.interpolated
-            )
-            found.append(positions[places] - record.position[rows])
+            starts = one.starts + np.array([noises * one.noise, speeds * one.motion.usual_speed])
+            found.append(axis.windows(moved, one.firsts, one.counts, starts)[places] - record.position[rows])
         return np.concatenate(found)
 
     def starts(self, values: Values) -> Starts:
@@ -190,7 +176,7 @@ class OutputError:
         shifts, begin, moved = found.shifts(found.errors), 0, []
         for one in self.windows:
             own = shifts[begin : begin + len(one.firsts)]
-            sizes = np.array([one.seen.noise, _START_SPEED * one.seen.usual_speed])
+            sizes = np.array([one.noise, _START_SPEED * one.motion.usual_speed])
             moved.append(replace(one, starts=one.starts - own * sizes))
             begin += len(one.firsts)
         return replace(self, windows=tuple(moved))
@@ -203,8 +189,7 @@ class OutputError:
             begun = one.starts(values)
             left = begun.project(begun.errors)
             tables.append(np.add.reduceat(left**2, self._begins))
-        counts = np.bincount(self.window)
-        return np.nan_to_num(np.fmin(*tables) / counts, nan=np.inf)
+        return np.nan_to_num(np.fmin(*tables) / np.bincount(self.window), nan=np.inf)
 
     def only(self, kept: NDArray[np.bool_]) -> OutputError:
         """Return the errors over some of the windows, counted through all records (w,)."""
@@ -264,8 +249,7 @@ class OutputErrorFit:
     @property
     def quantile(self) -> float:
         """Half the width of a 95 % interval over the standard error."""
-        windows = int(self.problem.window.max()) + 1
-        return float(scipy.stats.t.ppf(0.975, max(1, windows - len(self.values))))
+        return float(scipy.stats.t.ppf(0.975, max(1, self.problem.count - len(self.values))))
 
     def moved_by(self, windows: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return how far the parameters (p,) move in a fit to some windows (w,) alone, and the standard errors of that.
@@ -277,7 +261,7 @@ class OutputErrorFit:
         J = self.slopes[:, free]
         lengths = np.linalg.norm(J, axis=0)
         J = J / lengths
-        count = int(self.problem.window.max()) + 1
+        count = self.problem.count
         scores = np.column_stack(
             [
                 np.bincount(self.problem.window, weights=column * self.residuals, minlength=count)
@@ -299,7 +283,7 @@ class OutputErrorFit:
 def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputErrorFit:
     model, space = problem.model, problem.model.space(start)
     lower, upper = space.bounds()
-    scale = max(float(np.ptp(one.seen.record.position)) for one in problem.windows) * 1e-3
+    scale = max(float(np.ptp(one.record.position)) for one in problem.windows) * 1e-3
     last: dict[bytes, Starts] = {}
 
     def at(z: NDArray[np.float64]) -> dict[str, float]:
@@ -334,41 +318,27 @@ def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputEr
     )
     z, J = found.point, found.jacobian * scale
     kept = (z - lower > _AT_BOUND) & (upper - z > _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0)
-    return _fit_at(problem, space, z, J * kept, errors(z) * scale)
-
-
-def _fit_at(
-    problem: OutputError,
-    space: RelativeSpace,
-    z: NDArray[np.float64],
-    J: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-) -> OutputErrorFit:
-    """Return the fit that ends at a scaled point with derivatives by it (m, p), zero for a parameter at a bound."""
-    kept = np.linalg.norm(J, axis=0) > 0.0
+    J, residuals = J * kept, errors(z) * scale
     rows = np.split(np.arange(len(J)), np.flatnonzero(np.diff(problem.window)) + 1)
     matrices = np.array([J[one].T @ J[one] for one in rows])
     scores = np.array([J[one].T @ residuals[one] for one in rows])
     # an axis passes its slow speeds in a few windows, which a fit follows closely
     C = covariance(leverage_corrected(matrices, scores, kept), kept)
-    deviations, slopes = np.sqrt(C.diagonal()), space.slopes(z)
     return OutputErrorFit(
         problem=problem,
-        values=problem.model.by_name(space.physical(z)),
-        standard_errors=problem.model.by_name(deviations * slopes),
+        values=at(z),
+        standard_errors=model.by_name(np.sqrt(C.diagonal()) * space.slopes(z)),
         correlation=correlation(C),
         residuals=residuals,
-        slopes=J / slopes,
+        slopes=J / space.slopes(z),
     )
 
 
-def fit_output_error(
-    problem: OutputError, start: Values, *, most_steps: int = _MOST_STEPS, rounds: int = _ROUNDS
-) -> OutputErrorFit:
+def fit_output_error(problem: OutputError, start: Values) -> OutputErrorFit:
     """Descend from `start`, and again from better starts of the windows as long as the error falls by a percent."""
-    fit = _descended(problem, start, most_steps)
-    for _ in range(rounds - 1):
-        again = _descended(fit.problem.from_better_starts(fit.values), fit.values, most_steps)
+    fit = _descended(problem, start, _MOST_STEPS)
+    for _ in range(_ROUNDS - 1):
+        again = _descended(fit.problem.from_better_starts(fit.values), fit.values, _MOST_STEPS)
         if not again.rms < 0.99 * fit.rms:
             break
         fit = again
@@ -387,11 +357,10 @@ def blocks_of(windows: int) -> list[NDArray[np.int64]]:
 
 def held_out_squares(fit: OutputErrorFit) -> NDArray[np.float64]:
     """Fit again without each third of the blocks of time; return the mean square errors [m^2] there (w,)."""
-    count = int(fit.problem.window.max()) + 1
-    squares, blocks = np.empty(count), blocks_of(count)
-    for fold in range(FOLDS):
-        out = np.zeros(count, dtype=bool)
-        out[np.concatenate(blocks[fold::FOLDS])] = True
-        again = fit_output_error(fit.problem.only(~out), fit.values, most_steps=8, rounds=1)
+    squares, blocks = np.empty(fit.problem.count), blocks_of(fit.problem.count)
+    for fold in range(_FOLDS):
+        out = np.zeros(len(squares), dtype=bool)
+        out[np.concatenate(blocks[fold::_FOLDS])] = True
+        again = _descended(fit.problem.only(~out), fit.values, _HELD_OUT_STEPS)
         squares[out] = fit.problem.only(out).squares(again.values)
     return squares

@@ -2,11 +2,10 @@
 
 A file of any format of logs holds a record, as columns or named variables (docs/logs.md). The user names variables, or
 writes numbers out; without a name, a variable has that of its quantity. A file gives a unit in a row below the header,
-in brackets behind a column's name, or at the end of the name.
+in brackets behind a column's name, or at the end of the name; it is converted unless an option gives the factor.
 
-Rows at uneven times are kept with their times. Rows with a missing value are left out, so that a gap remains. A
-position that wraps is unwrapped. An axis whose velocity is recorded and not its position has the position that the
-velocity gives by integration.
+Rows with a missing value are left out, so that a gap remains. A position that wraps is unwrapped. If the velocity is
+recorded and not the position, it is integrated.
 """
 
 from __future__ import annotations
@@ -22,19 +21,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, either, suggest
-from ballbot.identification.axis.record import EVEN, AxisRecord
+from ballbot.findings import Finding, note, warning
+from ballbot.identification.axis.record import AxisRecord, record_of_rows
 from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns
 from ballbot.log.formats import read_units, read_variables
 from ballbot.log.signals import unwrapped
 
 #: by the unit of positions, what each quantity may be in, with the factor to its unit
-_FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
-_TORQUES = {**FACTORS["N m"], "kN m": 1e3}
-_QUANTITIES = {
-    "time": {"m": FACTORS["s"], "rad": FACTORS["s"]},
-    "position": {"m": FACTORS["m"], "rad": FACTORS["rad"]},
-    "velocity": {"m": FACTORS["m/s"], "rad": FACTORS["rad/s"]},
-    "force": {"m": _FORCES, "rad": _TORQUES},
+_UNITS = {
+    "m": {"position": FACTORS["m"], "velocity": FACTORS["m/s"], "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3}},
+    "rad": {
+        "position": FACTORS["rad"],
+        "velocity": FACTORS["rad/s"],
+        "force": {**FACTORS["N m"], "kN m": 1e3},
+    },
 }
 #: other spellings of units
 _SPELLINGS = {
@@ -47,11 +47,9 @@ _SPELLINGS = {
     "°": "deg",
     "rev": "turn",
 }
-
-
-TURN, DEGREES = 2.0 * np.pi, 360.0
-#: bits of encoders' counters
-_BITS = (8, 10, 12, 13, 14, 15, 16, 17, 18, 20, 24, 32)
+#: after what a position begins again, before its scale: a turn in either unit, and encoders' counters of 8 to 32 bits
+_TURN, _DEGREES = 2.0 * np.pi, 360.0
+_COUNTERS = tuple(2.0**bits for bits in range(8, 33))
 #: an ordinary step is at most this share of the period; a jump differs from the period by no more than such a step
 _LARGEST_STEP = 0.25
 #: noise and rounding let a position that wraps cover so much more than its period, and a jump that much more, too
@@ -65,26 +63,28 @@ class AxisColumns:
     """The variables of a file. A number is written out, or is the name of a variable or of a constant column."""
 
     time: str = "t"
-    """The variable with the time, in seconds; or the time between rows: a number, or a variable of one."""
+    """The variable with the time; or the time between rows [s]: a number, or a variable of one."""
 
-    time_scale: str = "1"
-    """Factor from that variable to seconds, such as 0.001 for milliseconds: a number, or a variable of the file."""
+    time_scale: str | None = None
+    """Factor from that variable to seconds, such as 0.001 for milliseconds: a number, or a variable of the file. If not
+    given, that of the file's unit."""
 
     position: str | None = None
-    """The variable with the position, in metres or radians; "position" if neither it nor the velocity is given."""
+    """The variable with the position; "position" if neither it nor the velocity is given."""
 
     velocity: str | None = None
-    """The variable with the velocity, in metres or radians per second, for a file without a position."""
+    """The variable with the velocity, for a file without a position."""
 
-    position_scale: str = "1"
-    """Factor from the position or the velocity to metres or radians: a number, or a variable."""
+    position_scale: str | None = None
+    """Factor from the position or the velocity to metres or radians: a number, or a variable. If not given, that of the
+    file's unit."""
 
     force: str = "force"
     """The variable with the force, torque, current or voltage that drives the axis."""
 
-    force_scale: str = "1"
+    force_scale: str | None = None
     """Factor from that variable to newtons or newton metres, below zero if it acts the other way: a number, or a
-    variable of the file."""
+    variable of the file. If not given, that of the file's unit."""
 
     added_force: str | None = None
     """The variable with an additional force on the axis, such as a measured disturbance, in newtons (newton metres)."""
@@ -94,45 +94,72 @@ class AxisColumns:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AxisFile:
-    """A file's variables and which of them the user named, each by its field of `AxisColumns`."""
+class _File:
+    """A file's variables and their units, and which of them the user named."""
 
     name: str
     variables: Columns
+    units: Mapping[str, str]
     columns: AxisColumns
 
-    def column(self, field: str, *, default: str = "") -> NDArray[np.float64]:
-        """Return the variable that an option names, or `default` if the option is not given (N,)."""
-        return self._variable(getattr(self.columns, field) or default, option_of(field))
+    def column(self, name: str, option: str) -> NDArray[np.float64]:
+        """Return the variable of that name (N,), which an option gives."""
+        if name not in self.variables:
+            hint = suggest(name, self.variables, otherwise="it has")
+            raise InputError(f"{self.name} has no variable {name!r} for {option}; {hint}")
+        return self.variables[name]
 
-    def number(self, field: str) -> float:
-        """Return an option's number, written out or that of a constant variable."""
-        text, option = getattr(self.columns, field), option_of(field)
+    def number(self, text: str, option: str) -> float:
+        """Return a number, written out or that of a constant variable."""
         try:
             value = float(text)
         except ValueError:
-            values = self._variable(text, option)
-            if values.size == 0 or np.ptp(values) != 0.0:
-                fault = f"has {values.size} different values" if values.size else "is empty"
-                raise InputError(f"{self.name}, {option}: {text!r} {fault}; it must be one number.") from None
+            values = np.unique(self.column(text, option))
+            if len(values) != 1:
+                raise InputError(
+                    f"{self.name}, {option}: {text!r} has {len(values)} different values; it must be one number."
+                ) from None
             value = float(values[0])
         if not abs(value) <= LARGEST_CELL:
             raise InputError(f"{self.name}: {option} is {value:g}; it must be a finite number.")
         return value
 
-    def factor(self, field: str, *, negative: bool = True) -> float:
-        """Return an option's number, which must not be zero, nor below zero unless it may be negative."""
-        value = self.number(field)
-        if value == 0.0 or (value < 0.0 and not negative):
-            wanted = "must not be zero" if negative else "must be above zero"
-            raise InputError(f"{self.name}: {option_of(field)} is {value:g}; it {wanted}.")
-        return value
+    def factor(self, field: str, name: str, scale: str | None, *, negative: bool = True) -> float:
+        """Return the factor of a variable: the option's, or that of the file's unit."""
+        option = option_of(f"{'position' if field == 'velocity' else field}_scale")
+        if scale is not None:
+            value = self.number(scale, option)
+            if value == 0.0 or (value < 0.0 and not negative):
+                wanted = "must not be zero" if negative else "must be above zero"
+                raise InputError(f"{self.name}: {option} is {value:g}; it {wanted}.")
+            return value
+        own, other = (_UNITS[unit].get(field, FACTORS["s"]) for unit in (self.columns.unit, self._other))
+        given = self.unit_of(name, {**own, **other})
+        if given in other and given not in own:
+            raise InputError(
+                f"{self.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and --unit is "
+                f"{self.columns.unit}; give --unit {self._other}, or correct the unit in the file."
+            )
+        return own.get(given, 1.0)
 
-    def _variable(self, wanted: str, option: str) -> NDArray[np.float64]:
-        if wanted not in self.variables:
-            hint = suggest(wanted, self.variables, otherwise="it has")
-            raise InputError(f"{self.name} has no variable {wanted!r} for {option}; {hint}")
-        return self.variables[wanted]
+    @property
+    def _other(self) -> str:
+        return "rad" if self.columns.unit == "m" else "m"
+
+    def unit_of(self, name: str, known: Collection[str]) -> str:
+        """Return the unit of a variable as `FACTORS` spells it; empty if the file does not give one.
+
+        At the end of a name, as "deg" of "position_deg", single letters are no units: "position_m" may be the motor's.
+        """
+        text = self.units.get(name, "")
+        bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
+        unit = (bracketed.group(1) if bracketed else text).strip().replace("·", " ").replace("*", " ")
+        if unit:
+            return _SPELLINGS.get(unit, unit)
+        parts = name.split("_")
+        spelled = {one.replace(" ", "").lower(): one for one in known}
+        ends = ("/".join(parts[-2:]), parts[-1]) if len(parts) > 2 else parts[1:]
+        return next((spelled[one.lower()] for one in ends if len(one) > 1 and one.lower() in spelled), "")
 
 
 def option_of(field: str) -> str:
@@ -142,82 +169,37 @@ def option_of(field: str) -> str:
 
 #: words of names that such a variable often has, the plainest first
 _USUAL_NAMES = {
-    "time": ("time", "t", "timestamp", "stamp", "seconds", "sec"),
-    "position": ("position", "pos", "angle", "q", "qm", "theta", "phi", "x"),
-    "force": ("force", "torque", "tau", "effort", "f", "current", "voltage", "u", "i"),
+    "time": "time t timestamp stamp seconds sec",
+    "position": "position pos angle q qm theta phi x",
+    "force": "force torque tau effort f current voltage u i",
 }
 
 
-def check_names(file: AxisFile) -> None:
+def _check_names(file: _File, position: str) -> None:
     """Raise InputError if a variable that a record must have is missing and not named, with what may be meant."""
     columns = file.columns
+    wanted = {
+        "time": (columns.time, "t"),
+        "position": (position, "position"),
+        "force": (columns.force, "force"),
+    }
     lacking = {
-        field: getattr(columns, field) or field
-        for field, absent in (
-            ("time", columns.time == AxisColumns.time),
-            ("position", columns.position is None and columns.velocity is None),
-            ("force", columns.force == AxisColumns.force),
-        )
-        if absent and (getattr(columns, field) or field) not in file.variables
+        field: name
+        for field, (name, default) in wanted.items()
+        if name == default and name not in file.variables
     }
-    if lacking:
-        options = [
-            f"{option_of(field)} {shlex.quote(_usual(field, file.variables) or 'NAME')}" for field in lacking
-        ]
-        raise InputError(
-            f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
-            f"Name what is meant, perhaps with {' '.join(options)}"
-            + (" (or --time 0.001, the time between rows)" if "--time NAME" in options else "")
-        )
-
-
-def _usual(field: str, variables: Collection[str]) -> str | None:
-    """Return the variable whose name has the plainest of the usual words for a quantity; None if none has any."""
-    words = {name: re.split(r"[^a-z]+", name.lower()) for name in variables}
-    return next((name for word in _USUAL_NAMES[field] for name in words if word in words[name]), None)
-
-
-def check_units(file: AxisFile, units: Mapping[str, str]) -> None:
-    """Raise InputError if a unit in the file contradicts `--unit`, or needs a factor and none is given."""
-    for field, kinds in _QUANTITIES.items():
-        name = getattr(file.columns, field) or ("position" if file.columns.velocity is None else "")
-        scale = f"{'position' if field == 'velocity' else field}_scale"
-        if name not in file.variables or file.number(scale) != 1.0:
-            continue
-        given = _unit_of(name, units) or _unit_at_end(name, {**kinds["m"], **kinds["rad"]})
-        unit = file.columns.unit
-        other = "rad" if unit == "m" else "m"
-        actual = next((one for one in (unit, other) if given in kinds[one]), unit)
-        factor = kinds[actual].get(given, 1.0)
-        options = [f"--unit {actual}"] if actual != unit else []
-        options += [f"{option_of(scale)} {factor:.12g}"] if factor != 1.0 else []
-        if options:
-            against = f"--unit is {unit}" if actual != unit else f"{option_of(scale)} is 1"
-            raise InputError(
-                f"{file.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and {against}; "
-                f"give {' '.join(options)}, or correct the unit in the file."
-            )
-
-
-def _unit_of(name: str, units: Mapping[str, str]) -> str:
-    """Return the unit of a variable as `FACTORS` spells it; empty if the file does not give it."""
-    text = units.get(name, "")
-    bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
-    unit = (bracketed.group(1) if bracketed else text).strip().replace("·", " ").replace("*", " ")
-    return _SPELLINGS.get(unit, unit)
-
-
-def _unit_at_end(name: str, known: Collection[str]) -> str:
-    """Return the unit among those known that a name ends in, such as "deg" of "position_deg"; empty if in none.
-
-    Single letters are no units: "position_m" may be that of the motor.
-    """
-    parts = name.split("_")
-    ends = ("/".join(parts[-2:]), parts[-1]) if len(parts) > 2 else tuple(parts[1:])
-    spelled = {one.replace(" ", "").lower(): one for one in known} | {
-        spelling.lower(): unit for spelling, unit in _SPELLINGS.items() if unit in known
-    }
-    return next((spelled[one.lower()] for one in ends if len(one) > 1 and one.lower() in spelled), "")
+    if not lacking:
+        return
+    words = {name: re.split(r"[^a-z]+", name.lower()) for name in file.variables}
+    options = []
+    for field in lacking:
+        usual = (name for word in _USUAL_NAMES[field].split() for name in words if word in words[name])
+        options.append(f"--{field} {shlex.quote(next(usual, 'NAME'))}")
+    raise InputError(
+        f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
+        f"Name what is meant, perhaps with {' '.join(options)}"
+        + (" (or --time 0.001, the time between rows)" if "--time NAME" in options else "")
+    )
 
 
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
@@ -228,50 +210,62 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     InputError
         If the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
     """
-    file = AxisFile(name=Path(path).name, variables=read_variables(path), columns=columns)
-    check_names(file)
-    check_units(file, read_units(path))
-    t = file.factor("time_scale", negative=False) * _times(file)
-    forces = [file.factor("force_scale") * file.column("force")]
-    forces += [file.column("added_force")] if columns.added_force else []
-    scale = file.factor("position_scale")
-    rows = {"time": t, "force": forces[0], "the added force": forces[-1]}
-    rows["position"] = scale * _position(file, t)
+    path = Path(path)
+    file = _File(name=path.name, variables=read_variables(path), units=read_units(path), columns=columns)
+    field = "velocity" if columns.position is None and columns.velocity else "position"
+    name = (columns.velocity if field == "velocity" else columns.position) or "position"
+    _check_names(file, name)
+    moved = file.column(name, option_of(field))
+    t, of_time = _times(file, len(moved))
+    factors = {
+        columns.time: of_time,
+        name: file.factor(field, name, columns.position_scale),
+        columns.force: file.factor("force", columns.force, columns.force_scale),
+    }
+    force = factors[columns.force] * file.column(columns.force, "--force")
+    added = file.column(columns.added_force, "--added-force") if columns.added_force else np.zeros(len(force))
+    rows = {"time": t, field: factors[name] * moved, "force": force, "the added force": added}
     kept = _complete(file.name, rows)
-    sample_time, times = sampling(file.name, t[kept])
-    position, wrap = without_wraps(rows["position"], scale)
-    return AxisRecord(
-        name=file.name,
-        sample_time=sample_time,
-        force=np.sum(forces, axis=0)[kept],
-        position=position[kept],
+    findings, position = list[Finding](), rows[field]
+    given = (columns.time_scale, columns.position_scale, columns.force_scale)
+    for (variable, factor), scale in zip(factors.items(), given, strict=True):
+        if scale is None and factor != 1.0:
+            text = f"{variable} is multiplied by {factor:.6g}, by its unit in the file."
+            findings.append(note("axis-unit", text, variable))
+    if field == "velocity":
+        position = np.full(len(t), np.nan)
+        speed = rows[field][kept]
+        position[kept] = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t[kept])))
+    position, period = without_wraps(position, factors[name])
+    if period:
+        findings += _wrapped(period, columns)
+    return record_of_rows(
+        file.name,
+        t[kept],
+        (force + added)[kept],
+        position[kept],
         unit=columns.unit,
-        times=times,
-        wrap=wrap,
+        findings=tuple(findings),
     )
 
 
-def sampling(name: str, t: NDArray[np.float64]) -> tuple[float, NDArray[np.float64] | None]:
-    """Return the sample time [s] of rows at times t (N,), and the times themselves if they are uneven.
-
-    Raises
-    ------
-    InputError
-        If time does not increase from row to row.
-    """
-    if len(t) < 2:
-        raise InputError(f"{name}: the time has fewer than two rows.")
-    steps = np.diff(t)
-    if steps.min() <= 0.0:
-        row = int(np.argmin(steps)) + 2
+def _times(file: _File, rows: int) -> tuple[NDArray[np.float64], float]:
+    """Return the time of each row (N,) [s], by a variable or the interval that is given instead, and its factor."""
+    columns = file.columns
+    factor = file.factor("time", columns.time, columns.time_scale, negative=False)
+    times = file.variables.get(columns.time)
+    if times is not None and times.size != 1:
+        return factor * times, factor
+    try:
+        interval = float(columns.time if times is None else times[0])
+    except ValueError:
+        return file.column(columns.time, "--time"), factor
+    if not 0.0 < interval <= LARGEST_CELL:
         raise InputError(
-            f"{name}, row {row}: time does not increase ({t[row - 1]:.12g} after {t[row - 2]:.12g} s). "
-            "Sort the rows, leave out repeated ones, or split the file."
+            f"{file.name}: --time is {interval:g}; give the variable with the time, or the time between rows, a number "
+            "above zero."
         )
-    mean = float(t[-1] - t[0]) / len(steps)
-    if np.abs(steps - mean).max() <= EVEN * mean:
-        return mean, None
-    return float(np.median(steps)), t
+    return factor * interval * np.arange(rows, dtype=np.float64), factor
 
 
 def _complete(name: str, columns: Columns) -> NDArray[np.bool_]:
@@ -294,42 +288,6 @@ def _complete(name: str, columns: Columns) -> NDArray[np.bool_]:
     return kept
 
 
-def _times(file: AxisFile) -> NDArray[np.float64]:
-    """Return the time of each row (N,): a variable, or rows at the interval that is given instead."""
-    times = file.variables.get(file.columns.time)
-    if times is not None and times.size != 1:
-        return times
-    try:
-        interval = float(file.columns.time if times is None else times[0])
-    except ValueError:
-        return file.column("time")
-    if not 0.0 < interval <= LARGEST_CELL:
-        raise InputError(
-            f"{file.name}: --time is {interval:g}; give the variable with the time, or the time between rows, a number "
-            "above zero."
-        )
-    positions = "position" if file.columns.velocity is None or file.columns.position else "velocity"
-    return interval * np.arange(len(file.column(positions, default="position")), dtype=np.float64)
-
-
-def _position(file: AxisFile, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    if file.columns.position is not None or file.columns.velocity is None:
-        return file.column("position", default="position")
-    velocity = file.column("velocity")
-    if len(velocity) != len(t):
-        raise InputError(
-            f"{file.name}: the velocity has {len(velocity)} values and the time has {len(t)}; "
-            "name a column of the same length."
-        )
-    known = np.isfinite(velocity) & np.isfinite(t)
-    if known.sum() < 2:
-        raise InputError(f"{file.name}: the velocity has fewer than two values.")
-    whole = np.interp(np.arange(len(t)), np.flatnonzero(known), velocity[known])
-    clock = np.interp(np.arange(len(t)), np.flatnonzero(known), t[known])
-    travelled = np.append(0.0, np.cumsum(0.5 * (whole[1:] + whole[:-1]) * np.diff(clock)))
-    return np.where(known, travelled, np.nan)
-
-
 def without_wraps(position: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], float]:
     """Return a position (N,) unwrapped, NaN where it is NaN, and the period after which it begins again, zero if never.
 
@@ -342,9 +300,8 @@ def without_wraps(position: NDArray[np.float64], scale: float) -> tuple[NDArray[
     """
     known = position[np.isfinite(position)]
     travel, steps = float(np.ptp(known)), np.abs(np.diff(known))
-    counters = [2.0**bits * abs(scale) for bits in _BITS]
     # of a jump of two periods' size only the right one is within an ordinary step
-    for period in (TURN, DEGREES, *counters):
+    for period in (_TURN, _DEGREES, *(bits * abs(scale) for bits in _COUNTERS)):
         if not 0.5 * period < travel <= (1.0 + _BEYOND) * period:
             continue
         jumps = steps > 0.5 * period
@@ -355,3 +312,15 @@ def without_wraps(position: NDArray[np.float64], scale: float) -> tuple[NDArray[
         if np.abs(steps[jumps] - period).max() <= 2.0 * usual + _BEYOND * period:
             return unwrapped(position, period=period), period
     return position, 0.0
+
+
+def _wrapped(period: float, columns: AxisColumns) -> list[Finding]:
+    """Return a note that a position was unwrapped, and a warning if its period is that of another unit."""
+    size = {_TURN: "one turn", _DEGREES: "360"}.get(period, f"{period:.6g} {columns.unit}")
+    found = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
+    options = [] if columns.unit == "rad" else ["--unit rad"]
+    options += [f"--position-scale {np.radians(1.0):.6g}"] if period == _DEGREES else []
+    if options and period in (_TURN, _DEGREES):
+        text = f"A position that jumps by {period:.4g} is an angle: {' '.join(options)}."
+        found.append(warning("axis-unit", text, "position"))
+    return found

@@ -1,10 +1,10 @@
 """Records of one axis.
 
-The axis is   M a = F - offset - G(q) - friction(v)   with F held over a sample. For an axis that turns, M is an inertia
+The axis is   M a = F - offset - G(q) - friction(v)   with F held over a row. For an axis that turns, M is an inertia
 [kg m^2], forces are torques [N m] and positions angles [rad].
 
-Rows may come at uneven times, and rows may be missing: where the time between two rows is more than `GAP` times the
-usual one, the force between them is unknown, and no prediction runs across.
+Rows are even. Where the time between two of them is more than `GAP` times the usual one, the force between them is
+unknown: the record has parts there, and no prediction runs across. Rows that came at uneven times are interpolated.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
+from ballbot.findings import Finding
 
 #: rows that make a record too short for any of the methods
 LEAST_ROWS = 200
-#: rows are even if no interval differs from the mean one by more than this share of it
+#: rows are even if no interval within a part differs from the usual one by more than this share of it
 EVEN = 0.05
 #: an interval of so many usual ones is a gap
 GAP = 4.0
@@ -32,7 +33,7 @@ Span = tuple[int, int]  #: first row and the row after the last
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisRecord:
-    """A record of one axis.
+    """A record of one axis; `record_of_rows` makes one of rows at any times.
 
     Raises
     ------
@@ -41,29 +42,27 @@ class AxisRecord:
     """
 
     name: str
-    sample_time: float  #: h [s], the usual one if rows are uneven
+    sample_time: float  #: h [s]
     force: NDArray[np.float64]  #: (N,) F [N], held from each row to the next
     position: NDArray[np.float64]  #: (N,) [m]
     unit: Literal["m", "rad"] = "m"
-    times: NDArray[np.float64] | None = None  #: (N,) [s] of uneven rows; none of rows `sample_time` apart
-    wrap: float = 0.0  #: period after which the position begins again in its file [m]; `position` counts on
+    times: NDArray[np.float64] | None = None  #: (N,) [s] of rows with gaps between them; none without
+    even: bool = True  #: whether rows came at even times, as those of a loop that holds the force
+    findings: tuple[Finding, ...] = ()  #: what was done to the file's values
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time < np.inf:
             raise InputError(
                 f"{self.name}: the sample time is {self.sample_time:g} s; it must be above zero."
             )
-        words = {"times": "time"}
-        for name in ("force", "position", "times"):
-            if getattr(self, name) is None:
-                continue
+        for name in ("force", "position", *(() if self.times is None else ("times",))):
             # contiguous and writable, as compiled code takes it
             values = real_array(getattr(self, name), ("N",), f"{self.name}: {name}", finite=False)
             object.__setattr__(self, name, values)
             if values.shape != (len(self.force),):
                 raise InputError(
-                    f"{self.name}: {words.get(name, name)} has {values.size} "
-                    f"values and the force has {self.force.size}; name a column of the same length."
+                    f"{self.name}: {name} has {values.size} values and the force has {self.force.size}; name a column "
+                    "of the same length."
                 )
             if not np.isfinite(values).all():
                 row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
@@ -76,16 +75,9 @@ class AxisRecord:
             raise InputError(
                 f"{self.name}: the position never changes, so friction cannot be identified; check its column."
             )
-        if self.times is not None and not np.all(np.diff(self.times) > 0.0):
-            raise InputError(f"{self.name}: time does not increase from each row to the next.")
 
     def __len__(self) -> int:
         return len(self.force)
-
-    @property
-    def even(self) -> bool:
-        """Whether rows come at even times."""
-        return self.times is None
 
     @cached_property
     def t(self) -> NDArray[np.float64]:
@@ -95,26 +87,64 @@ class AxisRecord:
         return self.sample_time * np.arange(len(self), dtype=np.float64)
 
     @cached_property
-    def durations(self) -> NDArray[np.float64]:
-        """For how long each row's force is held (N,) [s]."""
-        if self.times is None:
-            return np.full(len(self), self.sample_time)
-        return np.append(np.diff(self.times), self.sample_time)
-
-    @cached_property
-    def segments(self) -> tuple[Span, ...]:
+    def parts(self) -> tuple[Span, ...]:
         """The parts of the record between its gaps."""
-        if self.times is None:
-            return ((0, len(self)),)
-        ends = np.flatnonzero(np.diff(self.times) > GAP * self.sample_time) + 1
+        ends = np.flatnonzero(np.diff(self.t) > GAP * self.sample_time) + 1
         return tuple(pairwise((0, *ends.tolist(), len(self))))
 
     @property
     def duration(self) -> float:
         """From the first row to the end of the last one [s]."""
-        return float(self.t[-1] + self.durations[-1])
+        return float(self.t[-1] + self.sample_time)
 
     @property
     def force_unit(self) -> str:
         """[N], or [N m] for an axis that turns."""
         return "N" if self.unit == "m" else "N m"
+
+
+def record_of_rows(
+    name: str,
+    t: NDArray[np.float64],
+    force: NDArray[np.float64],
+    position: NDArray[np.float64],
+    *,
+    unit: Literal["m", "rad"] = "m",
+    findings: tuple[Finding, ...] = (),
+) -> AxisRecord:
+    """Return the record of rows at times t (N,) [s]; uneven ones are interpolated in each part between gaps.
+
+    Raises
+    ------
+    InputError
+        If time does not increase from row to row, or the rows make no record.
+    """
+    if len(t) < 2:
+        raise InputError(f"{name}: the time has fewer than two rows.")
+    steps = np.diff(t)
+    if not steps.min() > 0.0:
+        row = int(np.argmin(steps)) + 2
+        raise InputError(
+            f"{name}, row {row}: time does not increase ({t[row - 1]:.12g} after {t[row - 2]:.12g} s). "
+            "Sort the rows, leave out repeated ones, or split the file."
+        )
+    usual = float(np.median(steps))
+    gaps = steps > GAP * usual
+    h = float(np.mean(steps[~gaps]))
+    even = bool(np.abs(steps[~gaps] - h).max() <= EVEN * h)
+    h = h if even else usual
+    times = []
+    for first, end in pairwise((0, *(np.flatnonzero(gaps) + 1).tolist(), len(t))):
+        count = end - first if even else int((t[end - 1] - t[first]) / h + 1e-9) + 1
+        times.append(t[first] + h * np.arange(count))
+    rows = np.concatenate(times)
+    return AxisRecord(
+        name=name,
+        sample_time=h,
+        force=force if even else np.interp(rows, t, force),
+        position=position if even else np.interp(rows, t, position),
+        unit=unit,
+        times=rows if gaps.any() else None,
+        even=even,
+        findings=findings,
+    )

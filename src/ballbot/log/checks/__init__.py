@@ -1,15 +1,12 @@
 """Checks of a log: its faults, their likely causes, and the uses that it permits.
 
-values           what rows and columns show by themselves: gaps, spikes, jumps, limits, dead or coarse columns, falls
-repetition       values, rows or a whole log that froze or repeats
+values           what columns show by themselves: gaps, spikes, jumps, limits, dead, frozen or slow columns, falls
 rates            positions, angles and gyro against rates: units, signs, swapped columns, the unit of time
 stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
-torques          torques by themselves: dead, unrelated to the motion, late
 lean             lean axes against the ball's acceleration
-torque_balance   torques against those that the motion needs: order, sign
-torque_gains     how large each torque is against its need, and whether that changes within a log
-physics          the last four in their order, several logs against each other
+torque_balance   torques against those that the motion needs: how large each is, and whether that changes within a log
+physics          the last two in their order, with delay, order and sign of the torques; several logs against each other
 
 `check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` the input of
 an analysis: logs whose checks ran once, before any computation, and whose errors, if any, the user accepted. Findings
@@ -34,23 +31,23 @@ from ballbot.findings import (
 )
 from ballbot.log.checks.kinematics import ALIKE, check_disturbance, check_sampling, check_wheels
 from ballbot.log.checks.rates import check_gyro, check_rates
-from ballbot.log.checks.repetition import check_copied, check_held, check_stuck
 from ballbot.log.checks.stuck_encoders import check_stuck_encoders
-from ballbot.log.checks.torques import check_torques
 from ballbot.log.checks.values import (
     check_constant,
+    check_held,
     check_intervals,
     check_lean,
     check_missing_values,
     check_names,
     check_row_faults,
+    check_stuck,
 )
 from ballbot.log.collection import LogsLike, as_logs
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, similar_column, torque_names, wheel_speed_names
 from ballbot.log.fingerprints import refuse_copies
 from ballbot.log.log import Log
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.robot.plausibility import named_robot_findings
+from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
     from ballbot.log.checks.physics import PhysicsOfLog
@@ -58,8 +55,8 @@ if TYPE_CHECKING:
 #: what a fault makes other checks find: its codes, theirs, and whether only on its own columns
 _FOLLOWS = (
     (("stuck", "dead-motor"), ("torque-",), True),
-    (("stuck",), ("dead-motor",), True),
     (("lean-axes",), ("sign", "swapped"), True),
+    (("degrees",), ("lean-scale",), True),
     # from the wrong axes of the ball, or the ball's path by wrong wheels
     (("ball-axes", "heading-sign", "encoders"), ("lean-", "torque-", "physics"), False),
 )
@@ -88,15 +85,7 @@ def _causes(findings: Sequence[Finding], examined: PhysicsOfLog | None) -> list[
 
 
 def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
-    """Return the findings of all checks of a log, errors first.
-
-    Parameters
-    ----------
-    log : Log
-        The log.
-    robot : Robot, optional
-        With it, the wheels' columns are compared with the robot's kinematics and the torques with its limit.
-    """
+    """Return the findings of all checks of a log, errors first; see `check_logs`."""
     return check_logs({"": log}, robot=robot)
 
 
@@ -114,7 +103,6 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
         *check_constant(log),
         *check_stuck(log),
         *check_held(log),
-        *check_copied(log),
         *check_names(log),
         *check_uses(log, wheel_count=wheel_count),
     ]
@@ -123,7 +111,7 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
         findings.append(error("rows", text))
     if not any(one.code == "time-scale" for one in rates):  # in another unit of time no motion can be checked
         findings += check_stuck_encoders(log, wheel_count=wheel_count)
-        findings += examined.findings if examined else check_torques(log)
+        findings += examined.findings if examined else ()
         findings += [*check_sampling(log, robot), *check_wheels(log, robot)] if robot else []
     findings = _causes(findings, examined)
     # an error would be its cause, and it takes the longest
@@ -217,7 +205,7 @@ def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, 
         If two logs are of the same run.
     """
     refuse_copies(logs)
-    of_robot = () if robot is None else named_robot_findings(robot)
+    of_robot = () if robot is None else robot_findings(robot, file=f"robot {robot.name}")
     return by_severity([*of_robot, *check_logs(logs, robot=robot)])
 
 
@@ -251,16 +239,9 @@ def checked_logs(
 
 
 def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
-    """Return the findings of a robot and of its logs on a bench, on which it does not balance.
-
-    Parameters
-    ----------
-    robot : Robot
-    logs : mapping of str to Log
-        By the names that messages use.
-    """
+    """Return the findings of a robot and of its logs, by their names, on a bench, on which it does not balance."""
     of_logs = (one for one in check_logs(logs, robot=None) if one.code not in _OF_BALANCING)
-    return by_severity([*named_robot_findings(robot), *of_logs])
+    return by_severity([*robot_findings(robot, file=f"robot {robot.name}"), *of_logs])
 
 
 __all__ = ["CheckedLogs", "bench_findings", "check", "check_logs", "checked_logs"]

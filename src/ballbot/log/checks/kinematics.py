@@ -23,6 +23,7 @@ from ballbot.summary import counted
 if TYPE_CHECKING:
     from ballbot.log.mapping_search.placement import LeanTest
 
+Floats = NDArray[np.float64]
 #: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
 #: an order must correlate better than the columns' own by this much on average to be preferred
@@ -45,12 +46,10 @@ TURNING_HEADING = 0.02
 BLOCK_ROWS, FEWEST_BLOCKS, ENOUGH_ROWS = 50, 10, 1500
 #: blocks with less squared wheel speed than this fraction of the mean are at rest
 MOVING = 0.02
-#: another reading of columns must leave this many times less unexplained, at most this fraction, and be better by so
-#: many standard errors; readings within the factor `AS_GOOD` of each other are indistinguishable
-MUCH_MORE, UNEXPLAINED, CLEARLY_BETTER, AS_GOOD = 2.0, 0.3, 5.0, 1.1
+#: another reading of columns must leave at most this fraction unexplained, and fit better than other wheels by a factor
+UNEXPLAINED, AS_GOOD = 0.3, 1.1
 #: unmodelled torque over gravity's, averaged over a quarter of a second, above which closed loop is not validated
 LARGEST_DISTURBANCE = 1.0
-_ATTITUDE = ("theta", "phi", "psi")
 _BALL, _HEADING = ("x", "y", "x_dot", "y_dot"), ("psi", "psi_dot")
 
 
@@ -64,7 +63,7 @@ class WheelAgreement:
     correlations: tuple[float, ...]  #: after order and sign
 
 
-def wheel_speeds_of_states(states: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
+def wheel_speeds_of_states(states: Floats, robot: Robot) -> Floats:
     """Return the wheel speeds (N, n) [rad/s] that an encoder sees at the states (N, 10), rolling without slip."""
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
@@ -76,7 +75,7 @@ def wheel_speeds_of_states(states: NDArray[np.float64], robot: Robot) -> NDArray
     return (z - w) @ transforms(robot).T_owb.T
 
 
-def _rolling(log: Log, robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _rolling(log: Log, robot: Robot) -> tuple[Floats, Floats] | None:
     """Return the states (N, 10) and the wheels' speeds (N, n) of complete rows; None without the columns."""
     names = wheel_speed_names(robot.wheel_count)
     if not {*STATE_NAMES, *names} <= set(log.names):
@@ -95,19 +94,20 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
     expected = wheel_speeds_of_states(states, robot)
     if len(expected) < 2 or expected.std(axis=0).min() < LEAST_MOTION or logged.std(axis=0).min() == 0.0:
         return None
-    n = robot.wheel_count
-    correlation = np.corrcoef(logged, expected, rowvar=False)[:n, n:]  # [logged, expected]
-    order = _best_order(correlation)
-    signs = [1 if correlation[order[j], j] >= 0.0 else -1 for j in range(n)]
-    gains = [
-        signs[j] * float(logged[:, order[j]] @ expected[:, j] / (expected[:, j] @ expected[:, j]))
-        for j in range(n)
-    ]
+    own = np.arange(robot.wheel_count)
+    correlation = np.corrcoef(logged, expected, rowvar=False)[: len(own), len(own) :]  # [logged, expected]
+    size = np.abs(correlation)
+    # the logged column that fits each wheel of the robot; the columns' own order if none is clearly better
+    order = np.argsort(linear_sum_assignment(size, maximize=True)[1])
+    if size[order, own].mean() <= size[own, own].mean() + CLEAR_MARGIN:
+        order = own
+    signs = np.where(correlation[order, own] >= 0.0, 1, -1)
+    gains = signs * np.sum(logged[:, order] * expected, axis=0) / np.sum(expected**2, axis=0)
     return WheelAgreement(
-        order=tuple(i + 1 for i in order),
-        signs=tuple(signs),
-        gains=tuple(gains),
-        correlations=tuple(abs(float(correlation[order[j], j])) for j in range(n)),
+        order=tuple((order + 1).tolist()),
+        signs=tuple(signs.tolist()),
+        gains=tuple(gains.tolist()),
+        correlations=tuple(size[order, own].tolist()),
     )
 
 
@@ -118,7 +118,7 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
     tried with every exchange and sign; one that fits clearly better than the columns as logged is the right one, unless
     another order or other signs of the wheels fit as well.
     """
-    from ballbot.log.checks.lean import READINGS, clarity
+    from ballbot.log.checks.lean import READINGS, is_clearly_better
 
     rolling = _rolling(log, robot)
     if rolling is None:
@@ -127,13 +127,17 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
     if len(states) < FEWEST_BLOCKS * BLOCK_ROWS or logged.std(axis=0).min() < LEAST_MOTION:
         return []
 
-    def left(states: NDArray[np.float64], logged: NDArray[np.float64]) -> NDArray[np.float64]:
+    def by_blocks(values: Floats) -> Floats:
+        whole = len(values) // BLOCK_ROWS * BLOCK_ROWS
+        return np.square(values[:whole]).reshape(-1, BLOCK_ROWS * values.shape[1]).sum(axis=1)
+
+    def left(states: Floats, logged: Floats) -> Floats:
         """Return the squared wheel speed that the states leave unexplained, by blocks; a common gain is fitted."""
         expected = wheel_speeds_of_states(states, robot)
         gain = max(float(np.sum(expected * logged) / max(np.sum(expected * expected), 1e-30)), 0.0)
-        return _by_blocks(np.sum((logged - gain * expected) ** 2, axis=1))
+        return by_blocks(logged - gain * expected)
 
-    tried: list[tuple[NDArray[np.float64], tuple[str, ...], str]] = []
+    tried: list[tuple[Floats, tuple[str, ...], str]] = []
     for reading in READINGS[1:]:
         changed = states.copy()
         changed[:, 5:7] = states[:, [6, 5] if reading.swapped else [5, 6]] * reading.signs
@@ -142,11 +146,13 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
         changed = states * np.where(np.isin(np.arange(10), (4, 9)), -1.0, 1.0)
         tried.append((left(changed, logged), _HEADING, "psi has the opposite sign, with its rate"))
     own, (best, columns, fault) = left(states, logged), min(tried, key=lambda one: one[0].sum())
-    power = _by_blocks(np.sum(logged**2, axis=1))
+    power = by_blocks(logged)
     moving = power > MOVING * power.mean()  # at rest there is only the states' noise
-    gained = ((own - best) / np.maximum(own + best, 1e-30))[moving]
-    clear = len(gained) >= FEWEST_BLOCKS and clarity(gained) > CLEARLY_BETTER
-    if not clear or own.sum() < MUCH_MORE * best.sum() or best.sum() > UNEXPLAINED * np.sum(logged**2):
+    if (
+        moving.sum() < FEWEST_BLOCKS
+        or best.sum() > UNEXPLAINED * power.sum()
+        or not is_clearly_better(best[moving], own[moving])
+    ):
         return []
     if found and (found.order != tuple(sorted(found.order)) or min(found.signs) < 0):
         ordered = float(left(states, logged[:, [i - 1 for i in found.order]] * found.signs).sum())
@@ -155,15 +161,7 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
         if ordered < AS_GOOD * best.sum():
             fault += f", or the wheels are in the order {list(found.order)} with signs {list(found.signs)}"
     text = f"The ball does not move as the wheels turn: {fault}. Correct the columns or the mapping."
-    return [
-        error("heading-sign", text, *columns) if columns is _HEADING else error("ball-axes", text, *columns)
-    ]
-
-
-def _by_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sums over blocks of `BLOCK_ROWS` rows."""
-    whole = len(values) // BLOCK_ROWS * BLOCK_ROWS
-    return values[:whole].reshape(-1, BLOCK_ROWS).sum(axis=1)
+    return [error("heading-sign" if columns is _HEADING else "ball-axes", text, *columns)]
 
 
 def other_wheels(log: Log, wheel_count: int) -> str:
@@ -174,12 +172,8 @@ def other_wheels(log: Log, wheel_count: int) -> str:
         for name in (f"u{number}", f"wheel{number}", f"wheel{number}_dot")
         if name in log and np.unique(log[name][np.isfinite(log[name])]).size > 1
     ]
-    if not names:
-        return ""
-    listed = ", ".join(names)
-    return (
-        f"The log has values of {listed}, but the robot has {wheel_count} wheels. Name the log's own robot."
-    )
+    has = f"The log has values of {', '.join(names)}, but the robot has {wheel_count} wheels."
+    return f"{has} Name the log's own robot." if names else ""
 
 
 def check_sampling(log: Log, robot: Robot) -> list[Finding]:
@@ -209,7 +203,7 @@ def check_sampling(log: Log, robot: Robot) -> list[Finding]:
     return findings
 
 
-def _encoder_step(angles: NDArray[np.float64]) -> float | None:
+def _encoder_step(angles: Floats) -> float | None:
     """Return the step [rad] that all differences of a wheel's angles are multiples of; None without one.
 
     A step that is a power of ten, in radians or degrees, is the rounding of the file.
@@ -242,15 +236,14 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
             "and motion."
         )
         return [note("wheels", text)]
-    evidence = ", ".join(f"{value:.2f}" for value in found.correlations)
     own = tuple(range(1, robot.wheel_count + 1))
     follows = min(found.correlations) >= CLEAR_CORRELATION
     if follows and found.order == own and min(found.signs) > 0:
         return _gain_findings(found.gains, robot)
     # states that were computed from the wheels have the wheels' own mistake
     tested = wheel_test(log, robot)
-    wheels = tested.reversed_wheels if tested else ()
-    if wheels:
+    if tested and tested.reversed_wheels:
+        wheels = tested.reversed_wheels
         signs = [-1 if i in wheels else 1 for i in own]
         text = (
             f"{counted(len(wheels), 'wheel')} ({', '.join(map(str, wheels))}) in the opposite direction: with the "
@@ -258,6 +251,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
             f"mapping: sign = {signs} times what it is."
         )
         return [error("encoders", text, *columns)]
+    evidence = ", ".join(f"{value:.2f}" for value in found.correlations)
     if not follows:
         text = (
             f"The wheel speeds hardly follow the states (correlations {evidence}): another robot, much slip, or a "
@@ -277,20 +271,6 @@ def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
     if all(GAIN_RANGE[0] < gain < GAIN_RANGE[1] for gain in gains):
         return []
     common, alike = float(np.median(gains)), max(gains) < ALIKE * min(gains)
-    unit = _unit_of_wheels(common, robot) if alike else None
-    wrong = unit or (alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN)
-    wrong = wrong or any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
-    cause = unit or (
-        "a radius, the tilt, the gear ratio or the encoder counts differ from the robot file or by wheel, x and y were "
-        "computed with another radius, or the ball slips or pivots"
-    )
-    listed = ", ".join(f"{gain:.4g}" for gain in gains)
-    text = f"The wheels turn {listed} times as fast as the states imply for this robot: {cause}."
-    return [finding("wheels", "error" if wrong else "warning", text, *wheel_speed_names(len(gains)))]
-
-
-def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
-    """Return the mistaken unit that explains a gain common to all wheels."""
     ratio = robot.drive.gear_ratio
     counts = robot.sensors.encoder_counts * ratio / (2.0 * np.pi)
     causes = {
@@ -301,15 +281,16 @@ def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
         1.0 / ratio: f"they were divided once too often by the gear ratio {ratio:g}",
         counts: f"they are encoder counts; multiply by 2 pi / (counts per turn x gear ratio) = {1.0 / counts:.4g} rad",
     }
-    return next((cause for size, cause in causes.items() if 1.0 / ALIKE < gain / size < ALIKE), None)
-
-
-def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:
-    """Return the logged column that fits each wheel of the robot; the columns' own order if none is clearly better."""
-    size, own = np.abs(correlation), np.arange(len(correlation))
-    order = np.argsort(linear_sum_assignment(size, maximize=True)[1])
-    clear = size[order, own].mean() > size[own, own].mean() + CLEAR_MARGIN
-    return tuple((order if clear else own).tolist())
+    unit = next((causes[size] for size in causes if alike and 1.0 / ALIKE < common / size < ALIKE), None)
+    wrong = unit or (alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN)
+    wrong = wrong or any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
+    cause = unit or (
+        "a radius, the tilt, the gear ratio or the encoder counts differ from the robot file or by wheel, x and y were "
+        "computed with another radius, or the ball slips or pivots"
+    )
+    listed = ", ".join(f"{gain:.4g}" for gain in gains)
+    text = f"The wheels turn {listed} times as fast as the states imply for this robot: {cause}."
+    return [finding("wheels", "error" if wrong else "warning", text, *wheel_speed_names(len(gains)))]
 
 
 def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
@@ -326,8 +307,8 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     from ballbot.log.mapping_search.placement import lean_test
     from ballbot.log.signals import balancing_rows, even_rows, smooth
 
-    names = (*_ATTITUDE, *wheel_angle_names(robot.wheel_count))
-    if robot.wheel_count < 3 or not set(names) <= set(log.names) or len(log) < 2:
+    names = ("theta", "phi", "psi", *wheel_angle_names(robot.wheel_count))
+    if robot.wheel_count < 3 or not set(names) <= set(log.names):
         return None
     table = np.column_stack([log[name] for name in names])
     known = np.isfinite(table).all(axis=1)

@@ -42,21 +42,34 @@ from ballbot.log.signals import INTERVAL, Smooth, smooth
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
+Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+#: in place of zero, the motion of a robot at rest
+_TINY = float(np.finfo(float).tiny)
 
 
-def block_sums(values: NDArray[np.float64], block: NDArray[np.intp]) -> NDArray[np.float64]:
+def block_sums(values: Floats, block: NDArray[np.intp]) -> Floats:
     """Return the sums (B,) over blocks of values (N,)."""
     return np.asarray(np.bincount(block, weights=values), dtype=np.float64)
 
 
-def clarity(advantage: NDArray[np.float64]) -> float:
+def clarity(advantage: Floats) -> float:
     """Return the mean, over its standard error, of the advantage of one explanation over another by blocks (B,)."""
     spread = float(advantage.std(ddof=1)) if len(advantage) > 1 else 0.0
     mean = float(advantage.mean())
     if spread == 0.0:
         return float(np.copysign(np.inf, mean)) if mean else 0.0
     return mean / (spread / np.sqrt(len(advantage)))
+
+
+#: another reading must leave this many times less unexplained, and be better by so many standard errors
+CLEARLY_LESS, CLEARLY_BETTER = 1.8, 4.0
+
+
+def is_clearly_better(left: Floats, own: Floats) -> bool:
+    """Return whether an explanation that leaves squares (B,) by blocks is the right one, and not the log's `own`."""
+    advantage = (own - left) / np.maximum(own + left, _TINY)
+    return own.sum() > CLEARLY_LESS * left.sum() and clarity(advantage) > CLEARLY_BETTER
 
 
 def _unexplained(columns: Complex, values: Complex) -> Complex:
@@ -83,43 +96,31 @@ COLUMNS = ("x_dot", "y_dot", "theta", "phi", "psi", "theta_dot", "phi_dot", "psi
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Filtered:
-    """A complex signal (N,) and its rate, both filtered."""
-
-    value: Complex
-    rate: Complex
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
     """Filtered motion at N rows that are usable."""
 
-    t: NDArray[np.float64]  #: (N,) [s]
+    t: Floats  #: (N,) [s]
     block: NDArray[np.intp]  #: (N,) number of the row's block, from 0 without gaps
-    velocity: Filtered  #: v [m/s]
-    lean: tuple[Complex, Complex]  #: sin theta e^{-j psi}, sin phi e^{-j psi}
-    lean_rate: tuple[Filtered, Filtered]  #: theta_dot e^{-j psi}, phi_dot e^{-j psi} [rad/s]
-    turning: NDArray[np.float64]  #: (N,) psi_dot [rad/s]
-    turning_rate: NDArray[np.float64]  #: (N,) [rad/s^2]
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks."""
-        return int(self.block[-1]) + 1
+    velocity: Complex  #: (N,) v [m/s]
+    acceleration: Complex  #: (N,) dv/dt in the heading frame [m/s^2]
+    lean: Complex  #: (2, N) sin theta e^{-j psi}, sin phi e^{-j psi}
+    lean_rate: Complex  #: (2, N) theta_dot e^{-j psi}, phi_dot e^{-j psi} [rad/s]
+    lean_acceleration: Complex  #: (2, N) their rates [rad/s^2]
+    turning: Floats  #: (N,) psi_dot [rad/s]
+    turning_rate: Floats  #: (N,) [rad/s^2]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
     """The rows on which signals are filtered, and which of them are usable."""
 
-    even: NDArray[np.float64]  #: (M,) [s], at `INTERVAL`
+    even: Floats  #: (M,) [s], at `INTERVAL`
     usable: NDArray[np.intp]  #: indices into `even`, one in `EVERY`
     known: NDArray[np.bool_]  #: rows of the log without a missing value in the needed columns
-    width: float = WIDTH  #: standard deviation of the filter's weights [s]
 
-    def filtered(self, log: Log, values: NDArray[np.float64], *, late: float = 0.0) -> Smooth:
+    def filtered(self, log: Log, values: Floats, *, late: float = 0.0) -> Smooth:
         """Return signals (len(log), c) filtered at the usable rows; they are valid `late` [s] after their row."""
-        found = smooth(self.even, log.t[self.known] + late, values[self.known], width=self.width)
+        found = smooth(self.even, log.t[self.known] + late, values[self.known], width=WIDTH)
         return Smooth(
             value=found.value[self.usable],
             rate=found.rate[self.usable],
@@ -147,9 +148,7 @@ def usable_rows(log: Log, robot: Robot) -> Rows | None:
     even = np.arange(t[0], t[-1], INTERVAL)
     before = np.clip(np.searchsorted(t, even, side="right") - 1, 0, len(t) - 2)
     lean = np.hypot(log["theta"][known], log["phi"][known])
-    # a lean in degrees has a finding of its own
-    leaning = lean > (LARGEST_LEAN if np.median(lean) < LARGEST_LEAN else np.degrees(LARGEST_LEAN))
-    bad = (np.diff(t)[before] > LONGEST_GAP) | leaning[before]
+    bad = (np.diff(t)[before] > LONGEST_GAP) | (lean[before] > LARGEST_LEAN)
     reach = round(AWAY * WIDTH / INTERVAL)
     near = np.convolve(bad, np.ones(2 * reach + 1), mode="same") > 0.5
     near[:reach] = near[len(near) - reach :] = True
@@ -162,48 +161,35 @@ def usable_rows(log: Log, robot: Robot) -> Rows | None:
 def motion_of(log: Log, rows: Rows) -> Motion:
     """Return the filtered motion of a log at its usable rows."""
     turn = np.exp(-1j * log["psi"])
-    signals = {
-        "v": (log["x_dot"] + 1j * log["y_dot"]) * turn,
-        "theta": np.sin(log["theta"]) * turn,
-        "phi": np.sin(log["phi"]) * turn,
-        "theta_dot": log["theta_dot"] * turn,
-        "phi_dot": log["phi_dot"] * turn,
-        "psi_dot": log["psi_dot"] + 0j,
-    }
-    table = np.column_stack([part for z in signals.values() for part in (z.real, z.imag)])
-    found = rows.filtered(log, table)
-    made = {
-        name: Filtered(
-            value=found.value[:, 2 * i] + 1j * found.value[:, 2 * i + 1],
-            rate=found.rate[:, 2 * i] + 1j * found.rate[:, 2 * i + 1],
-        )
-        for i, name in enumerate(signals)
-    }
+    angles, rates = (np.sin(log["theta"]), np.sin(log["phi"])), (log["theta_dot"], log["phi_dot"])
+    signals = np.array([log["x_dot"] + 1j * log["y_dot"], *angles, *rates]) * turn
+    found = rows.filtered(log, np.vstack([signals.real, signals.imag, log["psi_dot"]]).T)
+    value, rate = (one[:, :5].T + 1j * one[:, 5:10].T for one in (found.value, found.rate))
     t = rows.even[rows.usable]
     _, block = np.unique(np.floor((t - t[0]) / BLOCK).astype(int), return_inverse=True)
     return Motion(
         t=t,
         block=block,
-        velocity=made["v"],
-        lean=(made["theta"].value, made["phi"].value),
-        lean_rate=(made["theta_dot"], made["phi_dot"]),
-        turning=made["psi_dot"].value.real,
-        turning_rate=made["psi_dot"].rate.real,
+        velocity=value[0],
+        acceleration=rate[0],
+        lean=value[1:3],
+        lean_rate=value[3:],
+        lean_acceleration=rate[3:],
+        turning=found.value[:, 10],
+        turning_rate=found.rate[:, 10],
     )
 
 
-def as_plane(z: Complex) -> NDArray[np.float64]:
+def as_plane(z: Complex) -> Floats:
     """Return complex numbers (N,) as vectors (N, 2)."""
     return np.column_stack([z.real, z.imag])
 
 
-def as_complex(vectors: NDArray[np.float64]) -> Complex:
+def as_complex(vectors: Floats) -> Complex:
     """Return vectors (N, 2) as complex numbers (N,)."""
     return vectors[:, 0] + 1j * vectors[:, 1]
 
 
-#: another reading must leave this many times less unexplained, and be better by so many standard errors
-CLEARLY_LESS, CLEARLY_BETTER = 1.8, 4.0
 #: readings within this factor of the best are indistinguishable
 AS_GOOD = 1.15
 #: fraction of the ball's acceleration that the best reading must explain for a conclusion
@@ -220,8 +206,6 @@ KNOWN = 0.15
 #: gains of gravity beyond these, or a turn that another reading of the columns would remove, are accepted only if the
 #: law explains nearly everything
 USUAL, BETWEEN, MOSTLY = (0.3, 3.0), np.radians(50.0), 0.85
-#: gain of the rates over gravity's on a correct log: the filter and a gyro's noise reduce the rates' term
-RATE_RATIO = (0.55, 1.2)
 #: ball speed below which the direction of rolling friction is unknown [m/s]
 ROLLING = 0.005
 
@@ -254,6 +238,12 @@ class Reading:
         """Number of separate faults."""
         return self.swapped + (-1 in self.signs)
 
+    @property
+    def weights(self) -> list[int]:
+        """Factors of the first column as first and as second quantity, and of the second column likewise."""
+        first, second = self.signs
+        return [0, second, first, 0] if self.swapped else [first, 0, 0, second]
+
 
 AS_LOGGED = Reading()
 READINGS = tuple(Reading(swapped, (a, b)) for swapped, a, b in product((False, True), (1, -1), (1, -1)))
@@ -263,12 +253,9 @@ READINGS = tuple(Reading(swapped, (a, b)) for swapped, a, b in product((False, T
 class LeanEvidence:
     """The lean columns of one log by the law of the momentum about the contact."""
 
-    angles: tuple[Reading, ...]  #: of theta and phi, the best explanations, simplest first
-    rates: tuple[Reading, ...]  #: of their rates, in the same order
-    clearness: float  #: advantage of the best over the columns as logged, in standard errors
-    ratio: float  #: unexplained part, as logged over best
+    readings: tuple[tuple[Reading, Reading], ...]  #: of the angles and their rates, the best, simplest first
+    better: bool  #: whether they are clearly better than the columns as logged
     explained: float  #: fraction of the ball's acceleration that the best reading with fitted gains explains
-    rate_gain: complex  #: of the term of the lean rates
     gravity_gain: complex  #: of the term of the lean angles; |gain| is a scale, its angle a turn [rad]
     gravity_error: float  #: standard error of the latter
     gravity_bias: float  #: largest error of its size by a disturbance that the controller answers
@@ -281,36 +268,25 @@ class LeanEvidence:
         """Whether the log is conclusive on the lean; slipping or shaking wheels have accelerations of their own."""
         size = abs(self.gravity_gain)
         usual = USUAL[0] < size < USUAL[1] and abs(np.angle(self.gravity_gain)) < BETWEEN
-        enough = EXPLAINED if usual else MOSTLY
-        return self.explained >= enough and self.gravity_error < KNOWN * size
+        return self.explained >= (EXPLAINED if usual else MOSTLY) and self.gravity_error < KNOWN * size
 
     @property
     def misread(self) -> bool:
         """Whether another reading of the columns is clearly the right one."""
-        return (
-            self.conclusive
-            and (self.angles[0], self.rates[0]) != (AS_LOGGED, AS_LOGGED)
-            and self.ratio > CLEARLY_LESS
-            and self.clearness > CLEARLY_BETTER
-        )
-
-
-#: in place of zero, the motion of a robot at rest
-_TINY = float(np.finfo(float).tiny)
+        return self.conclusive and self.better and self.readings[0] != (AS_LOGGED, AS_LOGGED)
 
 
 def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
     """Evaluate the law for every reading of the lean columns."""
     terms, block = _terms(motion, robot), motion.block
-    gram = np.array([[np.bincount(block, weights=(a.conj() * b).real) for b in terms] for a in terms])
-    pairs = [(a, r) for a in READINGS for r in READINGS]
-    weights = np.array([_weights(angles, rates) for angles, rates in pairs])
+    gram = np.array([[block_sums((a.conj() * b).real, block) for b in terms] for a in terms])
+    pairs = list(product(READINGS, READINGS))
+    weights = np.array([[1, *rates.weights, *angles.weights] for angles, rates in pairs], dtype=np.float64)
     left = np.einsum("hi,ijb,hj->hb", weights, gram, weights)
     total = left.sum(axis=1)
     best = int(np.argmin(total))
     good = [k for k in range(len(pairs)) if total[k] <= AS_GOOD * total[best]]
     good.sort(key=lambda k: (pairs[k][0].changes + pairs[k][1].changes, total[k]))
-    own = pairs.index((AS_LOGGED, AS_LOGGED))
     # the gains of both terms under the best reading
     weight, y = weights[good[0]], terms[0]
     rates, gravity = (-np.tensordot(weight[part], terms[part], axes=1) for part in (slice(1, 5), slice(5, 9)))
@@ -323,18 +299,33 @@ def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
     size, power, unknown = (float(np.vdot(one, one).real) for one in (alone, y, residual))
     size, common = max(size, _TINY), abs(np.vdot(alone, rest))
     return LeanEvidence(
-        angles=tuple(pairs[k][0] for k in good),
-        rates=tuple(pairs[k][1] for k in good),
-        clearness=clarity((left[own] - left[best]) / np.maximum(left[own] + left[best], _TINY)),
-        ratio=float(total[own] / max(total[best], _TINY)),
+        readings=tuple(pairs[k] for k in good),
+        better=is_clearly_better(left[best], left[pairs.index((AS_LOGGED, AS_LOGGED))]),
         explained=1.0 - unknown / power if power > 0.0 else 0.0,
-        rate_gain=complex(gains[0]),
         gravity_gain=complex(gains[1]),
         gravity_error=float(np.linalg.norm(scores) / size),
         # a disturbance with this correlation has so large a part along the lean for the part that is left
         gravity_bias=float(CONFOUNDED / np.sqrt(1.0 - CONFOUNDED**2) * np.sqrt(unknown / size)),
         reverse_gain=float(np.vdot(rest, rest).real / common) if common > 0.0 else float("inf"),
     )
+
+
+def _terms(motion: Motion, robot: Robot) -> Complex:
+    """Return the law's terms (9, N): acceleration; lever of each rate in either place; pull of each angle likewise."""
+    law, turning = contact_momentum(robot), 1j * motion.turning
+    rates = [
+        as_complex(as_plane(place * w_dot) @ law.lever[:, :2].T)
+        + turning * as_complex(as_plane(place * w) @ law.lever[:, :2].T)
+        for w, w_dot in zip(motion.lean_rate, motion.lean_acceleration, strict=True)
+        for place in (1.0, 1j)
+    ]
+    # sin theta in theta's place is +j of g, in phi's place -1
+    angles = [as_complex(as_plane(place * lean) @ law.pull.T) for lean in motion.lean for place in (1j, -1.0)]
+    rolling = motion.velocity / np.maximum(np.abs(motion.velocity), ROLLING)
+    # rolling friction, and the constant of a slope or of a lean's zero
+    removed = np.column_stack([rolling, np.ones_like(rolling)])
+    terms = np.column_stack([motion.acceleration + turning * motion.velocity, *rates, *angles])
+    return _unexplained(removed, terms).T
 
 
 def lean_findings(found: LeanEvidence) -> list[Finding]:
@@ -348,7 +339,12 @@ def lean_findings(found: LeanEvidence) -> list[Finding]:
     # if the law explains nearly everything, nothing else moves the ball
     margin = SURE * found.gravity_error + (0.0 if found.explained >= MOSTLY else found.gravity_bias)
     if found.reverse_gain + margin < low or size - margin > high:
-        return [_scaled(size, found.rate_gain)]
+        text = (
+            f"The ball accelerates {size:.3g} times as much as the lean implies: x, y, x_dot and y_dot are scaled "
+            "(wheel radius, ball radius, gear ratio or encoder counts per turn), the height of the centre of mass "
+            f"differs from the robot file, theta and phi are scaled by {1.0 / size:.3g}, or t is stretched."
+        )
+        return [error("lean-scale", text, *_LEAN, "x", "y", "x_dot", "y_dot")]
     if abs(turn) - SURE * found.gravity_error / size > LARGEST_TURN:
         text = (
             f"The ball accelerates {abs(np.degrees(turn)):.0f} degrees to the {'left' if turn > 0.0 else 'right'} of "
@@ -359,47 +355,11 @@ def lean_findings(found: LeanEvidence) -> list[Finding]:
     return []
 
 
-def _terms(motion: Motion, robot: Robot) -> list[Complex]:
-    """Return the law's terms (N,): acceleration; lever of each rate in either place; pull of each angle likewise."""
-    law = contact_momentum(robot)
-    v, turning = motion.velocity, 1j * motion.turning
-
-    def lever(w: Complex) -> Complex:
-        return as_complex(as_plane(w) @ law.lever[:, :2].T)
-
-    def pull(g: Complex) -> Complex:
-        return as_complex(as_plane(g) @ law.pull.T)
-
-    rates = [
-        lever(place * w.rate) + turning * lever(place * w.value)
-        for w in motion.lean_rate
-        for place in (1.0, 1j)
-    ]
-    # sin theta in theta's place is +j of g, in phi's place -1
-    angles = [pull(place * lean) for lean in motion.lean for place in (1j, -1.0)]
-    rolling = v.value / np.maximum(np.abs(v.value), ROLLING)
-    # rolling friction, and the constant of a slope or of a lean's zero
-    removed = np.column_stack([rolling, np.ones_like(rolling)])
-    return [_unexplained(removed, term) for term in (v.rate + turning * v.value, *rates, *angles)]
-
-
-def _weights(angles: Reading, rates: Reading) -> NDArray[np.float64]:
-    """Return the factors (9,) of the terms whose sum is zero by the law."""
-    return np.concatenate(([1.0], _placed(rates), _placed(angles)))
-
-
-def _placed(reading: Reading) -> NDArray[np.float64]:
-    first, second = reading.signs
-    # [first column as first, as second; second column as first, as second]
-    return np.array([0, second, first, 0] if reading.swapped else [first, 0, 0, second], dtype=np.float64)
-
-
 def _misread(found: LeanEvidence) -> Finding:
     """Return the finding that names every simplest reading that explains the motion as well as the best."""
-    pairs = list(zip(found.angles, found.rates, strict=True))
-    fewest = min(a.changes + r.changes for a, r in pairs)
+    fewest = min(a.changes + r.changes for a, r in found.readings)
     causes, columns = [], set[str]()
-    for angles, rates in (pair for pair in pairs if pair[0].changes + pair[1].changes == fewest):
+    for angles, rates in (one for one in found.readings if one[0].changes + one[1].changes == fewest):
         parts = [angles.fault(_LEAN), rates.fault(_RATES)]
         causes.append(
             angles.fault(_LEAN, with_rates=True) if angles == rates else " and ".join(filter(None, parts))
@@ -411,21 +371,3 @@ def _misread(found: LeanEvidence) -> Finding:
         "would look the same). Correct the columns or the mapping."
     )
     return error("lean-axes", text, *sorted(columns))
-
-
-def _scaled(size: float, rate_gain: complex) -> Finding:
-    """Return the finding on a scale between lean and acceleration."""
-    ratio, degrees = abs(rate_gain) / size, np.degrees(1.0)
-    if 0.75 < size * degrees < 1.33:
-        cause = "theta and phi are in degrees, not in radians"
-    elif 0.75 < size / degrees < 1.33:
-        cause = "theta and phi were converted to radians twice"
-    else:
-        rates = "with their rates" if RATE_RATIO[0] < ratio < RATE_RATIO[1] else "or t is stretched"
-        cause = (
-            "x, y, x_dot and y_dot are scaled (wheel radius, ball radius, gear ratio or encoder counts per turn), the "
-            "height of the centre of mass differs from the robot file, or theta and phi are scaled by "
-            f"{1.0 / size:.3g}, {rates}"
-        )
-    text = f"The ball accelerates {size:.3g} times as much as the lean implies: {cause}."
-    return error("lean-scale", text, *_LEAN, "x", "y", "x_dot", "y_dot")

@@ -17,31 +17,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from ballbot.errors import every
 from ballbot.findings import Finding, Place, error, warning
 from ballbot.log.checks.kinematics import wheel_agreement
 from ballbot.log.checks.lean import EVERY, LeanEvidence, lean_evidence, lean_findings, motion_of, usable_rows
-from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, driving_of
-from ballbot.log.checks.torque_gains import (
+from ballbot.log.checks.torque_balance import (
+    TURNED_POWER,
     USUAL,
+    Driving,
     Gains,
     bound_findings,
     change_findings,
+    driving_of,
     gain_findings,
     gains_of,
     motor_sums,
-    scale_errors,
     together,
 )
-from ballbot.log.checks.torques import check_torques, delay_findings
-from ballbot.log.columns import torque_names
+from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.log.log import Log
 from ballbot.log.mapping_search.commands import assign
 from ballbot.log.signals import INTERVAL
 from ballbot.robot import Robot
-
-#: fraction of the rows at a torque's largest value above which it is clipped; a motor at its limit is there too, but
-#: then the motion needs no more
-CLIPPED = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,16 +56,10 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
 
     Order, sign and scale of the torques are checked only against a motion that the lean confirms: not if the lean
     contradicts the ball's acceleration or is not conclusive. A change within the log shows without it.
-
-    Parameters
-    ----------
-    log : Log
-        Checks whose columns it lacks are skipped.
-    robot : Robot
-        Gives the rigid body and the geometry; its friction is not used.
+    Checks whose columns the log lacks are skipped. The robot's friction is not used.
     """
     names = torque_names(robot.wheel_count)
-    found = PhysicsOfLog(findings=tuple(check_torques(log) or delay_findings(log, robot)))
+    found = PhysicsOfLog(findings=tuple(delay_findings(log, robot)))
     rows = usable_rows(log, robot)
     if rows is None:
         return found
@@ -95,22 +86,7 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     if fit or not sums:
         return replace(found, findings=(*changed, *fit))
     gains = gains_of(sums)
-    findings = gain_findings(gains, names=names)
-    if findings and gains.common()[0] < 1.0:
-        findings = _clipped(log, names) or findings
-    return replace(found, findings=(*changed, *findings), gains=gains)
-
-
-def _clipped(log: Log, names: tuple[str, ...]) -> list[Finding]:
-    """Return the error of torques that are too small because they often are at their largest value."""
-    shares = {n: float(np.mean(np.abs(log[n]) == np.nanmax(np.abs(log[n])))) for n in names}
-    clipped = {name: share for name, share in shares.items() if share > CLIPPED}
-    values = ", ".join(f"{name} in {100 * share:.0f} % of the rows" for name, share in clipped.items())
-    text = (
-        f"The torques were clipped in the recording: they are at their largest value ({values}) "
-        "while the motion needs more. Record them without that limit, or remove these intervals."
-    )
-    return [error("torque-clipped", text, *clipped)] if clipped else []
+    return replace(found, findings=(*changed, *gain_findings(gains, names=names)), gains=gains)
 
 
 def _wheel_gain(log: Log, robot: Robot) -> float | None:
@@ -120,30 +96,66 @@ def _wheel_gain(log: Log, robot: Robot) -> float | None:
     return float(np.mean(found.gains)) if list(found.order) == sorted(found.order) else None
 
 
-#: two scales are of different robots if they differ by more than this factor and by more than their uncertainty
-APART = 1.18
-#: relative uncertainty in addition to that of brackets and errors
-MARGIN = 0.03
-#: standard errors
-SURE = 3.0
-#: relative uncertainty of wheel gains [-]: play, slip and noise
-WHEEL_ERROR = 0.04
-#: widest bracket (of the two regressions of the lean) that is compared
-WIDEST = 1.6
+LONGEST_DELAY = 0.5  #: [s], in either direction
+#: longer lags are an error [s]; the computing time of a controller and the group delay of a filter are below
+LARGEST_DELAY = 0.03
+#: fraction of the torques' changes that the lag must explain, and its excess over any usual lag
+DELAY_EXPLAINED, DELAY_MARGIN = 0.4, 0.2
+#: changes beyond this many times the median are due to an event, a saturation or a gap
+LARGE_CHANGE = 5.0
+#: rows that are needed, and that are used from the log's start: a few hundred are enough for the lag
+FEWEST_ROWS, ENOUGH_ROWS = 400, 20000
 
 
-@dataclass(frozen=True, kw_only=True)
-class Scale:
-    """A scale of one log, relative to the robot file's."""
+def delay_findings(log: Log, robot: Robot) -> list[Finding]:
+    """Return the error of torques that come clearly too late, or too early, for the states beside them.
 
-    middle: float
-    systematic: float  #: relative, to each side
-    error: float  #: standard error, relative
-
-    @property
-    def text(self) -> str:
-        """The scale with its uncertainty."""
-        return f"{self.middle:.2f} +- {self.middle * (self.systematic + SURE * self.error):.2f}"
+    Every feedback passes the noise of its state on to its torques. From row to row most of the change of a measured
+    state is noise, to which a controller responds at once. A regression of the torques' changes on earlier changes of
+    the states explains them at one lag only: that between the two in the log. The robot's own delay, from torque to
+    motion, has no effect here.
+    """
+    names = torque_names(robot.wheel_count)
+    if not {*STATE_NAMES, *names} <= set(log.names):
+        return []
+    # in the heading frame, in which a feedback is constant
+    turn = np.exp(-1j * log["psi"])
+    pairs = (("x", "y"), ("theta", "phi"), ("x_dot", "y_dot"), ("theta_dot", "phi_dot"))
+    turned = [(log[a] + 1j * log[b]) * turn for a, b in pairs]
+    parts = [part for one in turned for part in (one.real, one.imag)]
+    table = np.column_stack([*parts, log["psi"], log["psi_dot"], *(log[name] for name in names)])[
+        :ENOUGH_ROWS
+    ]
+    table = np.diff(table[np.isfinite(table).all(axis=1)], axis=0)
+    size = LARGE_CHANGE * np.median(np.abs(table), axis=0) if len(table) >= FEWEST_ROWS else np.zeros(1)
+    moved = int((size[len(STATE_NAMES) :] > 0.0).sum())
+    if not moved or not (size[: len(STATE_NAMES)] > 0.0).any():
+        return []
+    table = np.clip(table, -size, size)[:, size > 0.0]
+    table -= table.mean(axis=0)
+    states, torques = table[:, :-moved], table[:, -moved:]
+    # whitened states, so that explained fractions are sums of squares
+    factor = np.linalg.cholesky(states.T @ states + 1e-30 * np.eye(states.shape[1]))
+    states = states @ np.linalg.pinv(factor).T
+    reach = min(max(1, round(LONGEST_DELAY / log.sample_time)), len(states) // 4)
+    rows, lags = len(states), np.arange(-reach, reach + 1)
+    products = [
+        states[max(-lag, 0) : rows - max(lag, 0)].T @ torques[max(lag, 0) : rows - max(-lag, 0)]
+        for lag in lags
+    ]
+    explained = np.square(products).sum(axis=(1, 2)) / max(float(np.sum(torques**2)), 1e-30)
+    delays = lags * log.sample_time
+    usual = float(explained[np.abs(delays) <= LARGEST_DELAY].max())
+    best = int(np.argmax(explained))
+    if abs(delays[best]) <= LARGEST_DELAY or explained[best] < max(DELAY_EXPLAINED, usual + DELAY_MARGIN):
+        return []
+    milliseconds, is_late = 1000.0 * abs(delays[best]), delays[best] > 0.0
+    text = (
+        f"The torques are {milliseconds:.0f} ms too {'late' if is_late else 'early'} in the log: they respond to the "
+        f"states {milliseconds:.0f} ms {'before' if is_late else 'after'}. The times of the torques or of the sensors "
+        "are wrong; shift one of them ([input] delay or [attitude] delay in a mapping)."
+    )
+    return [error("torque-delay", text, *names)]
 
 
 def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Finding]:
@@ -158,79 +170,7 @@ def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> NDArray[np.float64
     Zero where they bound it; what is usual where they do not show it at all.
     """
     known = [one.gains for log in logs if (one := examine(log, robot)).gains is not None]
-    return scale_errors(together(known)) if known else np.full(robot.wheel_count, USUAL)
-
-
-def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
-    """Return an error for each scale in which logs differ more than logs of one robot can.
-
-    Parameters
-    ----------
-    examined : mapping of str to PhysicsOfLog
-        Results of each log by itself, by the names that messages use.
-    """
-    scales = {name: _scales(one) for name, one in examined.items()}
-    return [
-        finding
-        for quantity, cause in _CAUSES.items()
-        for finding in _compared(
-            {n: own[quantity] for n, own in scales.items() if quantity in own}, quantity, cause
-        )
-    ]
-
-
-_TORQUE, _LEAN = "the torque that the motion needs", "the ball's acceleration at a lean"
-_WHEELS = "the wheels' speed at the same motion of the ball"
-#: why a scale differs
-_CAUSES = {
-    _TORQUE: "One is heavier, or has another gear ratio or torque constant.",
-    _LEAN: "They differ in wheel or ball radius, gear ratio, encoder counts or height of the centre of mass.",
-    _WHEELS: "They differ in wheel or ball radius, gear ratio or encoder counts.",
-}
-
-
-def _scales(one: PhysicsOfLog) -> dict[str, Scale]:
-    """Return the scales that a log shows."""
-    found: dict[str, Scale] = {}
-    if one.gains is not None and np.isfinite(one.gains.common()[1]):
-        middle, uncertain = one.gains.common()
-        found[_TORQUE] = Scale(middle=middle, systematic=0.0, error=uncertain)
-    if one.lean is not None and one.lean.conclusive and not one.lean.misread:
-        forward, reverse = abs(one.lean.gravity_gain), one.lean.reverse_gain
-        if forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward:
-            # all of the bracket: how the noise divides between lean and acceleration is unknown
-            half, uncertain = 0.5 * abs(float(np.log(reverse / forward))), one.lean.gravity_error / forward
-            found[_LEAN] = Scale(middle=float(np.sqrt(forward * reverse)), systematic=half, error=uncertain)
-    if one.wheel_gain is not None:
-        found[_WHEELS] = Scale(middle=one.wheel_gain, systematic=WHEEL_ERROR, error=0.0)
-    return found
-
-
-def _compared(scales: Mapping[str, Scale], quantity: str, cause: str) -> list[Finding]:
-    """Return the finding on the two logs that differ most clearly, in the one that differs from more others."""
-    apart = {pair: margin for pair in combinations(scales, 2) if (margin := _margin(scales, *pair)) > 0.0}
-    if not apart:
-        return []
-
-    def contradicted(name: str) -> tuple[int, float]:
-        """Return from how many logs one differs; with a tie, the one farther from the robot file is the odd one."""
-        return sum(name in pair for pair in apart), abs(np.log(scales[name].middle))
-
-    other, odd = sorted(max(apart, key=lambda pair: apart[pair]), key=contradicted)
-    ratio = scales[odd].middle / scales[other].middle
-    text = (
-        f"{odd} and {other} are of different robots: {quantity} is {ratio:.2f} times as large "
-        f"in {odd} (relative to the robot file it is {scales[odd].text} in {odd} and "
-        f"{scales[other].text} in {other}). {cause} Use logs of one robot in one condition."
-    )
-    return [Finding(code="robots", severity="error", text=text, where=Place(file=odd))]
-
-
-def _margin(scales: Mapping[str, Scale], first: str, second: str) -> float:
-    """Return the excess of the difference of two scales' logarithms over its tolerance."""
-    one, other = scales[first], scales[second]
-    uncertain = one.systematic + other.systematic + SURE * np.hypot(one.error, other.error) + MARGIN
-    return float(abs(np.log(one.middle / other.middle)) - max(uncertain, np.log(APART)))
+    return together(known).scale_errors() if known else np.full(robot.wheel_count, USUAL)
 
 
 #: confidence in another order or other signs from which it is an error
@@ -244,22 +184,21 @@ UNRELATED = 0.15
 LEAST_TURNING = 5.0
 
 
-def _unexplained(driving: Driving, i: int) -> float:
-    """Return the fraction of a torque's variance that its wheel's motion leaves."""
+def _explained(driving: Driving, i: int) -> float:
+    """Return the fraction of a torque's variance that its wheel's motion explains."""
     columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
     columns = columns - columns.mean(axis=0)
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
     u = driving.torque[:, i] - driving.torque[:, i].mean()
     # neither the motion's torque nor friction can be negative
-    return float(nnls(columns / size, u)[1]) ** 2 / max(float(u @ u), 1e-30)
+    return max(1.0 - float(nnls(columns / size, u)[1]) ** 2 / max(float(u @ u), 1e-30), 0.0)
 
 
 def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:
     """Return the error of torques of another order or sign than the motion's, or without a relation to it."""
-    n = len(names)
-    own = tuple(range(n))
-    found = assign(driving, [1] * n)
-    as_logged = 100.0 * max(1.0 - float(np.mean([_unexplained(driving, i) for i in own])), 0.0)
+    own = tuple(range(len(names)))
+    found = assign(driving, [1] * len(names))
+    explained = np.array([_explained(driving, i) for i in own])
     changed = found.wheels != own or min(found.signs) < 0
     turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
     enough = turned > LEAST_TURNING and found.explained > EXPLAINED
@@ -267,18 +206,17 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
         text = (
             f"The torques do not fit the motion as logged: {_fault(names, found.wheels, found.signs)}. With this "
             f"correction they explain {100.0 * found.explained:.0f} % of the torque that the motion needs, as logged "
-            f"{as_logged:.0f} %. Correct the columns or the mapping."
+            f"{100.0 * explained.mean():.0f} %. Correct the columns or the mapping."
         )
-        if found.wheels == own:
-            return [error("torque-sign", text, *names)]
-        return [error("torque-order", text, *names)]
-    if as_logged < 100.0 * UNRELATED:
+        return [error("torque-sign" if found.wheels == own else "torque-order", text, *names)]
+    unrelated = np.full(len(names), True) if explained.mean() < UNRELATED else explained < UNRELATED
+    if unrelated.all() or (unrelated.any() and explained.max() > EXPLAINED):
+        columns = [name for name, one in zip(names, unrelated, strict=True) if one]
         text = (
-            "The torques are unrelated to the motion: as logged they explain "
-            f"{as_logged:.0f} % of the torque that the motion needs, and no other order or signs fit. They are from "
-            "another log, shifted in time, or not the torques of the motors."
+            f"{every(columns)}: the motion explains at most {100.0 * explained[unrelated].max():.0f} %, and no other "
+            "order or signs fit. The torque is of another log, shifted in time, random, or not that of the motor."
         )
-        return [error("torque-unrelated", text, *names)]
+        return [error("torque-unrelated", text, *columns)]
     return []
 
 
@@ -297,3 +235,76 @@ def _fault(names: tuple[str, ...], wheels: tuple[int, ...], signs: tuple[int, ..
     elif negated:
         parts.append(f"{' and '.join(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign")
     return " and ".join(parts)
+
+
+#: two scales are of different robots if they differ by more than this factor and by more than their uncertainty, and by
+#: this relative uncertainty in addition
+APART, MARGIN = 1.18, 0.03
+SURE = 3.0  #: standard errors
+#: relative uncertainty of wheel gains [-]: play, slip and noise
+WHEEL_ERROR = 0.04
+#: widest bracket (of the two regressions of the lean) that is compared
+WIDEST = 1.6
+_TORQUE, _LEAN = "the torque that the motion needs", "the ball's acceleration at a lean"
+_WHEELS = "the wheels' speed at the same motion of the ball"
+#: why a scale differs
+_CAUSES = {
+    _TORQUE: "One is heavier, or has another gear ratio or torque constant.",
+    _LEAN: "They differ in wheel or ball radius, gear ratio, encoder counts or height of the centre of mass.",
+    _WHEELS: "They differ in wheel or ball radius, gear ratio or encoder counts.",
+}
+
+
+def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
+    """Return an error for each scale in which logs, by their names, differ more than logs of one robot can."""
+    scales = {name: _scales(one) for name, one in examined.items()}
+    return [
+        finding
+        for quantity in _CAUSES
+        for finding in _compared({n: own[quantity] for n, own in scales.items() if quantity in own}, quantity)
+    ]
+
+
+def _scales(one: PhysicsOfLog) -> dict[str, tuple[float, float]]:
+    """Return the scales that a log shows, relative to the robot file's, with their relative uncertainties."""
+    found: dict[str, tuple[float, float]] = {}
+    if one.gains is not None and np.isfinite(one.gains.common()[1]):
+        middle, uncertain = one.gains.common()
+        found[_TORQUE] = middle, SURE * uncertain
+    if one.lean is not None and one.lean.conclusive and not one.lean.misread:
+        forward, reverse = abs(one.lean.gravity_gain), one.lean.reverse_gain
+        if forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward:
+            # all of the bracket: how the noise divides between lean and acceleration is unknown
+            half = 0.5 * abs(float(np.log(reverse / forward)))
+            found[_LEAN] = float(np.sqrt(forward * reverse)), half + SURE * one.lean.gravity_error / forward
+    if one.wheel_gain is not None:
+        found[_WHEELS] = one.wheel_gain, WHEEL_ERROR
+    return found
+
+
+def _compared(scales: Mapping[str, tuple[float, float]], quantity: str) -> list[Finding]:
+    """Return the finding on the two logs that differ most clearly, in the one that differs from more others."""
+
+    def margin(first: str, second: str) -> float:
+        """Return the excess of the difference of two scales' logarithms over its tolerance."""
+        (one, uncertain), (other, also_uncertain) = scales[first], scales[second]
+        return abs(np.log(one / other)) - max(uncertain + also_uncertain + MARGIN, np.log(APART))
+
+    apart = [pair for pair in combinations(scales, 2) if margin(*pair) > 0.0]
+    if not apart:
+        return []
+
+    def contradicted(name: str) -> tuple[int, float]:
+        """Return from how many logs one differs; with a tie, the one farther from the robot file is the odd one."""
+        return sum(name in pair for pair in apart), abs(np.log(scales[name][0]))
+
+    other, odd = sorted(max(apart, key=lambda pair: margin(*pair)), key=contradicted)
+    in_words = {
+        name: f"{middle:.2f} +- {middle * uncertain:.2f}" for name, (middle, uncertain) in scales.items()
+    }
+    text = (
+        f"{odd} and {other} are of different robots: {quantity} is {scales[odd][0] / scales[other][0]:.2f} times as "
+        f"large in {odd} (relative to the robot file it is {in_words[odd]} in {odd} and {in_words[other]} in {other}). "
+        f"{_CAUSES[quantity]} Use logs of one robot in one condition."
+    )
+    return [Finding(code="robots", severity="error", text=text, where=Place(file=odd))]

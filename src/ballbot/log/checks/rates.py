@@ -8,7 +8,7 @@ deviations: it is 57.3 if the column is in degrees and its rate in radians.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,28 +40,18 @@ _RPM = {60.0 / (2.0 * np.pi): "rpm"}
 _TIMES = {1e-3: "ms", 1e-6: "us", 1e-9: "ns", 1.0 / 60.0: "minutes"}
 _GYRO = ("gyro_x", "gyro_y", "gyro_z")
 
-
-@dataclass(frozen=True, kw_only=True)
-class Agreement:
-    """How two signals that should be the same agree."""
-
-    correlation: float
-    ratio: float  #: of the standard deviations, first over second, with the correlation's sign
-
-    @property
-    def clear(self) -> bool:
-        """Whether the two are one signal, scaled."""
-        return abs(self.correlation) >= CLEAR_CORRELATION
+#: the correlation of two signals that should be the same, and the ratio of their standard deviations with its sign
+_Agreement = tuple[float, float]
 
 
-def _agreement(first: NDArray[np.float64], second: NDArray[np.float64]) -> Agreement | None:
+def _agreement(first: NDArray[np.float64], second: NDArray[np.float64]) -> _Agreement | None:
     """Compare two signals (N,) at the rows where both are finite; None if these are too few."""
     both = np.isfinite(first) & np.isfinite(second)
     a, b = first[both], second[both]
     if both.sum() < FEWEST_ROWS or not (a.std() > 0.0 and b.std() > 0.0):
         return None
     correlation = float(np.corrcoef(a, b)[0, 1])
-    return Agreement(correlation=correlation, ratio=float(np.copysign(a.std() / b.std(), correlation)))
+    return correlation, float(np.copysign(a.std() / b.std(), correlation))
 
 
 def check_rates(log: Log) -> list[Finding]:
@@ -69,19 +59,15 @@ def check_rates(log: Log) -> list[Finding]:
     wheels = numbered_names(log.names, prefix="wheel") if "wheel1" in log else ()
     names = [name for name in (*POSITION_NAMES, *wheels) if name in log and f"{name}_dot" in log]
 
-    def compared(name: str, other: str) -> Agreement | None:
+    def compared(name: str, other: str) -> _Agreement | None:
         return _change_against_rate(log, name, f"{other}_dot")
 
-    if len(log) < FEWEST_ROWS:
-        return []
-    found = {name: one for name in names if (one := compared(name, name))}
-    time = _time_fault(log, found)
+    found = {name: one for name in names if (one := compared(name, name))} if len(log) > 1 else {}
+    clear = {name: one for name, one in found.items() if abs(one[0]) >= CLEAR_CORRELATION}
+    time = _time_fault(log, {name: ratio for name, (_, ratio) in clear.items()})
     if time:
         return [error("time-scale", time, "t")]
-    findings = []
-    for name, one in found.items():
-        if one.clear:
-            findings += _verdict(name, f"{name}_dot", one)
+    findings = [one for name in clear for one in _verdict(name, f"{name}_dot", *clear[name])]
     return findings + _swapped(compared, found, (("x", "y"), ("theta", "phi")))
 
 
@@ -94,18 +80,16 @@ def check_gyro(log: Log) -> list[Finding]:
     rates = np.column_stack([log[name] for name in STATE_NAMES[7:10]])
     body = np.einsum("nij,nj->ni", body_rates_matrix(log["theta"], log["phi"], log["psi"]), rates)
 
-    def compared(name: str, other: str) -> Agreement | None:
+    def compared(name: str, other: str) -> _Agreement | None:
         return _agreement(log[name], body[:, _GYRO.index(other)])
 
     found = {name: one for name in _GYRO if (one := compared(name, name))}
-    findings = []
-    for name, one in found.items():
-        findings += _verdict(name, "theta_dot, phi_dot, psi_dot", one) if one.clear else []
-    pairs = [(a, b) for i, a in enumerate(_GYRO) for b in _GYRO[i + 1 :]]
-    return findings + _swapped(compared, found, pairs)
+    clear = [name for name in found if abs(found[name][0]) >= CLEAR_CORRELATION]
+    findings = [one for n in clear for one in _verdict(n, "theta_dot, phi_dot, psi_dot", *found[n])]
+    return findings + _swapped(compared, found, list(combinations(_GYRO, 2)))
 
 
-def _change_against_rate(log: Log, name: str, rate_name: str) -> Agreement | None:
+def _change_against_rate(log: Log, name: str, rate_name: str) -> _Agreement | None:
     rate = log[rate_name]
     finite = np.isfinite(log[name]) & np.isfinite(rate)
     t, angle, rate = log.t[finite], log[name][finite], rate[finite]
@@ -119,16 +103,18 @@ def _change_against_rate(log: Log, name: str, rate_name: str) -> Agreement | Non
     return _agreement((angle[rows:] - angle[:-rows])[whole], (integral[rows:] - integral[:-rows])[whole])
 
 
-def _time_fault(log: Log, found: Mapping[str, Agreement]) -> str:
-    """Return the sentence on the unit or the direction of time; empty if it is right."""
-    clear = {name: one.ratio for name, one in found.items() if one.clear}
-    if len(clear) >= 3 and max(clear.values()) < 0.0:
+def _time_fault(log: Log, ratios: Mapping[str, float]) -> str:
+    """Return the sentence on the unit or the direction of time, by all clear ratios; empty if it is right."""
+    if len(ratios) >= 3 and max(ratios.values()) < 0.0:
         return (
             "All positions and angles change in the opposite direction to their rates: the rows are in reverse order "
             "of time. Sort them, or negate all rates."
         )
-    factor = _time_factor(clear)
-    if factor is not None:
+    of_states = {name: ratio for name, ratio in ratios.items() if not name.startswith("wheel")}
+    of_both_kinds = len({name in ("x", "y") for name in of_states}) == 2
+    factor = float(np.median(list(of_states.values()))) if of_both_kinds else 1.0
+    same = all(factor / SAME < ratio < factor * SAME for ratio in of_states.values())
+    if same and not 1.0 / OFF < factor < OFF:
         unit = _unit(factor, _TIMES)
         cause = f"t is in {unit}, not in seconds" if unit else "t is stretched (wrong sample time or unit)"
         return (
@@ -136,7 +122,12 @@ def _time_fault(log: Log, found: Mapping[str, Agreement]) -> str:
             f"{cause}. By the rates, rows come every {factor * log.sample_time:.3g} s, by t every "
             f"{log.sample_time:.4g}."
         )
-    if log.sample_time >= SLOW and not clear and not _OF_A_RUN.isdisjoint(log.names):
+    if (
+        len(log) >= FEWEST_ROWS
+        and log.sample_time >= SLOW
+        and not ratios
+        and not _OF_A_RUN.isdisjoint(log.names)
+    ):
         return (
             f"Rows come every {log.sample_time:.4g} s and no value continues from row to row: t is in ms or "
             "another unit, not in seconds, or the log was thinned out. No robot balances at such a rate."
@@ -144,25 +135,14 @@ def _time_fault(log: Log, found: Mapping[str, Agreement]) -> str:
     return ""
 
 
-def _time_factor(clear: Mapping[str, float]) -> float | None:
-    """Return the common ratio of all changes to the integrals of their rates; None if they differ or it is one."""
-    ratios = {name: ratio for name, ratio in clear.items() if not name.startswith("wheel")}
-    lengths = [name for name in ratios if name in ("x", "y")]
-    if not lengths or len(lengths) == len(ratios) or min(ratios.values()) <= 0.0:
-        return None
-    middle = float(np.median(list(ratios.values())))
-    same = all(middle / SAME < ratio < middle * SAME for ratio in ratios.values())
-    return middle if same and not 1.0 / OFF < middle < OFF else None
-
-
-def _verdict(name: str, rates: str, found: Agreement) -> list[Finding]:
+def _verdict(name: str, rates: str, correlation: float, ratio: float) -> list[Finding]:
     """Return the findings on a ratio other than one; a factor of `NOISE` may still be noise."""
-    size = abs(found.ratio)
+    size = abs(ratio)
     seen = f"{name} varies {size:.3g} times as much as {rates} give"
     columns = (name, rates) if rates in STATE_NAMES or name.startswith("wheel") else (name,)
     findings = []
-    if found.ratio < 0.0:
-        text = f"{name} and {rates} have opposite signs (correlation {found.correlation:.2f}); negate one of them."
+    if ratio < 0.0:
+        text = f"{name} and {rates} have opposite signs (correlation {correlation:.2f}); negate one of them."
         findings.append(error("sign", text, *columns))
     of_length, is_rate = name in ("x", "y"), name.startswith("gyro")
     units = _LENGTHS if of_length else _ANGLES
@@ -184,20 +164,17 @@ def _verdict(name: str, rates: str, found: Agreement) -> list[Finding]:
 
 
 def _swapped(
-    compared: Callable[[str, str], Agreement | None],
-    found: Mapping[str, Agreement],
+    compared: Callable[[str, str], _Agreement | None],
+    found: Mapping[str, _Agreement],
     pairs: Sequence[tuple[str, str]],
 ) -> list[Finding]:
     """Return an error for each pair of columns that follow each other's rates."""
     findings = []
-    for first, second in pairs:
-        crossed = {first: compared(first, second), second: compared(second, first)} if first in found else {}
-        if crossed and all(
-            one is not None
-            and name in found
-            and abs(one.correlation) >= SWAPPED_CORRELATION
-            and abs(one.correlation) > abs(found[name].correlation) + SWAPPED_MARGIN
-            for name, one in crossed.items()
+    for first, second in (pair for pair in pairs if {*pair} <= set(found)):
+        crossed = (compared(first, second), found[first]), (compared(second, first), found[second])
+        if all(
+            one and abs(one[0]) >= max(SWAPPED_CORRELATION, abs(own[0]) + SWAPPED_MARGIN)
+            for one, own in crossed
         ):
             text = f"{first} and {second} are swapped, or their rates are: each changes by the rate of the other."
             findings.append(error("swapped", text, first, second))

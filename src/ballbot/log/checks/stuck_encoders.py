@@ -15,8 +15,6 @@ nothing. No units, radii or masses enter.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +23,7 @@ from ballbot.log.columns import wheel_angle_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, balancing_rows, even_rows, smooth
 
+Floats = NDArray[np.float64]
 #: rows interpolated across a longer gap [s] are not used
 LONGEST_GAP = 0.05
 TINY = 1e-30
@@ -32,9 +31,9 @@ TINY = 1e-30
 #: shortest hold that is tested [s]: dry friction holds a wheel for less while a robot balances at 1 to 3 Hz, and what
 #: the filter leaves of a shorter one is too little
 SHORTEST_HOLD = 2.0
-#: standard deviations of the filter's weights [s]: the angles' noise is far above, and what a wheel misses grows
+#: standard deviation of the filter's weights [s]: the angles' noise is far above, and what a wheel misses grows
 #: downwards. Rows nearer to a hold's ends than so many of them have filtered values of both sides
-WIDTHS, APART = (0.2, 0.3), 3.0
+WIDTH, APART = 0.25, 3.0
 #: length of the windows over which the unexplained motion is compared [s]
 WINDOW = 0.5
 #: fewest seconds that the relations are fitted by
@@ -50,31 +49,54 @@ TIMES, ALONG = 2.0, 0.85
 def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
     """Return an error for each hold of an encoder during which the rest of the motion says that its wheel turned."""
     names = wheel_angle_names(wheel_count)
-    if wheel_count < 3 or not {"theta", "phi", *names} <= set(log.names) or len(log) < 2:
+    if wheel_count < 3 or not {"theta", "phi", *names} <= set(log.names):
         return []
-    heading = log["psi"] if "psi" in log else None  # noqa: SIM401, a log has no get
-    known = np.isfinite(np.column_stack([log[n] for n in ("theta", "phi", *names)])).all(axis=1)
-    known &= np.isfinite(heading) if heading is not None else True
-    if known.sum() < 2:
-        return []
-    t, wheels = log.t[known], np.column_stack([log[name][known] for name in names])
+    headings = [log["psi"]] if "psi" in log else []
+    table = np.column_stack([log["theta"], log["phi"], *(log[name] for name in names), *headings])
+    known = np.isfinite(table).all(axis=1)
+    t, table = log.t[known], table[known]
+    wheels = table[:, 2 : 2 + wheel_count]
     holds = [_holds(t, angle) for angle in wheels.T]
-    lean = log["theta"] + 1j * log["phi"]
-    if heading is not None:  # in the frame that turns with it
-        lean, heading = lean * np.exp(-1j * heading), heading[known]
-    motion = np.column_stack([lean.real[known], lean.imag[known], *([] if heading is None else [heading])])
-    found: dict[tuple[str, float], Finding] = {}
-    for width in WIDTHS if any(holds) else ():
-        for wheel, text, start in _held_against_the_rest(t, wheels, motion, holds, width):
-            text = f"{names[wheel]} {text}"
-            found.setdefault((names[wheel], start), error("stuck", text, names[wheel], time=start))
-    return sorted(found.values(), key=lambda one: one.where.time or 0.0)
+    if not any(holds):
+        return []
+    lean, headings = table[:, 0] + 1j * table[:, 1], table[:, 2 + wheel_count :]
+    if headings.size:  # in the frame that turns with it
+        lean = lean * np.exp(-1j * headings[:, 0])
+    rows, apart = even_rows(t), APART * WIDTH
+    moved = smooth(rows, t, np.column_stack([lean.real, lean.imag, headings]), width=WIDTH)
+    turned = smooth(rows, t, wheels, width=WIDTH)
+    usable = balancing_rows(moved.value[:, :2], turned.rate, None)
+    usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < LONGEST_GAP
+    free = usable.copy()
+    for start, end in (one for of_wheel in holds for one in of_wheel):
+        free &= (rows < start - apart) | (rows > end + apart)
+    if free.sum() * INTERVAL < FEWEST_SECONDS:
+        return []
+    findings = []
+    for wheel, held in enumerate(holds):
+        along, total = _unexplained_along(
+            wheel, turned.acceleration, moved.value[:, :2], moved.acceleration, free
+        )
+        usual = float(np.quantile(_windows(along, free), 0.95))
+        for start, end in held:
+            inside = usable & (rows > start + apart) & (rows < end - apart)
+            if inside.sum() * INTERVAL < WINDOW:
+                continue
+            times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
+            part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
+            if times > TIMES and part > ALONG:
+                text = (
+                    f"{names[wheel]} holds its value from {start:.6g} to {end:.6g} s though its wheel turns: the lean, "
+                    f"the heading and the other wheels leave {times:.2g} times as much of the motion unexplained as "
+                    f"elsewhere, and {100 * part:.0f} % of that is what turning of this wheel would do. The encoder or "
+                    "its cable failed, or messages were lost."
+                )
+                findings.append(error("stuck", text, names[wheel], time=start))
+    return findings
 
 
-def _holds(t: NDArray[np.float64], angle: NDArray[np.float64]) -> list[tuple[float, float]]:
+def _holds(t: Floats, angle: Floats) -> list[tuple[float, float]]:
     """Return the intervals of at least `SHORTEST_HOLD` in which an encoder changes by no more than one step."""
-    known = np.isfinite(angle)
-    t, angle = t[known], angle[known]
     steps = np.abs(np.diff(angle))
     if not (steps > 0.0).any():
         return []
@@ -89,71 +111,9 @@ def _holds(t: NDArray[np.float64], angle: NDArray[np.float64]) -> list[tuple[flo
     return [(float(t[a]), float(t[b])) for a, b in found if t[b] - t[a] >= SHORTEST_HOLD]
 
 
-def _held_against_the_rest(
-    t: NDArray[np.float64],
-    wheels: NDArray[np.float64],
-    motion: NDArray[np.float64],
-    holds: list[list[tuple[float, float]]],
-    width: float,
-) -> Iterator[tuple[int, str, float]]:
-    """Yield the faults that a filter of a width shows, by relations fitted where no encoder holds.
-
-    Parameters
-    ----------
-    t : ndarray (M,)
-        [s]
-    wheels : ndarray (M, n)
-        Angles [rad], continued across resets.
-    motion : ndarray (M, 2) or (M, 3)
-        Lean in the frame that turns with the heading, and the heading if there is one [rad].
-    holds : list
-        Each wheel's, start and end [s].
-    width : float
-        [s]
-
-    Yields
-    ------
-    tuple
-        The wheel (from 0), the sentence without its name, and the hold's start [s].
-    """
-    rows, apart = even_rows(t), APART * width
-    moved, turned = smooth(rows, t, motion, width=width), smooth(rows, t, wheels, width=width)
-    lean = moved.value[:, :2]
-    usable = balancing_rows(lean, turned.rate, None)
-    usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < LONGEST_GAP
-    free = usable.copy()
-    for start, end in (one for of_wheel in holds for one in of_wheel):
-        free &= (rows < start - apart) | (rows > end + apart)
-    if free.sum() * INTERVAL < FEWEST_SECONDS:
-        return
-    for wheel, held in enumerate(holds):
-        if not held:
-            continue
-        along, total = _unexplained_along(wheel, turned.acceleration, lean, moved.acceleration, free)
-        usual = float(np.quantile(_windows(along, free), 0.95))
-        for start, end in held:
-            inside = usable & (rows > start + apart) & (rows < end - apart)
-            if inside.sum() * INTERVAL < WINDOW:
-                continue
-            times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
-            part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
-            if times > TIMES and part > ALONG:
-                text = (
-                    f"holds its value from {start:.6g} to {end:.6g} s though its wheel turns: the lean, the heading "
-                    f"and the other wheels leave {times:.2g} times as much of the motion unexplained as elsewhere, and "
-                    f"{100 * part:.0f} % of that is what turning of this wheel would do. The encoder or its cable "
-                    "failed, or messages were lost."
-                )
-                yield wheel, text, start
-
-
 def _unexplained_along(
-    wheel: int,
-    wheels: NDArray[np.float64],
-    lean: NDArray[np.float64],
-    y: NDArray[np.float64],
-    free: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    wheel: int, wheels: Floats, lean: Floats, y: Floats, free: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
     """Return the squares (N,) of r along the column of C of a wheel, and of all of r, fitted on the free rows."""
     n = wheels.shape[1]
     # a wheel and its neighbours are independent in every arrangement around the ball
@@ -171,7 +131,7 @@ def _unexplained_along(
     return along, np.square(left).sum(axis=1)
 
 
-def _windows(values: NDArray[np.float64], kept: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _windows(values: Floats, kept: NDArray[np.bool_]) -> Floats:
     """Return the means of a signal over windows of the kept rows."""
     rows = round(WINDOW / INTERVAL)
     values = values[kept]

@@ -1,4 +1,4 @@
-"""Wheel torques against the torques that the motion needs: order, sign, and torques that do not fit at all.
+"""Wheel torques against the torques that the motion needs, and how large each is: over a log, and before and after.
 
 The rows of the equations of motion without the lean, about upright and in the heading frame, give the torque between
 ball and wheels,
@@ -7,35 +7,44 @@ ball and wheels,
 
 and with it n, the torque that each wheel needs for the motion. A motor supplies it and its driveline's friction:
 
-    u_i = k n_i + f(wheel speed i)             f: dry, viscous, falling with speed; it never drives
+    u_i = s_i(t) (k n_i + f(wheel speed i))    f: dry, viscous, falling with speed; it never drives
 
-so k is one for the right robot, and wheel i's torque follows n_i and its own speed's sign. Every logged torque is
-fitted by every wheel's motion, with either sign (`ballbot.log.mapping_search.commands`): the order and signs that
-explain the log best are the right ones.
+so k is one for the right robot, s_i for the right scale, and wheel i's torque follows n_i and its own speed's sign.
+Which order and signs of the torques explain the log best: `ballbot.log.mapping_search.commands`.
 
-How large the torques are: `ballbot.log.checks.torque_gains`.
+Everything else is solved from one set of products per motor and second (`MotorSums`), weighted by the fraction of time
+in which the wheel turned for certain: the friction of a sticking wheel is unknown.
+
+The gain of a whole log. Regression of a torque on the torque that the motion needs gives too small a factor, because
+the need is computed from differentiated signals and has their noise. The factor is therefore that of the acceleration
+that gravity causes (`gravity_need`): its noise is that of another sensor, an instrumental variable. Its error has three
+parts: the scatter of the seconds; what friction's three terms miss, a fraction of the friction that grows with the part
+of it that goes along with the need; and a floor. A log in which friction is most of the torque hardly bounds the scale,
+and says so.
+
+A change. For every second and every factor, one model with that factor before or after is compared with the model
+without it by the squares that both leave. The friction that the wheel has before, it has after: this shows a change in
+logs that do not bound the scale.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.checks.lean import (
-    Motion,
-    Rows,
-    as_complex,
-    as_plane,
-)
+from ballbot.findings import Finding, error, finding, warning
+from ballbot.log.checks.lean import EVERY, Motion, Rows, as_complex, as_plane
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.log import Log
-from ballbot.log.signals import local_fit
+from ballbot.log.signals import INTERVAL, local_fit
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
 
+Floats = NDArray[np.float64]
 #: speed at which the sign of a wheel's dry friction is nearly certain, and above which it is certain [rad/s]
 SIGN, TURNING = 0.1, 0.3
 #: exponent of the weight of rows by the fraction of the filter's time in which the wheel turned for certain
@@ -48,11 +57,10 @@ FALLING = 0.6
 class Driving:
     """Torques, needed torques and friction terms of each wheel, at the rows of `Motion`."""
 
-    torque: NDArray[np.float64]  #: (N, n) u as logged, filtered [N m]
-    needed: NDArray[np.float64]  #: (N, n) n, the torque that the motion needs of each wheel [N m]
-    friction: NDArray[np.float64]  #: (N, n, 3) sign, speed and falling sign of each wheel's speed, filtered
-    #: (N, n) fraction of the filter's time in which the wheel turned for certain
-    turning: NDArray[np.float64]
+    torque: Floats  #: (N, n) u as logged, filtered [N m]
+    needed: Floats  #: (N, n) n, the torque that the motion needs of each wheel [N m]
+    friction: Floats  #: (N, n, 3) sign, speed and falling sign of each wheel's speed, filtered
+    turning: Floats  #: (N, n) fraction of the filter's time in which the wheel turned for certain
     block: NDArray[np.intp]  #: (N,)
 
 
@@ -67,31 +75,34 @@ def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | 
     speed = smoothed_wheel_speeds(log, robot)
     sign = np.tanh(speed / SIGN)
     parts = (sign, speed, sign * np.exp(-np.abs(speed) / FALLING), (np.abs(speed) > TURNING).astype(float))
-    found = rows.filtered(log, np.hstack(parts)).value
-    n = robot.wheel_count
+    found = rows.filtered(log, np.hstack(parts)).value.reshape(len(motion.t), 4, -1)
     return Driving(
         torque=torque,
         needed=_needed(motion, robot) @ np.linalg.pinv(transforms(robot).T_owb),
-        friction=np.stack([found[:, k * n : (k + 1) * n] for k in range(3)], axis=-1),
-        turning=np.clip(found[:, 3 * n :], 0.0, 1.0),
+        friction=np.moveaxis(found[:, :3], 1, -1),
+        turning=np.clip(found[:, 3], 0.0, 1.0),
         block=motion.block,
     )
 
 
-def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
+def _needed(motion: Motion, robot: Robot) -> Floats:
     """Return tau (N, 3) [N m], about the heading frame's axes, that the motion needs between ball and wheels."""
     M, r_b = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius
-    (theta, phi), v = motion.lean_rate, motion.velocity
-    w, w_dot = as_plane(theta.value + 1j * phi.value), as_plane(theta.rate + 1j * phi.rate)
-    w, w_dot = np.column_stack([w, motion.turning]), np.column_stack([w_dot, motion.turning_rate])
-    momentum = as_complex(as_plane(v.value) @ M[:2, :2].T + w @ M[:2, 2:].T)
-    change = as_complex(as_plane(v.rate) @ M[:2, :2].T + w_dot @ M[:2, 2:].T)
+    v, v_dot = as_plane(motion.velocity), as_plane(motion.acceleration)
+    w, w_dot = (
+        np.column_stack([as_plane(theta + 1j * phi), vertical])
+        for (theta, phi), vertical in (
+            (motion.lean_rate, motion.turning),
+            (motion.lean_acceleration, motion.turning_rate),
+        )
+    )
+    momentum, change = (as_complex(a @ M[:2, :2].T + b @ M[:2, 2:].T) for a, b in ((v, w), (v_dot, w_dot)))
     force = change + 1j * motion.turning * momentum
-    about_vertical = w_dot @ M[4, 2:] + as_plane(v.rate) @ M[4, :2]
+    about_vertical = w_dot @ M[4, 2:] + v_dot @ M[4, :2]
     return np.column_stack([-r_b * force.imag, r_b * force.real, -about_vertical])
 
 
-def smoothed_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
+def smoothed_wheel_speeds(log: Log, robot: Robot) -> Floats:
     """Return each wheel's speed (len(log), n) [rad/s], smoothed; by the states where it is not logged.
 
     It is missing in rows that lack the states as well.
@@ -114,7 +125,7 @@ def smoothed_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
     return smooth
 
 
-def gravity_need(motion: Motion, robot: Robot) -> NDArray[np.float64]:
+def gravity_need(motion: Motion, robot: Robot) -> Floats:
     """Return gravity's part (N, n) [N m] of the torque that the motion needs of each wheel."""
     law, r_b = contact_momentum(robot), robot.ball.radius
     M_vv = Model(robot).mass_matrix(np.zeros(5))[:2, :2]
@@ -122,3 +133,238 @@ def gravity_need(motion: Motion, robot: Robot) -> NDArray[np.float64]:
     force = as_complex(-as_plane(g) @ law.pull.T @ M_vv.T)
     tau = np.column_stack([-r_b * force.imag, r_b * force.real, np.zeros(len(force))])
     return tau @ np.linalg.pinv(transforms(robot).T_owb)
+
+
+#: fewest seconds in which a wheel turns for certain for the gain of a motor, and on each side of a change
+LEAST_TURNING = 2.0
+#: relative error of every gain, and of the friction that the three terms give: with these, the largest of 724 gains of
+#: sound recordings of the development halves of campaigns/mapping_recordings.py is 3.2 standard errors from one
+FLOOR, FRICTION_ERROR = 0.03, 0.03
+#: standard deviation of the logarithm of the gain of all torques, before a log is seen
+USUAL = 0.15
+#: standard errors of a gain that is wrong (of 400 sound logs of robots that set nothing, 2 are beyond 3.5); factors of
+#: all torques that are a warning and an error, and of one over the others that is an error
+SURE, LARGE, TOO_LARGE, UNLIKE = 5.0, 1.15, 1.25, 1.25
+#: a factor that a log must be able to exclude, or its bounds are said
+MUST_SHOW = 1.4
+#: gains nearer to zero than this part of the middle one are as good as zero
+ZERO = 0.05
+
+#: factors of one side of a change over the other that are tried, beside one
+FACTORS = np.array([-1.0, -0.5, *np.linspace(0.0, 0.8, 17)])
+#: part of a torque's squares that models of sound torques leave, and how many times as much must be left without the
+#: change as with it: 1.4 is the most on those recordings with three wheels, 1.7 with four
+LEFT, CHANGED = 0.01, 2.0
+#: part of a torque's squares that may be left with the change; more is no torque of this wheel
+MOST_LEFT = 0.06
+
+#: columns of `MotorSums`: the need, three terms of friction and a constant, gravity's part of the need, the torque
+_OWN, _REST, _MODEL, _TORQUE = slice(1, 5), [0, 5, 6], slice(0, 5), 6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotorSums:
+    """Products of the columns of one motor, by seconds."""
+
+    products: Floats  #: (B, 7, 7)
+    turning: Floats  #: (B,) seconds in which the wheel turned
+
+    def gain(self) -> tuple[float, float]:
+        """Return the factor of the whole log and its relative standard error; (nan, inf) if the log has none."""
+        total = self.products.sum(axis=0)
+        friction = np.linalg.solve(_regular(total[_OWN, _OWN]), total[_OWN, _REST])
+        without = np.zeros((7, 3))
+        without[_REST], without[_OWN] = np.eye(3), -friction
+        left = without.T @ self.products @ without  # need, gravity's need, torque
+        of_need, of_torque = left[:, 1, 0], left[:, 1, 2]
+        common = float(of_need.sum())
+        if self.turning.sum() < LEAST_TURNING or common <= 0.0:
+            return float("nan"), float("inf")
+        k = float(of_torque.sum()) / common
+        scatter = float(np.linalg.norm(of_torque - k * of_need)) / common
+        own = friction[:, 2] - k * friction[:, 0]
+        # what the terms miss, at its worst goes along with gravity's need
+        missed = FRICTION_ERROR * np.sqrt(own @ total[_OWN, _OWN] @ own * left[:, 1, 1].sum()) / common
+        return k, float(np.hypot(np.hypot(scatter, missed) / max(abs(k), ZERO), FLOOR))
+
+    def change(self) -> tuple[int, float, bool] | None:
+        """Return the clearest change of the torque's factor; None if there is none.
+
+        It is the number of the second, the factor of the smaller side over the larger one (-1 to 1), and whether the
+        smaller side, or the one of the wrong sign, is the one before.
+        """
+        turned = np.cumsum(self.turning)
+        at = np.flatnonzero((turned[:-1] >= LEAST_TURNING) & (turned[-1] - turned[:-1] >= LEAST_TURNING)) + 1
+        power = float(self.products[:, _TORQUE, _TORQUE].sum())
+        if not at.size or power <= 0.0:
+            return None
+        summed = np.cumsum(self.products, axis=0)
+        sides = np.stack((summed[at - 1], summed[-1] - summed[at - 1]), axis=1)[:, :, None]
+        # [place, which side is scaled, factor]
+        factor = np.append(FACTORS, 1.0)[:, None, None]
+        model = sides[..., _MODEL, _MODEL] * factor**2 + sides[:, ::-1, ..., _MODEL, _MODEL]
+        right = sides[..., _MODEL, _TORQUE] * factor[..., 0] + sides[:, ::-1, ..., _MODEL, _TORQUE]
+        found = np.linalg.solve(_regular(model), right[..., None])[..., 0]
+        left = np.maximum(1.0 - np.sum(right * found, axis=-1) / power, 0.0)
+        place, side, number = np.unravel_index(int(np.argmin(left[..., :-1])), left[..., :-1].shape)
+        with_change, without = float(left[place, side, number]), float(left[place, side, -1])
+        if with_change > MOST_LEFT or without + LEFT < CHANGED * (with_change + LEFT):
+            return None
+        # a torque of the right sign drives its wheel
+        wrong_sign = FACTORS[number] < 0.0 and found[place, side, number, 0] < 0.0
+        return int(at[place]), float(FACTORS[number]), bool((side == 0) != wrong_sign)
+
+
+def _regular(matrix: Floats) -> Floats:
+    """Return symmetric matrices (.., m, m) that are invertible, nearly the same ones."""
+    diagonal = np.einsum("...ii->...i", matrix)
+    tiny = 1e-9 * diagonal + 1e-12 * np.sum(diagonal, axis=-1, keepdims=True) + 1e-300
+    return matrix + tiny[..., None] * np.eye(matrix.shape[-1])
+
+
+def motor_sums(driving: Driving, motion: Motion, robot: Robot) -> tuple[MotorSums, ...]:
+    """Return the sums of each motor of a log."""
+    pulled, ones = gravity_need(motion, robot), np.ones(len(motion.t))
+    found = []
+    for i in range(driving.torque.shape[1]):
+        weight = driving.turning[:, i] ** TURNED_POWER
+        columns = (driving.needed[:, i], *driving.friction[:, i].T, ones, pulled[:, i], driving.torque[:, i])
+        table = np.column_stack(columns) * weight[:, None]
+        products = np.zeros((int(motion.block[-1]) + 1, 7, 7))
+        np.add.at(products, driving.block, table[:, :, None] * table[:, None, :])
+        turning = (EVERY * INTERVAL * np.bincount(driving.block, weights=weight)).astype(np.float64)
+        found.append(MotorSums(products=products, turning=turning))
+    return tuple(found)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gains:
+    """Factors of each torque over the one that its wheel needs."""
+
+    factors: Floats  #: (n,); nan if the log does not show it
+    errors: Floats  #: (n,) relative standard errors
+
+    def common(self, but: int | None = None) -> tuple[float, float]:
+        """Return the factor of all torques, or of all but one, and its relative standard error."""
+        shown = self.factors[np.isfinite(self.factors)]
+        known = self.factors > ZERO * max(float(np.median(shown)), 0.0) if shown.size else self.factors > 0.0
+        known = known & (np.arange(len(known)) != but)
+        weights = 1.0 / np.square(self.errors[known])
+        precision = float(weights.sum())
+        if precision == 0.0:
+            return 1.0, float("inf")
+        return float(np.exp(weights @ np.log(self.factors[known]) / precision)), precision**-0.5
+
+    def unlike(self, i: int) -> tuple[float, float]:
+        """Return the factor of a torque over that of the others, and its relative standard error.
+
+        The others' is known by what is usual, too, unless the log contradicts that.
+        """
+        others, error = self.common(i)
+        if abs(np.log(others)) < 3.0 * np.hypot(error, USUAL):
+            precision = error**-2 + USUAL**-2
+            others, error = others ** (error**-2 / precision), precision**-0.5
+        return max(float(self.factors[i]) / others, ZERO), float(np.hypot(self.errors[i], error))
+
+    def unbounded(self) -> dict[int, tuple[float, float]]:
+        """Return bounds (95 %) of the factor over the others' of each torque (from 0) that may be `MUST_SHOW` off."""
+        found = {}
+        for i in range(len(self.factors)):
+            factor, error = self.unlike(i)
+            off = abs(np.log(factor)) if np.isfinite(factor) else 0.0
+            if not np.exp(off + 1.96 * error) < MUST_SHOW:
+                found[i] = (factor * float(np.exp(-1.96 * error)), factor * float(np.exp(1.96 * error)))
+        return found
+
+    def scale_errors(self) -> Floats:
+        """Return the relative standard error (n,) of each torque's scale that its motor's friction has besides its own.
+
+        It is zero if the logs bound the scale to a factor of `MUST_SHOW`. If not, the scale is known by them and by
+        what is usual.
+        """
+        errors = (self.errors**-2.0 + USUAL**-2) ** -0.5
+        return np.where(np.isin(np.arange(len(errors)), list(self.unbounded())), errors, 0.0)
+
+
+def gains_of(sums: Sequence[MotorSums]) -> Gains:
+    """Return the gain of each motor."""
+    found = np.array([one.gain() for one in sums])
+    return Gains(factors=found[:, 0], errors=found[:, 1])
+
+
+def together(gains: Sequence[Gains]) -> Gains:
+    """Return the gains that several logs of a robot show."""
+    weights = 1.0 / np.square([one.errors for one in gains])
+    precision = weights.sum(axis=0)
+    mean = np.sum(np.where(weights > 0.0, weights * [one.factors for one in gains], 0.0), axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Gains(factors=mean / precision, errors=np.maximum(precision**-0.5, FLOOR))
+
+
+def change_findings(sums: Sequence[MotorSums], motion: Motion, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return the finding of each torque whose factor changes within the log; an error where it is negated."""
+    findings = []
+    for name, change in ((name, one.change()) for name, one in zip(names, sums, strict=True)):
+        if change is None:
+            continue
+        second, factor, is_before = change
+        time = float(motion.t[motion.block == second][0])
+        span = f"before about t = {time:.0f} s" if is_before else f"from about t = {time:.0f} s on"
+        if factor < 0.0:
+            text = (
+                f"{name} has the opposite sign {span}, by the torque that its wheel needs. Use the rest of the log, or "
+                "correct the column."
+            )
+            findings.append(error("torque-sign", text, name, time=time))
+        else:
+            # no error: a robot that moves first and then hardly does looks like that, too
+            text = (
+                f"{name} is {factor:.2g} times as large {span} as otherwise, by the torque that its wheel needs: its "
+                "scale changed, its motor gives another torque than its command, or the robot moves too little in one "
+                "part. If its scale changed, use the part that is right."
+            )
+            findings.append(warning("torque-scale", text, name, time=time))
+    return findings
+
+
+def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return the error of a torque that is scaled unlike the others, or of all that are scaled."""
+    found = [gains.unlike(i) for i in range(len(names))]
+    unlike = {
+        i: abs(np.log(factor)) / uncertain
+        for i, (factor, uncertain) in enumerate(found)
+        if abs(np.log(factor)) > max(SURE * uncertain, np.log(UNLIKE))
+    }
+    if unlike:
+        i = max(unlike, key=lambda one: unlike[one])
+        text = (
+            f"{names[i]} is {found[i][0]:.2g} times as large as the other torques, relative to the torque that the "
+            "motion of its wheel needs: its torque constant, gear ratio or unit differs, or its motor gives another "
+            "torque than the command. Correct the scale of the column in a mapping."
+        )
+        return [error("torque-scale", text, names[i])]
+    factor, uncertain = gains.common()
+    off = abs(np.log(factor)) - SURE * uncertain
+    if not off > np.log(LARGE):
+        return []
+    text = (
+        f"The torques are {factor:.2g} times as large as the motion of this robot needs: all are scaled (torque "
+        "constant, gear ratio, current or per-unit values in place of N m), the recording clips them, or the robot is "
+        f"{'heavier' if factor > 1.0 else 'lighter'} than in the robot file."
+    )
+    return [finding("torque-scale", "error" if off > np.log(TOO_LARGE) else "warning", text, *names)]
+
+
+def bound_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return a warning on how far the logs of a robot bound the scale of its torques, unless they bound it well."""
+    wide = gains.unbounded()
+    bounds = ", ".join(
+        f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
+        for i, (low, high) in wide.items()
+    )
+    text = (
+        f"The logs bound the scale of the torques only so far, relative to the others and the robot file: {bounds} "
+        "(95 %). A wrong torque constant within that would not show, and would change the motor's friction as much. "
+        "Runs that accelerate more bound it better."
+    )
+    return [warning("torque-bound", text, *(names[i] for i in wide))] if wide else []

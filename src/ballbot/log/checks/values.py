@@ -1,4 +1,4 @@
-"""What the rows of single columns show: gaps, missing values, spikes, jumps, limits, falls, dead and coarse columns.
+"""What single columns show: gaps, missing values, spikes, jumps, limits, falls, dead, frozen, slow and coarse columns.
 
 Faults of single rows are a table, `ROW_FAULTS`: which columns, which rows have it, and the sentence.
 
@@ -7,13 +7,14 @@ nearly all others: a corrupted message, or a marker such as 9999 for a missing o
 there and back, and noise of that size would affect many rows.
 
 Positions and angles must change from row to row by the integral of their rates. The mean lean of a balancing robot is
-near zero, since a constant lean is a constant acceleration.
+near zero, since a constant lean is a constant acceleration. Sensors with noise never repeat a value to the last bit; a
+robot at rest, an encoder at rest and a noiseless simulation may, so that rows at rest, by their rates, give no finding.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -307,15 +308,14 @@ def check_constant(log: Log) -> list[Finding]:
         )
         findings.append(error("dead-motor", text, *dead))
     for name in (name for name in still if name not in dead):
-        text = f"{name} is {log[name][0]:g} throughout"
+        text, is_reference = f"{name} is {log[name][0]:g} throughout", name.startswith("ref_")
         other = name.removesuffix("_dot") if name.endswith("_dot") else f"{name}_dot"
-        if name.startswith("ref_"):
-            findings.append(note("constant", f"{text}: the reference is constant.", name))
-        elif name in STATE_NAMES and other in log and float(np.nanstd(log[other])) > LEAST_MOVING:
-            text = f"{text} though {other} changes, as if its sensor or cable were dead."
-            findings.append(error("constant", text, name))
-        else:
-            findings.append(warning("constant", f"{text}, as if its sensor or cable were dead.", name))
+        wrong = name in STATE_NAMES and other in log and float(np.nanstd(log[other])) > LEAST_MOVING
+        cause = f"{f' though {other} changes' if wrong else ''}, as if its sensor or cable were dead."
+        text += ": the reference is constant." if is_reference else cause
+        findings.append(
+            finding("constant", "note" if is_reference else "error" if wrong else "warning", text, name)
+        )
     return findings
 
 
@@ -342,26 +342,32 @@ def check_lean(log: Log) -> list[Finding]:
                 f"{fallen[0] + 1}); only the rows before show balancing."
             )
             findings.append(warning("fall", text, *_LEAN, time=time))
-    if "psi" not in log:
-        return findings
-    table = np.column_stack([log[name] for name in (*_LEAN, "psi")])
-    rows: Bools = np.all(np.isfinite(table), axis=1)
+    names = [n for n in (*_LEAN, "psi", "theta_dot", "phi_dot") if n in log]
+    rows: Bools = np.all(np.isfinite([log[n] for n in names]), axis=0)
     rows[fallen[0] if fallen.size else len(rows) :] = False
-    if rows.sum() < 2 or np.ptp(log.t[rows]) < AVERAGED_TIME:
+    if "psi" not in log or rows.sum() < 2 or np.ptp(log.t[rows]) < AVERAGED_TIME:
         return findings
-    return [*findings, *_offset(log, rows), *_coarse(log, rows)]
-
-
-def _offset(log: Log, rows: Bools) -> list[Finding]:
-    """Return the finding on a lean that is not zero at zero acceleration."""
     mean = _resting_lean(log, rows)
-    text = (
-        f"theta and phi are ({np.degrees(mean.real):.2g}, {np.degrees(mean.imag):.2g}) degrees on average, "
-        "and a balancing robot's are near zero: the IMU is mounted at an angle or has a bias, the centre "
-        "of mass lies off the axis, or the floor slopes. Subtract the mean, or correct the cause."
-    )
-    severity = "error" if abs(mean) >= OFFSET else "warning"
-    return [finding("lean-offset", severity, text, *_LEAN)] if abs(mean) >= TILTED else []
+    if abs(mean) >= TILTED:
+        text = (
+            f"theta and phi are ({np.degrees(mean.real):.2g}, {np.degrees(mean.imag):.2g}) degrees on average, "
+            "and a balancing robot's are near zero: the IMU is mounted at an angle or has a bias, the centre "
+            "of mass lies off the axis, or the floor slopes. Subtract the mean, or correct the cause."
+        )
+        findings.append(finding("lean-offset", "error" if abs(mean) >= OFFSET else "warning", text, *_LEAN))
+    for name in (n for n in names if n != "psi"):
+        values = log[name][rows]
+        levels = np.unique(values)
+        # many distinct values are noise, even if they are far apart at the ends
+        step = float(np.median(np.diff(levels))) if 2 <= levels.size <= LEVELS else 0.0
+        if 0.0 < step >= COARSE * values.std():
+            text = (
+                f"{name} comes in steps of {step:.3g} {unit_of(name)}, and its standard deviation is only "
+                f"{values.std():.3g}: it was rounded when written, or the sensor is coarse. Log it with more digits."
+            )
+            wrong = step >= USELESS * values.std()
+            findings.append(finding("coarse", "error" if wrong else "warning", text, name))
+    return findings
 
 
 def _resting_lean(log: Log, rows: Bools) -> complex:
@@ -371,39 +377,121 @@ def _resting_lean(log: Log, rows: Bools) -> complex:
     c, above one, depends on the robot and is fitted.
     """
     t, turn = log.t[rows], np.exp(-1j * log["psi"][rows])
-    count = max(2, int(np.ptp(t) / BLOCK_TIME))
-    block = np.minimum((t - t[0]) / BLOCK_TIME, count - 1).astype(np.intp)
-    size = np.maximum(np.bincount(block, minlength=count), 1)
-
-    def means(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        real, imaginary = (np.bincount(block, part, minlength=count) for part in (values.real, values.imag))
-        return (real + 1j * imaginary) / size
-
-    lean = means((log["theta"][rows] + 1j * log["phi"][rows]) * turn)
+    lean = (log["theta"][rows] + 1j * log["phi"][rows]) * turn
     if not {"x_dot", "y_dot"} <= set(log.names):
         return complex(lean.mean())
     velocity = np.nan_to_num(log["x_dot"][rows]) + 1j * np.nan_to_num(log["y_dot"][rows])
     # a positive phi leans towards x, a positive theta away from y
-    pull = 1j * means(np.gradient(velocity, t) * turn)
+    pull = 1j * np.gradient(velocity, t) * turn
+    starts = np.unique(np.floor((t - t[0]) / BLOCK_TIME), return_index=True)[1]
+    lean, pull = (np.add.reduceat(one, starts) / np.diff(np.append(starts, len(t))) for one in (lean, pull))
     centred = pull - pull.mean()
     power = max(float(np.vdot(centred, centred).real), 1e-12)
     slope = float(np.vdot(centred, lean - lean.mean()).real) / power
     return complex(lean.mean() - slope * pull.mean())
 
 
-def _coarse(log: Log, rows: Bools) -> Iterable[Finding]:
-    """Yield a finding on each lean or its rate that comes in steps."""
-    for name in (n for n in (*_LEAN, "theta_dot", "phi_dot") if n in log):
-        values = log[name][rows]
-        levels = np.unique(values[np.isfinite(values)])
-        # many distinct values are noise, even if they are far apart at the ends
-        if not 2 <= levels.size <= LEVELS:
+#: columns of sensors with noise; an encoder may rightly stay constant
+NOISY_PREFIXES = ("theta", "phi", "psi", "gyro_", "acc_", "ball_omega_")
+#: a column that changes at this fraction of the rows is live: staying constant is a fault
+LIVE_FRACTION = 0.9
+#: shortest standstill of a live column that is reported [s], [rows]
+STUCK_TIME, STUCK_ROWS = 0.1, 10
+#: standstill, while other columns move, above which results are wrong [s]
+FROZEN_TIME = 0.4
+#: shortest standstill of a torque that is not at its extreme [s]
+FROZEN_TORQUE_TIME = 1.0
+#: a state moves, and a rate is not one of rest, above this fraction of its standard deviation
+MOVING = 0.2
+#: standstills that begin and end within so many rows of each other are one
+TOGETHER = 2
+#: a slower column repeats a value for so many rows, at least so often, in this fraction of cases equally long
+HELD_ROWS, HELD_TIMES, HELD_FRACTION = 2, 20, 0.8
+#: delay by repeated values above which states are wrong [s]
+HELD_TIME = 0.04
+_GYRO = ("gyro_x", "gyro_y", "gyro_z")
+
+
+def check_stuck(log: Log) -> list[Finding]:
+    """Return findings on columns that stay constant for a while though they change at nearly all other rows.
+
+    The finding is an error if other columns show that the robot moved meanwhile, and a warning if it may have been at
+    rest, or the motors off. A torque may stay at its extreme, and at rest.
+    """
+    if len(log) < 2 * STUCK_ROWS:
+        return []
+    balancing = {*STATE_NAMES} <= set(log.names)
+    torques = [name for name in _TORQUES if name in log and balancing]
+    found: list[tuple[slice, list[str]]] = []  # rows, and the columns that stand still there
+    for name in (*(n for n in log.names if n.startswith(NOISY_PREFIXES)), *torques):
+        values, shortest = log[name], FROZEN_TORQUE_TIME if name in torques else STUCK_TIME
+        starts, lengths = runs_of(values)
+        start, rows = int(starts[np.argmax(lengths)]), int(lengths.max())
+        live = len(starts) - 1 >= LIVE_FRACTION * (len(log) - rows) > 0
+        extreme = name in torques and 0.999 * np.nanmax(np.abs(values)) <= abs(values[start]) > 0.0
+        if rows < max(STUCK_ROWS, shortest / log.sample_time) or not live or extreme:
             continue
-        step = float(np.median(np.diff(levels)))
-        size = step / float(values.std())
-        if size >= COARSE:
-            text = (
-                f"{name} comes in steps of {step:.3g} {unit_of(name)}, and its standard deviation is only "
-                f"{values.std():.3g}: it was rounded when written, or the sensor is coarse. Log it with more digits."
-            )
-            yield finding("coarse", "error" if size >= USELESS else "warning", text, name)
+        ends = start, start + rows
+        together = [
+            names
+            for one, names in found
+            if max(abs(one.start - ends[0]), abs(one.stop - ends[1])) <= TOGETHER
+        ]
+        if together:
+            together[0].append(name)
+        else:
+            found.append((slice(*ends), [name]))
+    return [one for rows, names in found for one in _stuck(log, names, rows, torques)]
+
+
+def _stuck(log: Log, names: list[str], rows: slice, torques: Sequence[str]) -> list[Finding]:
+    """Return the finding on columns that stand still together."""
+    of_motors = set(names) <= set(torques)
+    others = [name for name in STATE_NAMES[2:] if name in log and name not in names]
+    moved = any(np.nanstd(log[name][rows]) > MOVING * np.nanstd(log[name]) for name in others)
+    rates = [name for name in (*STATE_NAMES[5:], *_GYRO) if name in names]
+    moved |= any(abs(log[name][rows.start]) > MOVING * np.nanstd(log[name]) for name in rates)
+    off = of_motors and not any(log[name][rows].any() for name in torques)
+    if of_motors:
+        half = (rows.stop - rows.start) / 2
+        moved |= any(runs_of(log[n][rows])[1].max() < half for n in torques if n not in names)
+        if not moved:
+            return []
+    time = float(log.t[rows.start])
+    lasting = float(log.t[rows.stop - 1] - time)
+    cause = "messages were lost, or the sensor or the logger froze"
+    if of_motors:
+        cause = "the motors were off" if off else "messages were lost, or a motor is dead"
+    text = (
+        f"{', '.join(names)}: one value repeats for {lasting:.3g} s from row {rows.start + 1} (t = {time:.6g} s), and "
+        f"nearly all other rows differ: {cause}{'' if moved else ', or everything was at rest'}."
+    )
+    severity = "error" if moved and lasting >= FROZEN_TIME and not off else "warning"
+    return [finding("stuck", severity, text, *names, time=time)]
+
+
+def check_held(log: Log) -> list[Finding]:
+    """Return a finding on columns that repeat each value for a fixed number of rows."""
+    names = [n for n in (*STATE_NAMES, *_GYRO, *_TORQUES) if n in log]
+    held: dict[str, int] = {}
+    for name in names:
+        inner = runs_of(log[name])[1][1:-1]
+        usual = int(np.median(inner)) if len(inner) >= HELD_TIMES else 1
+        off = np.abs(inner - usual) <= (1 if usual > HELD_ROWS else 0)
+        if usual >= HELD_ROWS and off.mean() >= HELD_FRACTION:
+            held[name] = usual
+    if not held:
+        return []
+    rows = max(held.values())
+    delay = rows * log.sample_time
+    changes = np.array([np.diff(log[name]) != 0.0 for name in names])
+    in_step = changes.all(axis=0).sum() >= HELD_FRACTION * changes.any(axis=0).sum()
+    duplicated = set(names) == set(held) and in_step
+    if not duplicated and delay < 2.0 * HELD_TIME and not any(name in held for name in STATE_NAMES):
+        return []  # a controller slower than its log
+    cause = "rows were duplicated" if duplicated else "a slower sensor, or resampling without interpolation"
+    text = (
+        f"{', '.join(held)}: a new value comes only every {rows} rows, every {delay:.3g} s, and repeats in between: "
+        f"{cause}. Values are late by up to that time; keep one row of {rows}, interpolate, or log at their rate."
+    )
+    return [finding("held", "error" if duplicated or delay >= HELD_TIME else "warning", text, *held)]

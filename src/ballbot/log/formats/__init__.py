@@ -7,8 +7,7 @@ parquet   Parquet, by pyarrow
 npz       NumPy archives
 mat       MATLAB files of version 4 to 7, their numeric variables
 mcap      MCAP: JSON messages for Foxglove and PlotJuggler, with units and a scene
-ros       bags of ROS 1 and ROS 2, in one file or as folders
-messages  topics with times of their own as one table, for the last two
+ros       bags of ROS 1 and ROS 2, in one file or as folders; topics with times of their own as one table
 """
 
 from __future__ import annotations
@@ -41,7 +40,6 @@ from ballbot.log.formats.parquet import read_parquet_table, write_parquet_table
 from ballbot.log.formats.ros import read_bag, write_ros_bag
 from ballbot.log.formats.text import (
     OWN_LAYOUT,
-    SEMICOLON_LAYOUT,
     TextLayout,
     read_text_table,
     write_text_table,
@@ -50,16 +48,14 @@ from ballbot.log.row_order import rows_with_times
 from ballbot.printable import printable_line
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class LogFormat:
     """How files of one kind are read and written.
 
-    `read` takes a path and returns every numeric variable of the file by name, as one row of numbers (N,), float64.
-    - A missing value is NaN.
-    - What is not a real number, such as a column of text, is skipped, or the file is refused with the column's name.
-    - Whatever a library raises on a damaged file becomes InputError here. So are the file's size, whether names can be
-      printed, whether there are numbers, how many, and which of them are too large to be values checked here, for
-      every format.
+    `read` takes a path and returns every numeric variable of the file by name, as one row of numbers (N,), float64,
+    with NaN for missing values; what is not a real number, such as a column of text, is skipped or refused by its name.
+    The file's size, whether names can be printed, whether there are numbers, how many, and which of them are too large
+    to be values are checked here for every format, and what a library raises on a damaged file becomes InputError.
 
     `write` takes a path and columns (N,) of equal length, whose names can be printed. It writes with
     `ballbot.files.write_bytes` or `write_text`, so that the file is whole or not there. `read` then returns the same
@@ -74,32 +70,22 @@ class LogFormat:
     is_text: bool = False  #: whether a mapping file may give its layout
 
 
+_TEXT = (".csv", ".txt", ".tsv", ".dat", ".log")
 #: every format; adding one takes a file beside this one and a line here
 FORMATS: tuple[LogFormat, ...] = (
-    LogFormat(
-        name="CSV",
-        suffixes=(".csv", ".txt", ".tsv", ".dat", ".log"),
-        read=read_inferred,
-        write=write_text_table,
-        is_text=True,
-    ),
-    LogFormat(
-        name="Parquet",
-        suffixes=(".parquet",),
-        read=read_parquet_table,
-        write=write_parquet_table,
-        extra="formats",
-    ),
-    LogFormat(name="JSON", suffixes=(".json", ".jsonl", ".ndjson"), read=read_json_table),
-    LogFormat(name="NumPy", suffixes=(".npz",), read=read_npz, write=write_npz),
-    LogFormat(name="MATLAB", suffixes=(".mat",), read=read_mat, write=write_mat),
-    LogFormat(name="MCAP", suffixes=(".mcap",), read=read_mcap, write=write_mcap, extra="formats"),
-    LogFormat(name="ROS 2 bag", suffixes=(".db3",), read=read_bag, write=write_ros_bag, extra="formats"),
-    LogFormat(name="ROS 1 bag", suffixes=(".bag",), read=read_bag, extra="formats"),
+    LogFormat("CSV", _TEXT, read_inferred, write_text_table, is_text=True),
+    LogFormat("Parquet", (".parquet",), read_parquet_table, write_parquet_table, extra="formats"),
+    LogFormat("JSON", (".json", ".jsonl", ".ndjson"), read_json_table),
+    LogFormat("NumPy", (".npz",), read_npz, write_npz),
+    LogFormat("MATLAB", (".mat",), read_mat, write_mat),
+    LogFormat("MCAP", (".mcap",), read_mcap, write_mcap, extra="formats"),
+    LogFormat("ROS 2 bag", (".db3",), read_bag, write_ros_bag, extra="formats"),
+    LogFormat("ROS 1 bag", (".bag",), read_bag, extra="formats"),
 )
-_COMPRESSED = (".gz", ".zst", ".xz", ".bz2", ".zip")
 #: how a folder is read, whatever its name
-_FOLDER = LogFormat(name="ROS 2 bag", suffixes=(), read=read_bag, extra="formats")
+_FOLDER = LogFormat("ROS 2 bag", (), read_bag, extra="formats")
+_SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
+_COMPRESSED = (".gz", ".zst", ".xz", ".bz2", ".zip")
 #: suffixes of the files that are written, the default first
 WRITTEN_SUFFIXES = tuple(one.suffixes[0] for one in FORMATS if one.write)
 #: what `--format` may be: these suffixes without their dots
@@ -113,7 +99,7 @@ def is_bag_folder(path: str | Path) -> bool:
 
 def is_log_file(path: str | Path) -> bool:
     """Return whether a file's name has the suffix of a log, or it is the folder of a ROS 2 bag."""
-    return Path(path).suffix.lower() in _suffixes() or is_bag_folder(path)
+    return Path(path).suffix.lower() in _SUFFIXES or is_bag_folder(path)
 
 
 def is_foreign(path: str | Path) -> bool:
@@ -168,14 +154,15 @@ def read_columns(
 def _native(columns: Columns, notes: list[str] | None) -> Columns:
     """Return columns by Ballbot's names and in its units, without rows that are none; see `rows_with_times`."""
     notes = [] if notes is None else notes
+    read: Columns = {}
     own = native_columns(columns)
-    for name, (bare, factor, unit) in own.items():
-        converted = f", and converted from {unit}" if factor != 1.0 else ""
-        notes.append(f"{name} is read as {bare}{converted}.")
-    columns = {own[name][0] if name in own else name: values for name, values in columns.items()} | {
-        bare: columns[name] * factor for name, (bare, factor, _) in own.items()
-    }
-    return rows_with_times(columns, "t", notes) if "t" in columns else columns
+    for name, values in columns.items():
+        bare, factor, unit = own.get(name, (name, 1.0, ""))
+        if name in own:
+            converted = f", and converted from {unit}" if factor != 1.0 else ""
+            notes.append(f"{name} is read as {bare}{converted}.")
+        read[bare] = values if factor == 1.0 else values * factor
+    return rows_with_times(read, "t", notes) if "t" in read else read
 
 
 def read_variables(path: str | Path) -> Columns:
@@ -206,32 +193,18 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
     return ForeignTable(layout=OWN_LAYOUT, separator="comma", columns=columns, named=True, notes=())
 
 
-def write_columns(
-    path: str | Path, columns: Mapping[str, NDArray[np.float64]], *, decimal_comma: bool = False
-) -> None:
+def write_columns(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
     """Write columns (N,) in the format of the suffix of `path`.
-
-    Parameters
-    ----------
-    path : str or Path
-    columns : mapping of str to ndarray
-    decimal_comma : bool
-        Whether a table of text has decimal commas, and semicolons between its cells.
 
     Raises
     ------
     InputError
-        If the suffix is not that of a format which is written, is not of text but has decimal commas, or the file
-        cannot be written.
+        If the suffix is not that of a format which is written, or the file cannot be written.
     """
     one = written_format(path)
     check_column_names(columns, source=str(path))
-    if decimal_comma and not one.is_text:
-        raise InputError(f"{path} cannot have decimal commas; only CSV has them.")
     with _needing(one):
-        if decimal_comma:
-            write_text_table(path, columns, SEMICOLON_LAYOUT)
-        elif one.write:
+        if one.write:
             one.write(Path(path), columns)
 
 
@@ -253,10 +226,6 @@ def check_format(word: str) -> str:
     return word
 
 
-def _suffixes() -> list[str]:
-    return [suffix for one in FORMATS for suffix in one.suffixes]
-
-
 def _format_of(path: str | Path) -> LogFormat | None:
     if Path(path).is_dir():
         return _FOLDER
@@ -269,9 +238,9 @@ def _known_format(path: str | Path) -> LogFormat:
     if one is not None:
         return one
     _check_unpacked(Path(path))
-    near = nearest(Path(path).suffix.lower(), _suffixes())
+    near = nearest(Path(path).suffix.lower(), _SUFFIXES)
     hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
-    raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")
+    raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_SUFFIXES)}.")
 
 
 def _check_unpacked(path: Path) -> None:

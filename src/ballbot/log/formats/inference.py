@@ -133,9 +133,8 @@ class _Head:
     layout: TextLayout
     separator: str
     rows: int = 0  #: that consist of numbers, of the examined ones
-    above: int | None = (
-        None  #: lines down to the one with the names, or units; None if no line has a name for each
-    )
+    #: lines down to the one with the names, or units; None if no line has a name for each
+    above: int | None = None
     named: bool = False
     twice: str = ""  #: a name that two columns have; the second is then called by its place, too
     notes: tuple[str, ...] = ()
@@ -160,30 +159,45 @@ def _read_head(path: str | Path) -> _Head:
 
 def _head_of(path: str | Path, text: PlainText) -> _Head:
     separator, decimal_comma = _likely_separator(text.lines)
-    layout = TextLayout(separator=_SEPARATORS[separator], decimal_comma=decimal_comma)
-    cells, numeric = _rows_of_numbers(text.lines, layout.separator, decimal_comma)
-    if not any(numeric):
-        names = tuple(cells[0])
-        return _Head(layout=replace(layout, names=names), separator=separator)
-    widths = Counter(len(row) for row, good in zip(cells, numeric, strict=True) if good)
-    width = max(widths, key=lambda count: widths[count])
+    mark = _SEPARATORS[separator]
+    layout = TextLayout(separator=mark, decimal_comma=decimal_comma)
+    cells = [_cells(line, mark, decimal_comma) for line in text.lines]
+    rows = [row for row in cells if _is_row(row)]
+    if not rows:
+        return _Head(layout=replace(layout, names=tuple(cells[0])), separator=separator)
+    widest = max(map(len, rows))
+    if mark is not None and widest > 1 and all(row[-1] == "" for row in rows if len(row) == widest):
+        # a separator at the end of lines
+        cells = [row[:-1] if len(row) == widest and row[-1] == "" else row for row in cells]
+        rows = [row for row in cells if _is_row(row)]
+    width = Counter(map(len, rows)).most_common(1)[0][0]
     check_table(len(text.lines), width, source=str(path))
-    wide = [good and len(row) == width for row, good in zip(cells, numeric, strict=True)]
+    wide = [len(row) == width and _is_row(row) for row in cells]
     # the first of two rows, as a line of numbers may be a title's
     first = next((k for k in range(len(wide) - 1) if wide[k] and wide[k + 1]), wide.index(True))
     quoted = text.lines[first].lstrip().startswith('"')
     labelled = len(text.labels) == width
     head = [list(text.labels)] if labelled else cells[:first]
-    named = _line_of_names(head, width, quoted=quoted)
-    names, notes = _names_of(head if named is None else head[: named + 1], width, quoted=quoted)
-    below = head[named + 1] if named is not None and named + 1 < len(head) else []
+    # the last line with a name for each column, but for units
+    wanted = (width, width - 1) if quoted else (width,)
+    fitting = [
+        k
+        for k, row in enumerate(head)
+        if any(row)
+        and (len(row) in wanted or len(_filled(row)) == width)
+        and not any(is_number(cell.replace(",", ".")) for cell in row)
+    ]
+    named = max((k for k in fitting if not _are_units(head[k])), default=fitting[-1] if fitting else None)
+    words = [row for row in head if not all(_number_like(cell) for cell in row)]
+    line = words[-1:] if named is None else [head[named]]
+    names, notes = _names_of(line[0] if line else [], width, quoted=quoted)
+    below = [] if named is None or named + 1 >= len(head) else head[named + 1]
     units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
-    line = [] if named is None else head[named]
-    twice = [name for name in line if name and line.count(name) > 1]
+    twice = [] if named is None else [one for one in head[named] if one and head[named].count(one) > 1]
     return _Head(
         layout=replace(layout, names=tuple(names), header_lines=first),
         separator=separator,
-        rows=sum(numeric),
+        rows=len(rows),
         above=None if named is None else first if labelled else named + 1 + bool(units),
         named=named is not None or any(head),
         twice=twice[0] if twice else "",
@@ -196,75 +210,51 @@ def _likely_separator(lines: list[str]) -> tuple[str, bool]:
     """Return the separator under which most lines are rows of two or more numbers, and whether decimals have commas."""
     looked_at = [line for line in lines if line.strip()][: 2 * _EXAMINED][-_EXAMINED:]
 
-    def rows(mark: str | None, decimal_comma: bool) -> tuple[int, int]:
-        cells, _ = _rows_of_numbers(looked_at, mark, decimal_comma)
-        numbers = [[_number_like(cell) for cell in row] for row in cells]
-        # the cells decide where a column of words spoils every row
-        return sum(len(row) > 1 and all(row) for row in numbers), sum(map(sum, numbers))
+    def fit(choice: tuple[str, bool]) -> tuple[int, int, int]:
+        rows = [_cells(line, _SEPARATORS[choice[0]], choice[1]) for line in looked_at]
+        numbers = [sum(map(_number_like, row)) for row in rows]
+        whole = sum(len(row) == count > 1 for row, count in zip(rows, numbers, strict=True))
+        # the others decide where a column of words spoils every row
+        return whole, sum(len(row) > 1 and _is_row(row) for row in rows), sum(numbers)
 
-    choices = [(word, decimal_comma) for decimal_comma in (False, True) for word in _SEPARATORS]
-    return max(choices, key=lambda choice: rows(_SEPARATORS[choice[0]], choice[1]))
-
-
-#: a column is one of words if fewer of its cells are numbers
-_NUMBERS = 0.5
+    return max(((word, comma) for comma in (False, True) for word in _SEPARATORS), key=fit)
 
 
-def _rows_of_numbers(
-    lines: Sequence[str], mark: str | None, decimal_comma: bool
-) -> tuple[list[list[str]], list[bool]]:
-    """Return the cells of lines, and which lines are rows of numbers, but for columns of words that all rows have."""
-    cells = [split_cells(line, mark) if line.strip() else [] for line in lines]
+def _cells(line: str, mark: str | None, decimal_comma: bool) -> list[str]:
+    """Return the cells of a line, with decimal points in numbers that have decimal commas."""
+    cells = split_cells(line, mark) if line.strip() else []
     if decimal_comma:
-        cells = [[_pointed(cell) for cell in row] for row in cells]
-    numbers = [[_number_like(cell) for cell in row] for row in cells]
-    numeric = [bool(row) and all(row) for row in numbers]
-    if mark is not None and sum(numeric) < _NUMBERS * sum(map(bool, cells)):
-        widths = Counter(len(row) for row in numbers if sum(row) > 1)
-        width = max(widths, key=lambda count: widths[count], default=0)
-        wide = [row for row in numbers if len(row) == width and sum(row) > 1]
-        columns = [i for i in range(width) if sum(row[i] for row in wide) >= _NUMBERS * len(wide)]
-        numeric = [
-            good or (len(row) == width and sum(row) > 1 and all(row[i] for i in columns))
-            for row, good in zip(numbers, numeric, strict=True)
-        ]
-    widest = max((len(row) for row, good in zip(cells, numeric, strict=True) if good), default=0)
-    rows = [row for row, good in zip(cells, numeric, strict=True) if good and len(row) == widest]
-    if mark is not None and widest > 1 and all(row[-1] == "" for row in rows):
-        # a separator at the end of lines
-        cells = [row[:-1] if len(row) == widest and row[-1] == "" else row for row in cells]
-    return cells, numeric
+        pointed = [cell.replace(",", ".") for cell in cells]
+        cells = [new if _number_like(new) else cell for new, cell in zip(pointed, cells, strict=True)]
+    return cells
 
 
-def _pointed(cell: str) -> str:
-    """Return a cell with a decimal point, if it is a number with a decimal comma."""
-    pointed = cell.replace(",", ".")
-    return pointed if _number_like(pointed) else cell
+def _is_row(cells: list[str]) -> bool:
+    """Return whether cells are a row of a table of numbers: more of them are numbers than words."""
+    known = [cell for cell in cells if cell.lower() not in MISSING]
+    return 2 * sum(map(_number_like, known)) > len(known)
 
 
 def _number_like(cell: str) -> bool:
     return cell.lower() in MISSING or is_number(cell) or seconds_of(cell) is not None
 
 
-def _names_of(head: list[list[str]], width: int, *, quoted: bool) -> tuple[list[str], list[str]]:
-    """Return a name for each column, and notes, from the last of the lines above the rows that has words.
+def _filled(cells: list[str]) -> list[str]:
+    """Return the names in a header's cells, without a comment's mark and without empty ones."""
+    return [name for cell in cells if (name := cell.lstrip("#%").strip())]
 
-    Parameters
-    ----------
-    head : list of list of str
-        Cells of these lines.
-    width : int
-        Cells of most rows.
-    quoted : bool
-        Whether the first row begins with a quoted cell: R writes the rows' names so, and no name for their column.
+
+def _names_of(line: list[str], width: int, *, quoted: bool) -> tuple[list[str], list[str]]:
+    """Return a name for each of `width` columns, and notes, from the header's cells, if there is a header.
+
+    If the first row begins with a quoted cell, that is a row's name, as R writes them without a name for their column.
     """
-    words = [row for row in head if row and not all(_number_like(cell) for cell in row)]
-    if not words:
+    if not line:
         note = f"The file has no header; its columns are called column_1 to column_{width}."
         return [f"column_{place}" for place in range(1, width + 1)], [note]
-    given = [cell.lstrip("#%").strip() for cell in words[-1]]
-    filled = [cell for cell in given if cell]
-    if len(given) != width and (len(filled) == width or (words[-1][0] and not given[0])):
+    given = [cell.lstrip("#%").strip() for cell in line]
+    filled = _filled(line)
+    if len(given) != width and (len(filled) == width or (line[0] and not given[0])):
         # blanks or tabs that align the names, or a mark of a comment before them
         given = filled if len(filled) == width else given[1:]
     elif len(given) == width - 1 and quoted:
@@ -280,20 +270,6 @@ def _names_of(head: list[list[str]], width: int, *, quoted: bool) -> tuple[list[
         known = name if name and name.isprintable() else f"column_{place}"
         names.append(f"{known}_{place}" if known in names else known)
     return names, notes
-
-
-def _line_of_names(head: list[list[str]], width: int, *, quoted: bool) -> int | None:
-    """Return which line before the first row has the columns' names: the last one of words that are not units."""
-    wide = (width, width - 1) if quoted else (width,)
-    words = [
-        k
-        for k, row in enumerate(head)
-        if any(row)
-        and (len(row) in wide or sum(bool(cell.lstrip("#%").strip()) for cell in row) == width)
-        and not any(is_number(cell.replace(",", ".")) for cell in row)
-    ]
-    named = [k for k in words if not _are_units(head[k])]
-    return (named or words or [None])[-1]
 
 
 def _are_units(row: list[str]) -> bool:

@@ -43,9 +43,7 @@ def read_json_table(path: str | Path) -> Columns:
         tree = _tree(text)
     except json.JSONDecodeError as error:
         raise InputError(f"{path} is not JSON, line {error.lineno}: {error.msg}.") from None
-    except RecursionError:
-        raise InputError(f"{path} is not JSON that can be read: it is nested too deeply.") from None
-    except ValueError as error:
+    except (RecursionError, ValueError) as error:
         raise InputError(f"{path} is not JSON that can be read: {error}.") from None
     columns = _table(tree, depth=0)
     if not columns:
@@ -58,13 +56,9 @@ def read_json_table(path: str | Path) -> Columns:
 def _tree(text: str) -> object:
     """Return the value of a text of JSON, or the list of those of its lines."""
     lines = [line for line in text.split("\n") if line.strip()]
-    if len(lines) > 1 and lines[0].strip().startswith("{") and lines[0].strip().endswith("}"):
-        return [_value(line) for line in lines]
-    return _value(text)
-
-
-def _value(text: str) -> object:
-    return json.loads(text, parse_constant=_constant, object_pairs_hook=_unique)
+    by_line = len(lines) > 1 and lines[0].strip().startswith("{") and lines[0].strip().endswith("}")
+    values = [json.loads(one, object_pairs_hook=_unique) for one in (lines if by_line else [text])]
+    return values if by_line else values[0]
 
 
 def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
@@ -73,10 +67,6 @@ def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
         names = [name for name, _ in pairs]
         raise ValueError(f"the name {next(name for name in names if names.count(name) > 1)!r} appears twice")
     return found
-
-
-def _constant(name: str) -> float:
-    return {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}[name]
 
 
 def _table(tree: object, *, depth: int) -> dict[str, list[float]]:

@@ -4,8 +4,8 @@ A log is written on one topic, /log: each row is a message with `t` and the othe
 out. The topic's schema states the unit of each field; the file's metadata "ballbot" has the columns' names in their
 order.
 
-Files of others are read by the times and names of their messages (`ballbot.log.formats.messages`): JSON, and ROS 2
-messages (`ballbot.log.formats.ros`). Messages in other encodings are skipped.
+Files of others are read by the times and names of their messages (`ballbot.log.formats.ros`): JSON, and ROS 2
+messages. Messages in other encodings are skipped.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ from ballbot.errors import InputError
 from ballbot.files import write_bytes
 from ballbot.log.columns import Columns, unit_of
 from ballbot.log.formats.json import flattened
-from ballbot.log.formats.messages import Topic, first_time, joined, nanoseconds
-from ballbot.log.formats.ros import read_bag
+from ballbot.log.formats.ros import Topic, first_time, joined, nanoseconds, read_bag
 
 _METADATA, _LOG = "ballbot", "/log"
 

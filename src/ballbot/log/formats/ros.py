@@ -12,8 +12,11 @@ A log is written as standard messages, and once more without loss:
 
 A topic is left out if the log has no column for it. `ros2 bag play FILE.db3` plays such a file.
 
-A bag of others is read by the times and names of its messages (`ballbot.log.formats.messages`), by the definitions
-that it carries, or those of ROS 2 if it has none. A quaternion is given as its roll, pitch and yaw.
+A bag of others is read by the times and names of its messages, by the definitions that it carries, or those of ROS 2 if
+it has none. A quaternion is given as its roll, pitch and yaw. Topics have their own times: the table has the times of
+the topic with the most messages, and the latest value of every other topic at each of them, as a controller that
+listens to these topics would know. Before a topic's first message its values are missing. Nothing is interpolated, so
+that a slow sensor still looks like one.
 """
 
 from __future__ import annotations
@@ -22,8 +25,8 @@ import json
 import math
 import sqlite3
 import tempfile
-from collections.abc import Callable, Mapping, Set
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable, Iterable, Mapping, Set
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +38,6 @@ from ballbot.errors import InputError
 from ballbot.files import write_bytes
 from ballbot.log.columns import Columns
 from ballbot.log.formats.json import flattened
-from ballbot.log.formats.messages import Topic, first_time, joined, nanoseconds
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -105,9 +107,7 @@ def _fields_of(message: object) -> dict[str, object]:
             found[one.name] = value.tolist()
         elif isinstance(value, list) and value and is_dataclass(value[0]):
             frames = [getattr(part, "child_frame_id", "") or str(k) for k, part in enumerate(value, start=1)]
-            parts = [
-                {key: field for key, field in _fields_of(part).items() if key != "header"} for part in value
-            ]
+            parts = [{key: one for key, one in _fields_of(part).items() if key != "header"} for part in value]
             found[one.name] = dict(zip(frames, parts, strict=True))
         else:
             found[one.name] = value
@@ -116,19 +116,11 @@ def _fields_of(message: object) -> dict[str, object]:
 
         angles = roll_pitch_yaw(*(float(getattr(message, name)) for name in "wxyz"))
         return dict(zip(("roll", "pitch", "yaw"), angles.tolist(), strict=True))
-    return _by_given_names(found)
-
-
-def _by_given_names(message: dict[str, object]) -> dict[str, object]:
-    """Return a message whose arrays have the names in its list `name`, as those of JointState."""
-    names = message.get("name")
-    if not isinstance(names, list) or not all(isinstance(one, str) for one in names):
-        return message
-    return {
-        key: dict(zip(names, value, strict=True)) if isinstance(value, list) and len(value) == len(names) else value
-        for key, value in message.items()
-        if key != "name"
-    }  # fmt: skip
+    names = found.pop("name") if isinstance(found.get("name"), list) else []
+    for key, value in found.items():  # arrays that have names, as those of JointState
+        if isinstance(value, list) and names and len(value) == len(names):
+            found[key] = dict(zip(names, value, strict=True))
+    return found
 
 
 def _stamp(header: object) -> int:
@@ -137,6 +129,67 @@ def _stamp(header: object) -> int:
     if not isinstance(stamp, dict):
         return 0
     return int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
+
+
+_NANOSECONDS = 1e9
+#: times of files are whole nanoseconds of 63 bits
+_LATEST = 2**63 - 1
+
+
+@dataclass(kw_only=True)
+class Topic:
+    """The messages of a topic, in their order in the file."""
+
+    name: str
+    times: list[int] = field(default_factory=list[int])  #: [ns]
+    messages: list[Mapping[str, float]] = field(default_factory=list[Mapping[str, float]])
+
+
+def joined(topics: Iterable[Topic]) -> Columns:
+    """Return one table of the messages of all topics with numbers: `t` [s] from its first row on, and `topic.field`.
+
+    Raises
+    ------
+    InputError
+        If two fields get the same name.
+    """
+    tables = [_table(one) for one in topics if any(one.messages)]
+    if not tables:
+        return {}
+    times = max((one for one, _ in tables), key=len)
+    columns: Columns = {"t": (times - times[0]) / _NANOSECONDS}
+    for own_times, own in tables:
+        latest = np.searchsorted(own_times, times, side="right") - 1
+        for name, values in own.items():
+            if name in columns:
+                raise InputError(f"two topics have a field that would be called {name[:80]!r}")
+            columns[name] = np.where(latest >= 0, values[np.maximum(latest, 0)], np.nan)
+    return columns
+
+
+def _table(topic: Topic) -> tuple[NDArray[np.int64], Columns]:
+    """Return a topic's times [ns] in ascending order and its fields, each with the topic's name before its own."""
+    times = np.array(topic.times, dtype=np.int64)
+    order = np.argsort(times, kind="stable")
+    names = dict.fromkeys(name for message in topic.messages for name in message)
+    start = topic.name.strip("/").replace("/", ".")
+    fields = {
+        f"{start}.{name}": np.array([message.get(name, math.nan) for message in topic.messages])[order]
+        for name in names
+    }
+    return times[order], fields
+
+
+def first_time(columns: Mapping[str, NDArray[np.float64]]) -> float:
+    """Return the time [s] that a file's clock calls zero: zero, or the log's first time if that is below zero."""
+    t = columns.get("t", np.zeros(1))
+    return float(np.min(t, initial=0.0, where=np.isfinite(t)))
+
+
+def nanoseconds(t: NDArray[np.float64], *, origin: float) -> list[int]:
+    """Return times [s] as whole nanoseconds after `origin` [s], within what a file can hold; missing times as zero."""
+    known = np.where(np.isfinite(t), t, origin)
+    return [min(max(int(one), 0), _LATEST) for one in np.rint((known - origin) * _NANOSECONDS).tolist()]
 
 
 def write_ros_bag(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
@@ -223,12 +276,12 @@ def _pose(row: _Row) -> tuple[float, ...]:
 def _imu(row: _Row) -> dict[str, Any]:
     """Return the gyro's and the accelerometer's vectors and the attitude; what is unknown has ROS's mark."""
     found: dict[str, Any] = {"header": {"frame_id": _BODY}}
-    for field, names in _SENSED.items():
+    for part, names in _SENSED.items():
         if {*names} <= {*row}:
             values = [row[name] for name in names]
-            found[field] = _turn(*values) if names is _ANGLES else _vector(*values)
+            found[part] = _turn(*values) if names is _ANGLES else _vector(*values)
         else:
-            found[f"{field}_covariance"] = [_NOT_MEASURED, *[0.0] * 8]
+            found[f"{part}_covariance"] = [_NOT_MEASURED, *[0.0] * 8]
     return found
 
 
@@ -236,9 +289,9 @@ def _joints(row: _Row) -> dict[str, Any]:
     """Return the wheels' angles [rad], speeds [rad/s] and torques [N m]; a quantity without columns is empty."""
     count = sum(f"wheel{i}" in row or f"u{i}" in row for i in range(1, len(row)))
     found: dict[str, Any] = {"name": [f"wheel{i}" for i in range(1, count + 1)]}
-    for field, pattern in {"position": "wheel{}", "velocity": "wheel{}_dot", "effort": "u{}"}.items():
+    for part, pattern in {"position": "wheel{}", "velocity": "wheel{}_dot", "effort": "u{}"}.items():
         names = [pattern.format(i) for i in range(1, count + 1)]
-        found[field] = [row[name] for name in names if name in row]
+        found[part] = [row[name] for name in names if name in row]
     return found
 
 

@@ -14,13 +14,12 @@ Text as the Arduino IDE shows and saves it becomes rows of numbers (`plain`), by
 from __future__ import annotations
 
 import csv
-import io
 import math
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 
@@ -31,6 +30,7 @@ from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_text, write_text
 from ballbot.log.columns import Columns, check_column_names, mark_missing
+from ballbot.summary import counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +49,8 @@ class TextLayout:
 
 #: cells without a value, in small letters
 MISSING = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
+_TOO_LONG = f"a cell has more than {csv.field_size_limit()} characters."
 OWN_LAYOUT = TextLayout()
-SEMICOLON_LAYOUT = TextLayout(separator=";", decimal_comma=True)
 
 
 def read_plain(path: str | Path, *, largest: int = LARGEST_TABLE) -> PlainText:
@@ -100,8 +100,9 @@ def read_text_table(
         body = [line.replace(",", ".") for line in body]
     table = _parse_fast(body, names, layout)
     if table is None:
-        rows = _Rows(path=path, names=names, layout=layout, notes=[] if notes is None else notes)
-        names, table = rows.parsed(body, used)
+        names, table, remarks = _parse_rows(path, body, names, layout, used)
+        if notes is not None:
+            notes += remarks
     if layout.rows is not None:
         table = table[layout.rows[0] - 1 : layout.rows[1]]
     if not len(table):
@@ -112,39 +113,21 @@ def read_text_table(
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
-def write_text_table(
-    path: str | Path, columns: Mapping[str, NDArray[np.float64]], layout: TextLayout = OWN_LAYOUT
-) -> None:
+def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
     """Write columns (N,) as CSV, in the fewest digits that read back to the same bits; NaN becomes `nan`.
-
-    Parameters
-    ----------
-    path : str or Path
-    columns : mapping of str to ndarray
-    layout : TextLayout
-        `OWN_LAYOUT` or `SEMICOLON_LAYOUT`.
 
     Raises
     ------
     InputError
         If a column's name cannot be written to CSV, or the file cannot be written.
     """
-    separator = layout.separator or ","
     for name in columns:
-        if not name or name != name.strip() or any(mark in name for mark in f'{separator}"\n\r'):
+        if not name or name != name.strip() or any(mark in name for mark in ',"\n\r'):
             raise InputError(
                 f"The column name {name!r} cannot be written to CSV; use letters, digits and underscores."
             )
-    if layout.decimal_comma and len(columns) == 1:
-        raise InputError(
-            "A table of one column cannot be written with decimal commas: they would separate cells."
-        )
     rows = np.column_stack(list(columns.values())).tolist()
-    lines = (separator.join(map(repr, row)) + "\n" for row in rows)
-    text = io.StringIO()
-    text.write(separator.join(columns) + "\n")
-    text.writelines((line.replace(".", ",") for line in lines) if layout.decimal_comma else lines)
-    write_text(path, text.getvalue())
+    write_text(path, "".join([",".join(columns), "\n", *(",".join(map(repr, row)) + "\n" for row in rows)]))
 
 
 def _header_names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
@@ -155,7 +138,7 @@ def _header_names(path: str | Path, lines: list[str], layout: TextLayout) -> lis
     where = f"{path}, line {number}"
     check_table(0, len(names), source=str(path))
     if not names:
-        raise InputError(f"{where}: a cell has more than {csv.field_size_limit()} characters.")
+        raise InputError(f"{where}: {_TOO_LONG}")
     check_column_names(names, source=where)
     if all(is_number(name) for name in names):
         raise InputError(f"{where}: this line has numbers; it must be the header with the column names.")
@@ -186,79 +169,62 @@ def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArra
 _BEGUN = re.compile(r"[+-]?(\d+\.?\d*)?([eE][+-]?)?", re.ASCII)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Rows:
-    """A parser of rows, one at a time."""
-
-    path: str | Path
-    names: list[str]
-    layout: TextLayout
-    notes: list[str]
-
-    def parsed(self, body: list[str], used: Collection[str] | None) -> tuple[list[str], NDArray[np.float64]]:
-        """Return the names of the columns of numbers, and their table; InputError as `read_text_table`."""
-        rows, damaged = self._whole(body)
-        missing = frozenset(self.layout.missing)
-        columns = [[_value(cells[i], missing) for _, cells in rows] for i in range(len(self.names))]
-        kept, spoilt = [], dict[int, int]()  # columns of numbers; the first word of a row by its column
-        for i, column in enumerate(columns):
-            words = [k for k, value in enumerate(column) if value is None]
-            known = sum(value is None or not math.isnan(value) for value in column)
-            if words and (2 * len(words) > known if used is None else self.names[i] not in used):
-                example = rows[words[0]][1][i]
-                self.notes.append(
-                    f"The column {self.names[i]} is left out: it has words, such as {example!r}."
-                )
-            else:
-                kept.append(i)
-                spoilt |= {k: i for k in words if k not in spoilt}
-        last = len(rows) - 1
-        if list(spoilt.items()) == [(last, len(self.names) - 1)] and _BEGUN.fullmatch(rows[last][1][-1]):
-            self._cut_short(rows[last][0])
-        elif spoilt and not self.layout.drop_damaged:
-            k, i = next(iter(spoilt.items()))
-            raise InputError(
-                f"{self.path}, line {rows[k][0]}: {rows[k][1][i]!r} in column {self.names[i]} is not a number; correct "
-                "it, or leave the cell empty if the value is missing."
-            )
+def _parse_rows(
+    path: str | Path, body: list[str], names: list[str], layout: TextLayout, used: Collection[str] | None
+) -> tuple[list[str], NDArray[np.float64], list[str]]:
+    """Return the names of the columns of numbers, their table, and notes; InputError as `read_text_table`."""
+    numbers, rows, damaged, cut, notes = list[int](), list[list[str]](), 0, 0, list[str]()
+    lines = [(k, line) for k, line in enumerate(body, start=layout.header_lines + 1) if line.strip()]
+    for number, line in lines:
+        cells = split_cells(line, layout.separator)
+        if layout.decimal_comma:
+            cells = [cell.replace(",", ".") for cell in cells]
+        if len(cells) == len(names) + 1 and not cells[-1]:  # a separator at the row's end
+            cells.pop()
+        if len(cells) == len(names):
+            numbers.append(number)
+            rows.append(cells)
+        elif not cells:
+            raise InputError(f"{path}, line {number}: {_TOO_LONG}")
+        elif number == lines[-1][0] and len(cells) < len(names):
+            cut = number
+        elif layout.drop_damaged:
+            damaged += 1
         else:
-            damaged += len(spoilt)
-        if damaged:
-            self.notes.append(
-                f"Skipped: {damaged} row{'s' if damaged > 1 else ''} without {len(self.names)} cells, or with words "
-                "among the numbers."
+            raise InputError(
+                f"{path}, line {number}: the row has {len(cells)} cells, but the header has {len(names)}."
             )
-        table = [[columns[i][k] for i in kept] for k in range(len(rows)) if k not in spoilt]
-        return [self.names[i] for i in kept], np.array(table, dtype=np.float64).reshape(len(table), len(kept))
-
-    def _whole(self, body: list[str]) -> tuple[list[tuple[int, list[str]]], int]:
-        """Return the lines' numbers and cells of rows with a cell for each name, and how many others there are."""
-        rows, damaged, width = [], 0, len(self.names)
-        lines = [(k, line) for k, line in enumerate(body, start=self.layout.header_lines + 1) if line.strip()]
-        for number, line in lines:
-            cells = split_cells(line, self.layout.separator)
-            if not cells:
-                raise InputError(
-                    f"{self.path}, line {number}: a cell has more than {csv.field_size_limit()} characters."
-                )
-            if self.layout.decimal_comma:
-                cells = [cell.replace(",", ".") for cell in cells]
-            if len(cells) == width + 1 and not cells[-1]:  # a separator at the row's end
-                cells.pop()
-            if len(cells) == width:
-                rows.append((number, cells))
-            elif number == lines[-1][0] and len(cells) < width:
-                self._cut_short(number)
-            elif self.layout.drop_damaged:
-                damaged += 1
-            else:
-                raise InputError(
-                    f"{self.path}, line {number}: the row has {len(cells)} cells, but the header has {width}."
-                )
-        return rows, damaged
-
-    def _cut_short(self, number: int) -> None:
-        self.notes.append(f"The last row, line {number}, is cut short and left out.")
+    values = [[_value(cell, layout.missing) for cell in row] for row in rows]
+    table = np.array(values, dtype=np.float64).reshape(len(rows), len(names))  # NaN where there is a word
+    words = np.array([[value is None for value in row] for row in values], dtype=np.bool_).reshape(
+        table.shape
+    )
+    # of words, by what the table is used for, or by most cells with something in them
+    most = 2 * words.sum(axis=0) > (words | ~np.isnan(table)).sum(axis=0)
+    left_out = words.any(axis=0) & (most if used is None else [name not in used for name in names])
+    for i in np.flatnonzero(left_out):
+        example = rows[int(np.argmax(words[:, i]))][i]
+        notes.append(f"The column {names[i]} is left out: it has words, such as {example!r}.")
+    places = np.argwhere(words & ~left_out)
+    row, column = places[0] if len(places) else (-1, -1)
+    is_last = len(places) == 1 and (row, column) == (len(rows) - 1, len(names) - 1)
+    if is_last and _BEGUN.fullmatch(rows[-1][-1]):
+        cut = numbers[-1]
+    elif len(places) and not layout.drop_damaged:
+        raise InputError(
+            f"{path}, line {numbers[row]}: {rows[row][column]!r} in column {names[column]} is not a number; correct "
+            "it, or leave the cell empty if the value is missing."
+        )
+    spoilt = np.isin(np.arange(len(rows)), places[:, 0])
+    damaged += 0 if numbers[-1:] == [cut] else int(spoilt.sum())
+    if cut:
+        notes.append(f"The last row, line {cut}, is cut short and left out.")
+    if damaged:
+        notes.append(
+            f"Skipped: {counted(damaged, 'row')} without {len(names)} cells, or with words among the numbers."
+        )
+    kept = [name for name, out in zip(names, left_out, strict=True) if not out]
+    return kept, table[~spoilt][:, ~left_out], notes
 
 
 def split_cells(line: str, separator: str | None) -> list[str]:
@@ -289,7 +255,6 @@ def is_number(cell: str) -> bool:
 
 
 _CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d):([0-5]\d)(?:[.,](\d+))?", re.ASCII)
-_DATE_TIME = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)([.,]\d+)?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII)
 
 
 def seconds_of(cell: str) -> float | None:
@@ -301,24 +266,18 @@ def seconds_of(cell: str) -> float | None:
     if clock:
         hours, minutes, seconds, fraction = clock.groups()
         return 3600.0 * int(hours) + 60.0 * int(minutes) + float(f"{seconds}.{fraction or 0}")
-    found = _DATE_TIME.fullmatch(cell)
-    if not found:
-        return None
-    date, time, fraction, offset = found.groups()
-    zone = "+00:00" if offset in (None, "Z") else offset
     try:
-        whole = datetime.fromisoformat(f"{date}T{time}{zone}").timestamp()
+        moment = datetime.fromisoformat(cell) if ":" in cell else None
     except ValueError:  # such as a 13th month
         return None
-    return whole + float(f"0.{fraction[1:]}" if fraction else 0.0)
+    return None if moment is None else moment.replace(tzinfo=moment.tzinfo or UTC).timestamp()
 
 
 _STAMP = re.compile(r"\s*\d{1,2}:\d\d:\d\d(?:[.,]\d+)?\s*->[ ]?")
 _NUMBER = r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
 _PAIR = re.compile(rf"""([^\W\d][^\s:=,;"']*)[ ]?[:=][ \t]*({_NUMBER})(?=[\s,;]|$)""", re.IGNORECASE)
 #: a word of its own before the first label, as of a kind of message
-_WORD = re.compile(r"[$#]?\w+[\s,;]+(?=[^\W\d][^\s:=,;]*[ ]?[:=])")
-_BETWEEN = re.compile(r"[\s,;]*")
+_WORD = re.compile(r"^[$#]?\w+[\s,;]+(?=[^\W\d][^\s:=,;]*[ ]?[:=])")
 #: lines that decide, and the share of them that must be so: others are a sketch's first words
 _EXAMINED, _MOST = 200, 0.5
 
@@ -354,13 +313,5 @@ def _mostly(lines: list[str], fits: Callable[[str], bool]) -> bool:
 
 def _pairs(line: str) -> list[tuple[str, str]]:
     """Return the labels and numbers of which a line consists; none if it has anything else."""
-    found, place = [], 0
-    line = _WORD.sub("", line.strip(), count=1) if _WORD.match(line.strip()) else line.strip()
-    while place < len(line):
-        pair = _PAIR.match(line, place)
-        if pair is None:
-            return []
-        found.append((pair.group(1), pair.group(2)))
-        between = _BETWEEN.match(line, pair.end())
-        place = between.end() if between else pair.end()
-    return found
+    line = _WORD.sub("", line.strip())
+    return [] if _PAIR.sub("", line).strip(" \t,;") else _PAIR.findall(line)

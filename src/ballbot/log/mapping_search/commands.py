@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -26,15 +26,13 @@ from scipy.optimize import nnls
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.checks.lean import clarity, motion_of, usable_rows
-from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, driving_of, gravity_need
+from ballbot.log.checks.lean import Motion, clarity, motion_of, usable_rows
+from ballbot.log.checks.torque_balance import Driving, driving_of, gains_of, motor_sums
 from ballbot.log.mapping_search.evidence import (
     MOST,
     behind,
     correlations,
-    jackknife_error,
     probabilities,
-    solved,
     vertex_with_error,
 )
 from ballbot.log.mapping_search.motion import Columned, SensedMotion
@@ -63,8 +61,9 @@ RIDGE = 1e-3
 LEAST_ACCELERATION, LEAST_DELAY_TIME = 0.4, 3.0
 #: full scales of a duty in use; 1000 and 1023 differ by 2 %, and the largest command separates them
 FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
-#: a scale is taken by the motion if it is this much [log], and this many standard errors, nearer than the next one
-CLEARLY_NEARER, NEARER_ERRORS = 0.5, 3.0
+#: a scale is taken by the motion if it is this much [log] nearer than the next one, and that is off by so many standard
+#: errors
+CLEARLY_NEARER, EXCLUDED_ERRORS = 0.5, 3.0
 #: a full scale that nobody states must fit the motion this well [log]: others, 400 or 500, are in use, too
 FULL_SCALE_FITS = 0.35
 #: what turns a number in a unit into N m, A or V
@@ -122,31 +121,30 @@ class CommandDrive:
         return self.ratios[self.kind][1] if self.kind in self.ratios else math.nan
 
 
-#: torques with the needs of each wheel, and gravity's part of these
-Needs = tuple[Driving, Floats]
-
-
-def needs_of(log: Log, robot: Robot) -> Needs | None:
-    """Return the torques of a log with the needs of each wheel, and gravity's part of these; None if it shows none."""
+def needs_of(log: Log, robot: Robot) -> tuple[Driving, Motion] | None:
+    """Return the torques of a log with the needs of each wheel, and the motion; None if it shows none."""
     rows = usable_rows(log, robot)
     if rows is None:
         return None
     moved = motion_of(log, rows)
     driving = driving_of(log, rows, moved, robot)
-    return None if driving is None else (driving, gravity_need(moved, robot))
+    return None if driving is None else (driving, moved)
 
 
-def drive_of(base: Columned, motion: SensedMotion, frame: SensorFrame, needs: Needs | None) -> CommandDrive:
+def drive_of(
+    base: Columned, motion: SensedMotion, frame: SensorFrame, needs: tuple[Driving, Motion] | None
+) -> CommandDrive:
     """Return what the commands are, by what they are as torques in the frame's order of the wheels (`needs_of`)."""
-    assigned, gain, error = None, math.nan, 0.0
+    assigned, gain, error = None, math.nan, math.inf
     if not base.roles.attitude:
         assigned = turned_by(base, motion)
     elif needs is not None:
-        driving, pulled = needs
+        driving, moved = needs
         assigned = assign(driving, [frame.signs[place - 1] for place in frame.order])
-        gain, error = _gain_of(driving, assigned, pulled)
+        ordered = replace(driving, torque=_by_wheel(driving.torque, (assigned.wheels, assigned.signs)))
+        gain, error = gains_of(motor_sums(ordered, moved, base.robot)).common()
     delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
-    kind, ratios, alike = _scale_of(base, gain, error)
+    kind, ratios, alike = _scale_of(base, gain if math.isfinite(error) else math.nan, error)
     return CommandDrive(
         assigned=assigned, kind=kind, scales=alike, ratios=ratios, delay=delay, delay_error=delay_error
     )
@@ -252,32 +250,6 @@ def _left(driving: Driving) -> dict[_Order, Floats]:
     return found
 
 
-def _gain_of(driving: Driving, assigned: CommandOrder, pulled: Floats) -> tuple[float, float]:
-    """Return the command a of 1 N m of need (nan if the log does not show it), and its logarithm's standard error.
-
-    `pulled` is gravity's part of the need (N, n), by wheel [N m]: the instrument, which noise of the accelerations is
-    not part of.
-    """
-    n = driving.torque.shape[1]
-    u = _by_wheel(driving.torque, (assigned.wheels, assigned.signs))
-    rows = np.arange(n)
-    own = np.zeros((len(u), n, 3 * n))  # sign, falling sign and offset of each wheel
-    for part, values in enumerate((driving.friction[:, :, 0], driving.friction[:, :, 2], np.ones_like(u))):
-        own[:, rows, 3 * rows + part] = values
-    speed, weight = driving.friction[:, :, 1, None], driving.turning[..., None] ** TURNED_POWER
-    X = np.concatenate([driving.needed[..., None], speed, own, u[..., None]], axis=-1)
-    Z = np.concatenate([pulled[..., None], speed, own], axis=-1) * weight
-    blocks = [driving.block == b for b in range(int(driving.block[-1]) + 1)]
-    sums = np.array([np.einsum("nwi,nwj->ij", Z[one], X[one]) for one in blocks])
-
-    def log_gain(of_sums: Floats) -> float:
-        a = solved(of_sums)[0]
-        return math.log(a) if a > 0.0 else math.nan
-
-    total = sums.sum(axis=0)
-    return math.exp(log_gain(total)), jackknife_error(np.array([log_gain(total - one) for one in sums]))
-
-
 def _delay(
     base: Columned, motion: SensedMotion, frame: SensorFrame, assigned: CommandOrder
 ) -> tuple[float, float]:
@@ -362,9 +334,9 @@ def _scale_of(
         ratios[one] = scale, size * scale
         if one == kind:
             others = [name for name in ranked[1:] if abs(math.log(scales[name] / scale)) > math.log(1.2)]
-            nearer = off[others[0]] - off[ranked[0]] if others else math.inf
-            fits = one != "duty" or off[ranked[0]] < FULL_SCALE_FITS
-            if others and not (nearer > CLEARLY_NEARER + NEARER_ERRORS * error and fits):
+            least, fits = off[ranked[0]], one != "duty" or off[ranked[0]] < FULL_SCALE_FITS
+            excluded = max(least + CLEARLY_NEARER, EXCLUDED_ERRORS * error)
+            if others and not (off[others[0]] > excluded and fits):
                 alike = (ranked[0], *others[:3])
     return kind, ratios, alike
 

@@ -22,7 +22,6 @@ MOST = 0.999
 TINY = float(np.finfo(np.float64).tiny)
 
 Candidate = TypeVar("Candidate", bound=Hashable)
-Number = TypeVar("Number", np.float64, np.complex128)
 
 
 def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, float]:
@@ -68,14 +67,6 @@ def jackknife_error(estimates: Floats) -> float:
     if count < 3:
         return math.nan
     return float(np.sqrt((count - 1) / count * np.square(estimates - estimates.mean()).sum()))
-
-
-def solved(sums: NDArray[Number]) -> NDArray[Number]:
-    """Return the coefficients (k,) of normal equations [A b] (k, k + 1), each column scaled to its size."""
-    normal, right = sums[:, :-1], sums[:, -1]
-    size = np.sqrt(np.abs(np.diag(normal))) + 1e-12
-    scaled = normal / np.outer(size, size)
-    return np.linalg.lstsq(scaled, right / size, rcond=1e-9)[0] / size
 
 
 def vertex_with_error(places: Floats, by_block: Floats) -> tuple[float, float]:

@@ -82,7 +82,15 @@ class Columned:
 
     def stacked(self, names: Sequence[str]) -> Floats:
         """Return columns (M, k) with missing values interpolated; counts stay whole numbers."""
-        return np.column_stack([_filled(self.cut[name]) for name in names])
+        table = np.column_stack([self.cut[name] for name in names])
+        places = np.arange(len(table))
+        for column in table.T:
+            known = np.isfinite(column)
+            if not known.all():
+                found = np.interp(places, places[known], column[known]) if known.any() else 0.0 * places
+                whole = np.array_equal(column[known], np.round(column[known]))
+                column[:] = np.round(found) if whole else found
+        return table
 
     def held_commands(self, rows: Floats) -> Floats:
         """Return the latest command of each motor (N, n) at times (N,) [s]."""
@@ -100,15 +108,6 @@ class Columned:
     def angle_units(self, lean: str) -> list[str]:
         """Return the units of roll, pitch and yaw: a heading's, else that of the lean."""
         return [self.roles.unit((name,)) or lean for name in self.roles.attitude]
-
-
-def _filled(values: Floats) -> Floats:
-    known = np.isfinite(values)
-    if known.all() or not known.any():
-        return np.where(known, values, 0.0)
-    places = np.arange(len(values))
-    found = np.interp(places, places[known], values[known])
-    return np.round(found) if np.array_equal(values[known], np.round(values[known])) else found
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,57 +20,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.columns import UNIT_OF
+from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
-
-if TYPE_CHECKING:
-    from ballbot.log.formats.inference import ForeignTable
 
 Floats = NDArray[np.float64]
 
 InputKind = Literal["torque", "current", "voltage", "duty"]
 Kind = Literal["time", "attitude", "gyro", "wheel angle", "wheel speed", "command", "other"]
 
-#: by unit, how names write it: lower case, without separators
-UNITS = {
-    "s": "s sec secs second seconds sek sekunden",
-    "ms": "ms msec millis milliseconds millisec",
-    "us": "us usec micros microseconds µs μs",
-    "ns": "ns nsec nanos nanoseconds nanosec",
-    "rad": "rad rads radian radians",
-    "deg": "deg degs degree degrees ° grad",
-    "mrad": "mrad mrads milliradians",
-    "cdeg": "cdeg cdegs centideg centidegrees",
-    "turn": "turn turns rev revs revolutions umdrehungen",
-    "counts": "count counts cnt cnts tick ticks pulses inkremente",
-    "rad/s": "rad/s radps radpers radpersec radpersecond",
-    "deg/s": "deg/s dps degps degpers degpersec degreespersecond °/s",
-    "mdeg/s": "mdeg/s mdps mdegps",
-    "mrad/s": "mrad/s mradps",
-    "rpm": "rpm revpermin u/min",
-    "turn/s": "turn/s turns/s rev/s revs/s revps revpersec revpers",
-    # revolutions or radians a second, as teams write it for either: a unit that the name leaves open
-    "rps": "rps",
-    "counts/s": "counts/s countspersec countspers ticks/s tickspersec cps",
-    "A": "a amp amps ampere amperes",
-    "mA": "ma milliamp milliamps",
-    "V": "v volt volts",
-    "mV": "mv millivolt millivolts",
-    "N m": "nm newtonmeter newtonmeters newtonmetre",
-    "mN m": "mnm",
-    "N cm": "ncm",
-    "%": "% pct percent perc",
-    "m": "m meter meters metre metres",
-    "mm": "mm",
-    "m/s": "m/s mps",
-    "m/s^2": "m/s^2 m/s2 m/s²",
-}
-UNIT_OF = {spelling: unit for unit, spellings in UNITS.items() for spelling in spellings.split()}
 _ANGLES = ("rad", "deg", "turn", "counts")
 _RATES = ("rad/s", "deg/s", "mdeg/s", "mrad/s", "rpm", "turn/s", "rps", "counts/s")
 #: what a unit says of a command
@@ -146,7 +110,7 @@ class NameReading:
     kind: Kind
     axis: str | None = None  #: x, y or z; roll, pitch and yaw are x, y and z
     index: int | None = None  #: number of a wheel or motor, as the file counts
-    unit: str | None = None  #: one of `UNITS`; None if the name has none that fits the kind
+    unit: str | None = None  #: one of `columns.UNITS`; None if the name has none that fits the kind
     stem: str = ""  #: the words without number, axis and unit: columns of one group have one stem
     weight: float = 0.0  #: how plainly the name says it, from 0 to 1
 

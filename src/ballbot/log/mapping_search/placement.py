@@ -65,9 +65,9 @@ from ballbot.log.mapping_search.evidence import (
     TINY,
     advantage_confidence,
     behind,
+    correlations,
     jackknife_error,
     probabilities,
-    solved,
     vertex_with_error,
 )
 from ballbot.log.signals import INTERVAL, Smooth
@@ -140,17 +140,6 @@ class Placement:
     misfit: float  #: unexplained, times the root of together
 
     @property
-    def mirrored(self) -> bool:
-        """Whether the wheels are numbered in the direction opposite to the robot's."""
-        count = len(self.positions)
-        return count > 2 and self.positions == (1, *range(count, 1, -1))
-
-    @property
-    def reversed_wheels(self) -> tuple[int, ...]:
-        """The file's wheels (from 1) that count against the others."""
-        return tuple(i for i, sign in enumerate(self.signs, start=1) if sign < 0)
-
-    @property
     def description(self) -> str:
         return f"places {list(self.positions)}, signs {list(self.signs)}"
 
@@ -199,13 +188,13 @@ class LeanTest:
 
         The wheels' motion by itself may decide if the lean does not.
         """
-        count = len(self.placements[0].positions)
+        found, count = self.placements[0], len(self.placements[0].positions)
         own = [one for one in self.placements if one.positions == tuple(range(1, count + 1))]
-        if self.placements[0] is own[0] and self.confidence >= CONFIDENT:
-            return own[0].reversed_wheels
-        best, second = sorted(own, key=lambda one: one.together)[:2]
-        clear = best.together < RIGHT_TOGETHER and second.together > WRONG_TOGETHER * best.together
-        return best.reversed_wheels if clear else ()
+        if found is not own[0] or self.confidence < CONFIDENT:
+            found, second = sorted(own, key=lambda one: one.together)[:2]
+            if found.together > min(RIGHT_TOGETHER, second.together / WRONG_TOGETHER):
+                return ()
+        return tuple(i for i, sign in enumerate(found.signs, start=1) if sign < 0)
 
 
 def torque_free_gains(robot: Robot) -> tuple[float, float]:
@@ -251,7 +240,7 @@ def lean_test(
     law = replace(law, way=_way(robot, best), heading=heading or _heading_of(robot, wheels, best))
     turning, driven = law.columns, law.driven
     sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
-    gains = [solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
+    gains = [_solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
     rest = driven - turning @ _solve(turning, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase)))
@@ -357,7 +346,14 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
 def _solve(X: Complex, y: Complex, weights: Floats) -> Complex:
     # by the normal equations: as there are few columns and many rows, much faster than by an SVD
     weighted = X * weights[:, None]
-    return solved(weighted.conj().T @ np.column_stack([weighted, y * weights]))
+    return _solved(weighted.conj().T @ np.column_stack([weighted, y * weights]))
+
+
+def _solved(sums: Complex) -> Complex:
+    """Return the coefficients (k,) of normal equations [A b] (k, k + 1), each column scaled to its size."""
+    size = np.sqrt(np.abs(np.diag(sums))) + 1e-12
+    scaled = sums[:, :-1] / np.outer(size, size)
+    return (np.linalg.lstsq(scaled, sums[:, -1] / size, rcond=1e-9)[0] / size).astype(np.complex128)
 
 
 def _slow(values: Complex) -> Complex:
@@ -546,20 +542,17 @@ class HeadingTest:
 
 def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest) -> HeadingTest:
     """Compare the sum of the wheels' speeds (N, n) with the heading's rate (N, 1), in the rows of balancing."""
-    rows = tested.balancing
-    total = (wheels.rate @ np.asarray(tested.placements[0].signs, dtype=np.float64))[rows]
-    rate = heading.rate[rows, 0]
-    total, rate = total - total.mean(), rate - rate.mean()
-    size = float(np.sqrt((total @ total) * (rate @ rate)))
-    correlation = float(total @ rate) / size if size > 0.0 else 0.0
-    wheel = robot.wheels
+    rows, wheel = tested.balancing, robot.wheels
+    total = (wheels.rate @ np.asarray(tested.placements[0].signs, dtype=np.float64))[rows, None]
+    rate = heading.rate[rows]
+    correlation = float(correlations(total, rate)[0, 0])
     without_pivoting = robot.wheel_count * robot.ball.radius / wheel.radius * np.sin(wheel.tilt)
     seconds = max(float(rows.sum()) * INTERVAL, 1.0)
     # over the standard error sqrt((1 - r^2) / n) of a correlation r of n independent seconds
     z = abs(correlation) * math.sqrt(seconds) / math.sqrt(max(1.0 - correlation**2, 0.01))
     return HeadingTest(
         correlation=correlation,
-        gain=abs(float(total @ rate)) / max(float(rate @ rate), TINY) / without_pivoting,
+        gain=abs(correlation) * float(np.std(total)) / max(float(np.std(rate)), TINY) / without_pivoting,
         confidence=advantage_confidence(z),
     )
 
@@ -585,7 +578,9 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
         return SensorFrame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
     best, beta = tested.placements[0], robot.wheels.azimuths
     same = 0.0 if heading is None else tested.handedness
-    prior = SAME_IF_MIRRORED if best.mirrored else SAME_HANDEDNESS
+    # numbered in the direction opposite to the robot's
+    mirrored = count > 2 and best.positions == (1, *range(count, 1, -1))
+    prior = SAME_IF_MIRRORED if mirrored else SAME_HANDEDNESS
     weight = STILL_WEIGHT if tested.headings < STILL_HEADING else HANDEDNESS_WEIGHT
     shown = max(advantage_confidence(same, weight=weight), 1.0 - MOST)
     odds = prior / (1.0 - prior) * shown / (1.0 - shown)
@@ -604,7 +599,7 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
     else:  # without a heading, the smaller turn is the likelier
         backwards = tested.handedness < 0.0 if seen >= CONFIDENT else np.cos(phase) < 0.0
     signs = np.asarray(best.signs) * (-1 if backwards else 1)
-    turn = -_within_half_a_turn(phase + (np.pi if backwards else 0.0))
+    turn = -float(np.angle((-1.0 if backwards else 1.0) * np.exp(1j * phase)))
     near = GRID * round(turn / GRID)
     error = tested.phase_error if tested.phase_error is not None else ROUNDED
     rounded = abs(turn - near) <= min(ROUNDED, ROUNDED_ERRORS * error + np.deg2rad(1.0))
@@ -613,13 +608,9 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
         order=tuple(positions.index(place) + 1 for place in own),
         signs=tuple(int(sign) for sign in signs),
         turn=float(near if rounded else turn),
-        measured_turn=float(turn),
+        measured_turn=turn,
         axis_signs=axes,
         direction=by_wheels if heading is None else heading.confidence,
         # without a heading that turns, the other handedness gives the same log
         handedness=max(same, 1.0 - same) if known else 0.97,
     )
-
-
-def _within_half_a_turn(angle: float) -> float:
-    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)

@@ -8,7 +8,6 @@ file, whose comments are the evidence.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -58,9 +57,7 @@ LARGEST_LEAN = 0.2
 LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
 #: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
 #: names them again, and not the mapping
-OF_THE_RECORDING = frozenset(
-    ("copied", "corrupted", "gap", "held", "jump", "missing", "rows", "spike", "torque-clipped")
-)
+OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
 #: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8
 #: rows a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
 MOST_CHANGE = 0.3
@@ -249,15 +246,15 @@ def _on_a_stand(base: Columned, motion: SensedMotion) -> bool:
 
 def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
-    for place, (key, name) in enumerate((("[attitude] unit", "lean"), ("[wheels] angle", "wheels"))):
-        shares = Counter[str]()
+    own = "[wheels] speed" if proposal.roles.of_speeds else "[wheels] angle"
+    for place, (key, name) in enumerate((("[attitude] unit", "lean"), (own, "wheels"))):
+        shares: dict[str, float] = {}
         for units, share in motion.likely.items():
-            shares[units[place].name] += share
-        ranked = shares.most_common(3)
-        if ranked[0][1] < CONFIDENT:
-            shown = ", ".join(f"{100.0 * share:.0f} %" for _, share in ranked)
-            names = tuple(one for one, _ in ranked)
-            yield Question(key, f"unit of the {name}", names, f"probabilities {shown}")
+            shares[units[place].name] = shares.get(units[place].name, 0.0) + share
+        ranked = tuple(sorted(shares, key=lambda one: -shares[one])[:3])
+        if shares[ranked[0]] < CONFIDENT:
+            shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
+            yield Question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
     yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
     if proposal.drive is not None:
         yield from _scale_questions(proposal.drive)
@@ -492,7 +489,7 @@ def mapping_text(proposal: Proposal, robot: Robot) -> str:
     if proposal.questions:
         reason = "answer the lines with cannot determine, then remove this line"
         lines.append(toml_line("complete", False, reason))
-    asked = {" ".join(one.key.split()[:2]): one.text for one in proposal.questions}
+    asked = {one.key: one.text for one in proposal.questions}
     tables = {
         "[file]": _file_entries(proposal.base),
         "[time]": _time_entries(proposal),
@@ -600,13 +597,10 @@ def _wheel_entries(proposal: Proposal) -> list[_Entry]:
         table["wrap"] = motion.wrap
     if motion.largest_speed is not None:
         table["largest_speed"] = float(f"{motion.largest_speed:.4g}")
-    measured, derived = ("speed", "angle") if roles.of_speeds else ("angle", "speed")
-    made = {"integral_of" if roles.of_speeds else "derivative_of": measured}
     return [
         ("order", frame.order, tested.evidence if tested else "as in the file: nothing tests it"),
         ("sign", frame.signs, shown if tested else "as in the file"),
-        (measured, table, wheel.reason),
-        (derived, made, ""),
+        ("speed" if roles.of_speeds else "angle", table, wheel.reason),
     ]
 
 

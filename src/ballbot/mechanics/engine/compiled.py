@@ -15,11 +15,9 @@ from functools import cache, partial
 from hashlib import sha256
 from multiprocessing import parent_process
 from pathlib import Path
-from types import CellType, FunctionType
 
 from numba import cfunc, njit
 from numba.core.event import Event, Listener, register
-from numba.extending import overload
 
 from ballbot.errors import CompiledCodeNotKept
 from ballbot.mechanics.engine.tracing import FAST
@@ -33,12 +31,6 @@ called = njit(fastmath=FAST, **_INSIDE)
 
 #: a function that is inlined where it is used
 inlined = njit(fastmath=FAST, forceinline=True, **_INSIDE)
-
-
-def by_types_of(stub: Callable) -> Callable:
-    """Return a decorator: the function it is given chooses `stub`'s compiled form from its arguments' types."""
-    options = {"fastmath": FAST, "forceinline": True, **_INSIDE}
-    return overload(stub, jit_options=options)  # pyright: ignore[reportArgumentType]
 
 
 #: packages with compiled sources, each using those before it
@@ -71,25 +63,17 @@ def _kept(function: Callable, compiler: Callable = njit, **options: object) -> C
     """Return the compiled function, its code kept on disk if there is a folder for it.
 
     Numba keys the code by the function's own file, by its bytes and by what its closure holds, yet what is inlined
-    comes from many files. So the closure holds a digest of every compiled source that the function may use.
+    comes from many files. So its name, and with it the file's, has a digest of every compiled source that it may use;
+    what other sources have left is not read, since it may name types that are gone.
     """
-    package = function.__module__.partition(".")[2].partition(".")[0]
-    keyed = _with_closure(function, _sources_digest(package))
+    digest = _sources_digest(function.__module__.partition(".")[2].partition(".")[0])
+    function.__qualname__ += f".{digest}"
     try:
-        _remove_damaged(njit(cache=True)(keyed).stats.cache_path)
-        return compiler(error_model="numpy", cache=True, **options)(keyed)
+        _tidy(njit(cache=True)(function).stats.cache_path, digest)
+        return compiler(error_model="numpy", cache=True, **options)(function)
     except RuntimeError:  # Numba finds no folder that it may write to
         warn_that_code_is_not_kept()
-        return compiler(error_model="numpy", **options)(keyed)
-
-
-def _with_closure(function: Callable, value: object) -> Callable:
-    """Return the function with one more value, not used, in its closure."""
-    code = function.__code__.replace(co_freevars=(*function.__code__.co_freevars, "sources"))
-    closure = (*(function.__closure__ or ()), CellType(value))
-    keyed = FunctionType(code, function.__globals__, function.__name__, function.__defaults__, closure)
-    keyed.__qualname__, keyed.__doc__ = function.__qualname__, function.__doc__
-    return keyed
+        return compiler(error_model="numpy", **options)(function)
 
 
 @cache
@@ -99,18 +83,19 @@ def _sources_digest(package: str) -> str:
         file for folder in folders for file in sorted((Path(__file__).parents[2] / folder).rglob("*.py"))
     ]
     sources = (file.read_bytes() for file in files)
-    return sha256(b"".join(text for text in sources if b"ballbot.mechanics.engine" in text)).hexdigest()
+    found = sha256(b"".join(text for text in sources if b"ballbot.mechanics.engine" in text)).hexdigest()
+    return f"of_{found[:16]}"
 
 
 @cache
-def _remove_damaged(folder: str) -> None:
-    """Remove files of Numba's cache that a full disk or a broken copy has cut short; their code is compiled again."""
-    for file in Path(folder).glob("*.nb[ic]"):
+def _tidy(folder: str, digest: str) -> None:
+    """Remove code of other sources, and files that a full disk or a broken copy has cut short."""
+    for file in Path(folder).glob("*.of_*.nb[ic]"):
         with suppress(OSError):  # another process has removed it
             with file.open("rb") as opened:
                 opened.seek(max(opened.seek(0, os.SEEK_END) - 1, 0))
                 whole = opened.read(1) == b"."  # pickle's last byte
-            if not whole:
+            if not whole or digest not in file.name:
                 file.unlink()
 
 

@@ -19,7 +19,6 @@ over its contacts, the end. A lane that has settled stays as it is while its nei
 
 from functools import cache
 
-from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.contacts import (
     contact_matrix,
     contact_speeds,
@@ -47,17 +46,18 @@ from ballbot.mechanics.engine.lanes import (
     STEP,
     TORQUE,
     entry,
+    load,
     put,
     restored,
+    state_like,
     stored,
 )
-from ballbot.mechanics.engine.loading import load, state_like
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, is_upright
 from ballbot.mechanics.engine.tracing import greatest, lanes, least, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, advanced, inner, scale, subtract
-from ballbot.mechanics.equations import balancing_attitude
-from ballbot.mechanics.friction import NO_TERMS, dry_friction, friction_shift, has_directions
-from ballbot.mechanics.parameters import MAX_WHEELS, DirectedWheel, Exact, Pivoting, Thesis, Wheel
+from ballbot.mechanics.equations import balancing_attitude, solve
+from ballbot.mechanics.friction import NO_TERMS, dry_friction, friction_shift
+from ballbot.mechanics.parameters import MAX_WHEELS, Exact, Pivoting, Thesis, Wheel
 
 _SWEEPS = 100
 #: a sweep that changes no contact's speed by more than this is the last [rad/s, m/s]
@@ -86,15 +86,8 @@ assert _MOVED < ROWS  # compiled code does not look whether a row is in the arra
 @traced
 def wheel_side(P, rotor):
     """Return the robot beyond its gears: without rotors and their friction, which is on the motor's side."""
-    bare = (_bare(wheel) for wheel in P.wheels)
+    bare = (Wheel(wheel.axle, 0.0, 0.0, 0.0, NO_TERMS, 1.0, 1.0) for wheel in P.wheels)
     return P._replace(d1=P.d1 - rotor, d2=P.d2 - rotor, d3=P.d3 - rotor, wheels=tuple(bare))
-
-
-def _bare(wheel):
-    """Return a wheel of the same kind without friction."""
-    if has_directions(wheel):
-        return DirectedWheel(wheel.axle, 0.0, 0.0, 0.0, 1.0, 1.0, NO_TERMS)
-    return Wheel(wheel.axle, 0.0, 0.0, 0.0, 1.0, 1.0)
 
 
 @traced
@@ -258,12 +251,12 @@ def _ends(selected, work, first, last):
 
 def play_code_of(selected: Exact | Thesis | Pivoting) -> int:
     """Return the address of the code for `play_block`; the first call compiles, or reads what was compiled."""
-    return _play_code_of(selected, type(selected), type(selected.law))
+    return _play_code_of(selected, type(selected))
 
 
 @cache
-def _play_code_of(selected: Exact | Thesis | Pivoting, *kinds: type) -> int:
-    # tuples with the same numbers are equal, whatever their kinds
+def _play_code_of(selected: Exact | Thesis | Pivoting, kind: type) -> int:
+    # tuples with the same numbers are equal, whatever their kind
     @c_code("void(CPointer(float64), int64)")
     def address(work, width):
         for first in range(0, width, GROUP):

@@ -1,17 +1,23 @@
-"""The classical law, the default: static, Coulomb, viscous and Stribeck friction (thesis 3.3 and 3.8).
+"""The classical law of one driveline: static, Coulomb, viscous and Stribeck friction (thesis 3.3 and 3.8).
 
     tau(w) = b w + (c + s exp(-|w/v_s|^delta)) sgn(w)
 
 Terms by direction and by load may be added, as a robot's friction has them (`ballbot.mechanics.friction`). Set-valued
-at rest: it holds up to exactly c + s. A step is RK4 of known sign; where the speed reaches zero within
-it, the moment is found, and from there the inertia rests exactly or leaves the other way. That is the minimiser of
-the convex step (docs/mechanics.md) with the step ended where the sign changes, so that order four holds through
-stops (for v_s's power delta below four, the start from rest leaves order 1 + delta, because the law itself is no
-smoother there).
+at rest: it holds up to exactly c + s.
+
+`move` turns an inertia, J w_dot = T(u, w) - tau, where the drive's speed limit is a torque-speed curve, |T| up to
+T_stall (1 -+ w/w_0), or the thesis's clamp (3.2) of the speed that friction and sensors see while the integrated one
+runs on; without a limit both are far away. A step is RK4 of known sign; where the speed reaches zero within it, which
+under a held torque it does at most once, the moment is found to rounding, and from there the inertia rests exactly or
+leaves the other way. That is the minimiser of the convex step (docs/mechanics.md) with the step ended where the sign
+changes, so that order four holds through stops (for v_s's power delta below four, the start from rest leaves order
+1 + delta, because the law itself is no smoother there).
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,30 +29,17 @@ from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.friction import (
     NO_TERMS,
     WheelTerms,
-    asymmetry,
     directed_friction,
-    dry_friction,
     friction_shift,
-    loaded_coulomb,
     sign,
     stribeck_curve,
     stribeck_decay,
+    under_load,
 )
-from ballbot.mechanics.friction_laws.interface import available, check_values, register, slide, time_to_stop
 
 
 class ClassicalNumbers(NamedTuple):
     """The classical law in compiled code."""
-
-    b: float
-    c: float
-    s: float
-    inv_vs: float
-    delta: float
-
-
-class DirectedNumbers(NamedTuple):
-    """The classical law with the terms by direction and by load, in compiled code."""
 
     b: float
     c: float
@@ -88,20 +81,16 @@ class Classical:
                 f"{self.stribeck:g} (stribeck) in magnitude."
             )
 
-    @property
-    def is_plain(self) -> bool:
-        """Whether the dry friction is the same in both directions, whatever the torque."""
-        return not any(self.terms)
-
-    def numbers(self) -> ClassicalNumbers | DirectedNumbers:
+    def numbers(self) -> ClassicalNumbers:
         """Return the law's numbers for compiled code."""
-        b, c, s, delta = self.viscous, self.coulomb, self.stribeck, self.stribeck_exponent
-        plain = ClassicalNumbers(b=b, c=c, s=s, inv_vs=1.0 / self.stribeck_speed, delta=delta)
-        return plain if self.is_plain else DirectedNumbers(*plain, self.terms)
-
-    def initial_state(self, step: float) -> NDArray[np.float64]:  # noqa: ARG002 (the interface's)
-        """Return the empty state."""
-        return np.empty(0)
+        return ClassicalNumbers(
+            b=self.viscous,
+            c=self.coulomb,
+            s=self.stribeck,
+            inv_vs=1.0 / self.stribeck_speed,
+            delta=self.stribeck_exponent,
+            terms=self.terms,
+        )
 
     def steady_friction(self, speed: ArrayLike) -> NDArray[np.float64]:
         """Return tau(w) [N m] at speeds (...) without load, 0 at rest."""
@@ -114,10 +103,8 @@ class Classical:
             stribeck_speed=self.stribeck_speed,
             stribeck_exponent=self.stribeck_exponent,
         )
-        if self.is_plain:
-            return curve
         E = stribeck_decay(w / self.stribeck_speed, self.stribeck_exponent)
-        return curve + np.abs(np.sign(w)) * asymmetry(self.terms, E)
+        return curve + np.abs(np.sign(w)) * (self.terms.coulomb_asymmetry + self.terms.stribeck_asymmetry * E)
 
     def explicit_slope(self) -> float:
         """Return a bound [N m s/rad] of the slope, but for an infinitely steep start if delta is below 1."""
@@ -125,69 +112,109 @@ class Classical:
         return self.viscous + fading * max(self.stribeck_exponent, 1.0) / self.stribeck_speed
 
 
-@inlined
-def _holds(law, inertia, torque):
-    """Return whether the law balances the torque at rest."""
-    return abs(available(inertia, torque, 0.0)) <= law.c + law.s
+def check_values(law: object, *, positive: Sequence[str], not_negative: Sequence[str]) -> None:
+    """Raise InputError unless these attributes of a law are finite and above zero, or at least zero."""
+    for name in (*positive, *not_negative):
+        value = getattr(law, name)
+        if not math.isfinite(value) or value < 0.0 or (value == 0.0 and name in positive):
+            wanted = "above zero" if name in positive else "zero or more"
+            raise InputError(
+                f"{type(law).__name__}'s {name} is {value:g}; it must be a finite number, {wanted}."
+            )
+
+
+# --- compiled ---
+
+#: stands for "no limit"; finite, so that it stays a number when multiplied by zero
+UNLIMITED = 1e200
+
+
+class Inertia(NamedTuple):
+    """A driven inertia, in compiled code."""
+
+    inv_J: float  #: 1/J [1/(kg m^2)]
+    clamp: float  #: l of (3.2) [rad/s]
+    stall: float  #: torque available at rest [N m]
+    inv_no_load: float  #: 1/w_0 [s/rad]
 
 
 @inlined
-def _friction(law, state, speed, applied):
-    if speed == 0.0:
-        limit = law.c + law.s
-        return min(max(applied, -limit), limit)
-    return law.b * speed + sign(speed) * dry_friction(law, speed)
+def available(inertia, torque, speed):
+    """Return the torque [N m] that the supply lets through at that speed."""
+    lost = inertia.stall * (speed * inertia.inv_no_load)
+    return min(max(torque, -inertia.stall - lost), inertia.stall - lost)
 
 
 @inlined
-def _settle(law, state, before, after, h):
-    return None
+def clamped(inertia, speed):
+    """Return the speed within the thesis's clamp."""
+    return min(max(speed, -inertia.clamp), inertia.clamp)
 
 
 @inlined
-def _moved(law, inertia, torque, speed, h, holds):
+def move(law, inertia, torque, speed, h) -> tuple[float, float]:
+    """Advance an inertia under a law's numbers by h [s] with the torque held; return its speed and the angle turned."""
+    loaded = under_load(law, torque)
+    holds = abs(available(inertia, torque, 0.0) - friction_shift(loaded, 0.0)) <= loaded.c + loaded.s
     if speed == 0.0 and holds:
         return 0.0, 0.0
     direction = sign(torque) if speed == 0.0 else sign(speed)
-    end, travel = slide(law, inertia, torque, speed, direction, h)
+    end, travel = _slide(loaded, inertia, torque, speed, direction, h)
     if direction * end > 0.0 or speed == 0.0:
         return end, travel
-    stop = time_to_stop(law, inertia, torque, speed, direction, h)
-    _, travel = slide(law, inertia, torque, speed, direction, stop)
+    stop = _time_to_stop(loaded, inertia, torque, speed, direction, h)
+    _, travel = _slide(loaded, inertia, torque, speed, direction, stop)
     if holds:
         return 0.0, travel
-    end, back = slide(law, inertia, torque, 0.0, sign(torque), h - stop)
+    end, back = _slide(loaded, inertia, torque, 0.0, sign(torque), h - stop)
     return end, travel + back
 
 
 @inlined
-def _move(law, inertia, torque, state, speed, h):
-    return _moved(law, inertia, torque, speed, h, _holds(law, inertia, torque))
+def _acceleration(law, inertia, torque, speed, direction):
+    seen = clamped(inertia, speed)
+    friction = law.b * seen + direction * directed_friction(law, seen, direction)
+    return inertia.inv_J * (available(inertia, torque, speed) - friction)
 
 
 @inlined
-def _under_load(law, torque):
-    c = loaded_coulomb(law.c, law.terms, torque)
-    return DirectedNumbers(law.b, c, law.s, law.inv_vs, law.delta, law.terms)
+def _slide(law, inertia, torque, speed, direction, h) -> tuple[float, float]:
+    """Return speed and angle travelled after h [s] of sliding with friction against `direction` (1 or -1), by RK4."""
+    half = 0.5 * h
+    a1 = _acceleration(law, inertia, torque, speed, direction)
+    w2 = speed + half * a1
+    a2 = _acceleration(law, inertia, torque, w2, direction)
+    w3 = speed + half * a2
+    a3 = _acceleration(law, inertia, torque, w3, direction)
+    w4 = speed + h * a3
+    a4 = _acceleration(law, inertia, torque, w4, direction)
+    middle = clamped(inertia, w2) + clamped(inertia, w3)
+    travel = h / 6.0 * (clamped(inertia, speed) + 2.0 * middle + clamped(inertia, w4))
+    return speed + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4), travel
+
+
+_MOST_TRIALS = 60
+_EPS = 2.220446049250313e-16
 
 
 @inlined
-def _friction_by_direction(law, state, speed, applied):
-    loaded = _under_load(law, applied)
-    if speed == 0.0:
-        size, shift = loaded.c + loaded.s, friction_shift(loaded, 0.0)
-        return min(max(applied, shift - size), shift + size)
-    direction = sign(speed)
-    return law.b * speed + direction * directed_friction(loaded, speed, direction)
+def _time_to_stop(law, inertia, torque, speed, direction, h):
+    """Return when, within h [s], the speed in `direction` has fallen to zero, which it does by then.
 
-
-@inlined
-def _move_by_direction(law, inertia, torque, state, speed, h):
-    loaded = _under_load(law, torque)
-    size, shift = loaded.c + loaded.s, friction_shift(loaded, 0.0)
-    holds = abs(available(inertia, torque, 0.0) - shift) <= size
-    return _moved(loaded, inertia, torque, speed, h, holds)
-
-
-register(ClassicalNumbers, friction=_friction, settling=_settle, moving=_move)
-register(DirectedNumbers, friction=_friction_by_direction, settling=_settle, moving=_move_by_direction)
+    Newton's method, or half of the bracket where it would leave that.
+    """
+    low, high, time = 0.0, h, 0.5 * h
+    for _ in range(_MOST_TRIALS):
+        end, _ = _slide(law, inertia, torque, speed, direction, time)
+        if direction * end > 0.0:
+            low = time
+        else:
+            high = time
+        after = time - end / _acceleration(law, inertia, torque, end, direction)
+        if not low <= after <= high:
+            after = 0.5 * (low + high)
+        settled = abs(after - time) <= _EPS * high
+        time = after
+        if settled:
+            break
+    return time

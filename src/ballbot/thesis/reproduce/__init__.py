@@ -3,7 +3,7 @@
 item.py         the result for one figure or table: `Item`, and the numbers that decide its verdict, `Check`
 figures.py      each figure and table: what is measured, what the thesis shows, and the drawing
 mistakes.py     the thesis's misprints and mistakes, each with the number that shows it
-recordings.py   recordings of the twin, kept in a folder so that the command goes on where it was stopped
+recordings.py   recordings of the twin
 runs.py         how runs are measured and compared with the models
 bench.py        what several figures share: recordings, the friction identified from them, runs of the models
 campaign.py     the command's work: all items in the thesis's order

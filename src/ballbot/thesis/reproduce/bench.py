@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
@@ -75,7 +74,6 @@ class Bench:
 
     robot: Robot  #: without friction
     seed: int
-    folder: Path  #: for what is made on the way
     progress: ProgressCallback = ignore_progress
     _recorded: dict[str, list[Logs]] = field(default_factory=dict[str, list[Logs]], init=False)
 
@@ -83,9 +81,7 @@ class Bench:
         """Return the twin's recordings of a kind; see `recordings.KINDS`."""
         if kind not in self._recorded:
             robot = self.identified if kind == "with_compensation" else self.robot
-            self._recorded[kind] = record(
-                kind, robot, seed=self.seed, folder=self.folder, progress=self.progress
-            )
+            self._recorded[kind] = record(kind, robot, seed=self.seed, progress=self.progress)
         return self._recorded[kind]
 
     @cached_property

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from ballbot.errors import InputError
 from ballbot.progress import Progress, ProgressCallback
@@ -60,15 +59,11 @@ def items_named(only: str | None) -> tuple[Callable[[Bench], Item], ...]:
     return (found,)
 
 
-def reproduce(
-    folder: Path, *, seed: int, only: str | None = None, progress: ProgressCallback
-) -> Reproduction:
-    """Reproduce the figures and tables; equal seeds give equal results, also after an interruption.
+def reproduce(*, seed: int, only: str | None = None, progress: ProgressCallback) -> Reproduction:
+    """Reproduce the figures and tables; equal seeds give equal results.
 
     Parameters
     ----------
-    folder : Path
-        If recordings are kept, so that a run that was stopped goes on.
     seed : int
         Random seed.
     only : str, optional
@@ -79,7 +74,7 @@ def reproduce(
     chosen, mistaken = items_named(only), () if only else MISTAKES
     alten = Robot.load("alten")
     robot = alten.replace(friction=Friction.none(alten.wheel_count))
-    bench = Bench(robot=robot, seed=seed, folder=folder, progress=progress)
+    bench = Bench(robot=robot, seed=seed, progress=progress)
     total = len(chosen) + len(mistaken)
     items, mistakes = [], []
     for done, make in enumerate(chosen):

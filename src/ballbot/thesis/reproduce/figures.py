@@ -22,7 +22,7 @@ from ballbot.identification.inertia import Pivot, inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
-from ballbot.report.bench import movement_figure, swing_figure
+from ballbot.report.bench import movement_series, swing_figure
 from ballbot.report.comparison import paths_figure, position_error_series
 from ballbot.report.driveline import measured_figure, torque_speed_figure
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
@@ -145,7 +145,7 @@ def figure_3_4(bench: Bench) -> Item:
             check(aside, "largest turn about one with friction", off_axis, "mrad", lowest=5.0),
             check("and does so more than the controller alone", other, ratio, lowest=10.0),
         ),
-        figure=lambda: movement_figure(movement),
+        series=lambda: movement_series(movement),
     )
 
 

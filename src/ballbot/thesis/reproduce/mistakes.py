@@ -21,7 +21,7 @@ from ballbot.robot.derived import (
     thin_shell_inertia,
     wheel_speed_limit,
 )
-from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines, speed_clamp
+from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_driveline, speed_clamp
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.bench import CHANGE, Bench
 from ballbot.thesis.reproduce.item import Mistake, check
@@ -207,11 +207,11 @@ def speed_clamp_printed(bench: Bench) -> Mistake:
     bare = Classical(viscous=0.0, coulomb=0.0, stribeck=0.0, stribeck_speed=1.0, stribeck_exponent=1.0)
     line = Driveline(inertia=bench.robot.wheels.inertia, friction=bare, speed_limit=SpeedClamp(limit=_LIMIT))
     torque = _AMPLITUDE * np.sin(2.0 * np.pi * t / _PERIOD)
-    motion = simulate_drivelines(line, torque, sample_time=_STEP, step=_STEP)
+    motion = simulate_driveline(line, torque, sample_time=_STEP, step=_STEP)
     # torque brakes from half the period on; a wheel of 1 g m^2 would leave the limit within milliseconds
-    late = float(motion.t[motion.speeds[0] >= _LIMIT][-1]) - 0.5 * _PERIOD
+    late = float(motion.t[motion.speeds >= _LIMIT][-1]) - 0.5 * _PERIOD
     printed = float(np.ptp(speed_clamp(np.linspace(-100.0, 100.0, 11), -_LIMIT)))
-    wound = float(motion.integrated_speeds[0].max())
+    wound = float(motion.integrated_speeds.max())
     return Mistake(
         number=9,
         where="(3.2)",

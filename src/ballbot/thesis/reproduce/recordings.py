@@ -1,4 +1,4 @@
-"""What is recorded on the nominal twin, and kept in a folder so that the command goes on where it was stopped.
+"""What is recorded on the nominal twin.
 
 Recordings from which a result is taken are made several times, each with a seed of its own.
 
@@ -11,26 +11,19 @@ alike. The grid itself is far below the sensors' and the motors' noise.
 
 from __future__ import annotations
 
-import hashlib
-import io
 from collections.abc import Callable, Mapping
-from functools import cache, partial
-from pathlib import Path
+from functools import partial
 from types import MappingProxyType
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-import ballbot
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
-from ballbot.errors import InputError
-from ballbot.files import read_sealed, write_sealed
-from ballbot.fitting.sweep import ALL_CORES, RunFolder, identity
+from ballbot.fitting.sweep import ALL_CORES
 from ballbot.log import Log
-from ballbot.progress import ProgressCallback
+from ballbot.progress import Progress, ProgressCallback
 from ballbot.robot import Robot
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
@@ -90,8 +83,6 @@ class ModelOnGrid(ModelPlant):
 
 #: the thesis's change of reference: from the origin to [1 m, -1 m, pi] at t = 3 s, in a step
 CHANGE: Reference = change_pose(x=1.0, y=-1.0, psi=float(np.pi), at=3.0, ramp=0.0)
-#: the packages that a recording depends on
-_MADE_BY = ("robot", "mechanics", "log", "control", "estimation", "simulation", "twin")
 #: how long a run through the change lasts [s]
 CHANGE_RUN = 48.0
 #: from when on a run counts as arrived [s]: the linear model is within 5 mm from 14.4 s on, and the model with friction
@@ -159,8 +150,8 @@ KINDS: Mapping[str, tuple[int, Callable[[Robot, int, int], Logs]]] = MappingProx
 )
 
 
-def record(kind: str, robot: Robot, *, seed: int, folder: Path, progress: ProgressCallback) -> list[Logs]:
-    """Return the logs of each recording of a kind, from the folder where it has them, else made on all cores.
+def record(kind: str, robot: Robot, *, seed: int, progress: ProgressCallback) -> list[Logs]:
+    """Return the logs of each recording of a kind, made on all cores.
 
     Parameters
     ----------
@@ -169,49 +160,13 @@ def record(kind: str, robot: Robot, *, seed: int, folder: Path, progress: Progre
     robot : Robot
         Its friction is what is compensated.
     seed : int
-    folder : Path
-        If logs are kept.
     progress : callable
         Called after each recording.
     """
     count, make = KINDS[kind]
-    made_from = identity({"robot": [robot]}, {"seed": seed, "code": sources_of(*_MADE_BY)})
-    kept = RunFolder(path=folder / kind, made_from=made_from, write=_write, read=_read)
-    found, _ = kept.complete(
-        partial(make, robot, seed),
-        {f"{number}.npz": number for number in range(count)},
-        workers=ALL_CORES,
-        stage=f"recording the twin, {kind.replace('_', ' ')}",
-        progress=progress,
-    )
-    return list(found.values())
-
-
-@cache
-def sources_of(*packages: str) -> str:
-    """Return a digest of the code of some packages, so that what older code made is not taken for theirs."""
-    digest = hashlib.sha256(Path(__file__).read_bytes())
-    for package in packages:
-        for path in sorted((Path(ballbot.__file__).parent / package).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def _write(path: Path, logs: Logs) -> None:
-    buffer = io.BytesIO()
-    columns = {f"{name}/{column}": log[column] for name, log in logs.items() for column in log}
-    np.savez(buffer, **columns)  # pyright: ignore[reportArgumentType]
-    write_sealed(path, buffer.getvalue())
-
-
-def _read(path: Path) -> Logs | None:
-    """Return the logs of a file, or None if the file is missing, damaged or edited: they are then made again."""
-    try:
-        with np.load(io.BytesIO(read_sealed(path))) as kept:
-            names = dict.fromkeys(key.partition("/")[0] for key in kept)
-            return {
-                name: Log({key.partition("/")[2]: kept[key] for key in kept if key.startswith(f"{name}/")})
-                for name in names
-            }
-    except (InputError, EOFError, ValueError, BadZipFile):  # the last three as NumPy has it
-        return None
+    stage, made = f"recording the twin, {kind.replace('_', ' ')}", dict[int, Logs]()
+    progress(Progress(stage=stage, done=0, total=count))
+    for number, logs in ALL_CORES.each(partial(make, robot, seed), range(count)):
+        made[number] = logs
+        progress(Progress(stage=stage, done=len(made), total=count))
+    return [made[number] for number in range(count)]
