@@ -92,7 +92,6 @@ class Number:
     __hash__ = None  # pyright: ignore[reportAssignmentType]
     __and__, __or__, __lshift__, __rshift__ = (_bitwise(name) for name in ("and_", "or_", "shl", "ashr"))
     __rand__, __ror__ = __and__, __or__
-    __floordiv__, __mod__ = _bitwise("sdiv"), _bitwise("srem")  # of integers that are not negative
 
     def __neg__(self) -> Number:
         if self.value.type == _REAL:
