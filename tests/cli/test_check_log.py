@@ -67,7 +67,7 @@ def test_a_column_without_any_value_is_still_valid_json(tmp_path):
         ("t,x\n0,one\n", None, "is not a number"),
         ("t,x\n", None, "has a header and no rows"),
         ("t,x\n0,1\n1,2\n", '[columns]\nt = { fromm = "t" }\n', "did you mean 'from'?"),
-        ("t,x\n0,1\n1,2\n", '[columns]\nt = "time"\n', "the column 'time', which does not exist"),
+        ("t,x\n0,1\n1,2\n", '[columns]\nt = "time"\n', "column 'time', which does not exist"),
     ],
 )
 def test_bad_files_exit_with_two_and_one_line(tmp_path, capsys, log, mapping, sentence):
