@@ -7,8 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ballbot.mechanics.engine.compiled import FAST
-from ballbot.mechanics.engine.lanes import LANES, ROWS, TORQUE, put
-from ballbot.mechanics.engine.loading import load
+from ballbot.mechanics.engine.lanes import LANES, ROWS, TORQUE, load, put
 from ballbot.mechanics.engine.run import load_state, load_torques, start_lane
 from ballbot.mechanics.engine.smooth import derivative, pose
 from ballbot.mechanics.engine.vector import each

@@ -10,13 +10,70 @@ import numpy as np
 from numba import njit
 
 from ballbot.mechanics.engine.compiled import FAST
-from ballbot.mechanics.engine.lanes import LANES, ROWS, STEP, TRIAL, stored
-from ballbot.mechanics.engine.loading import load
+from ballbot.mechanics.engine.lanes import LANES, ROWS, STEP, TRIAL, load, stored
 from ballbot.mechanics.engine.run import load_state, load_torques
-from ballbot.mechanics.engine.smooth import runge_kutta_step
+from ballbot.mechanics.engine.smooth import (
+    acceleration,
+    ball_velocity,
+    body_velocity,
+    in_state_order,
+    moving_margin,
+    net_torques,
+    pose,
+    smallest_margin,
+)
+from ballbot.mechanics.engine.tracing import traced
+from ballbot.mechanics.engine.vector import add, advanced, each, smallest
+from ballbot.mechanics.equations import rates_of_angles
+from ballbot.mechanics.floor import floor_friction, floor_margin
+from ballbot.mechanics.friction import directed_friction, sign
 from ballbot.mechanics.model import Model
 
 _COUNTED = ("fadd", "fsub", "fmul", "fdiv", "fneg", "fcmp", "select", "sqrt", "fptosi", "sitofp")
+
+
+@traced
+def rate_of_change(selected, P, a, state, torques):
+    """Return the state's rate of change under the wheels' net torques."""
+    v, w = ball_velocity(state), body_velocity(state)
+    v_dot, w_dot = acceleration(selected, P, a, v, w, torques, floor_friction(P, v))
+    return in_state_order((v[0], v[1]), rates_of_angles(selected, a, w), v_dot, w_dot)
+
+
+@traced
+def derivative(selected, P, state, u, signs):
+    """Return the state's rate of change, and the wheel speeds."""
+    a, speeds = pose(selected, P, state)
+    dry = each(directed_friction, P.wheels, speeds, signs)
+    return rate_of_change(selected, P, a, state, net_torques(P, u, speeds, signs, dry)), speeds
+
+
+@traced
+def runge_kutta_step(selected, P, state, u, h):
+    """Take one RK4 step with the friction's signs of its start, in one piece.
+
+    A block of lanes takes the same step in parts (`smooth_block`).
+
+    Returns
+    -------
+    state : tuple of 10 or 11
+    margin : float
+        Positive where no friction changed its sign within the step, so that the step counts.
+    """
+    signs = each(sign, pose(selected, P, state)[1])
+    k1, speeds1 = derivative(selected, P, state, u, signs)
+    second = advanced(state, k1, 0.5 * h)
+    k2, speeds2 = derivative(selected, P, second, u, signs)
+    third = advanced(state, k2, 0.5 * h)
+    k3, speeds3 = derivative(selected, P, third, u, signs)
+    fourth = advanced(state, k3, h)
+    k4, speeds4 = derivative(selected, P, fourth, u, signs)
+    end = advanced(advanced(state, add(k1, k4), h / 6.0), add(k2, k3), h / 3.0)
+
+    wheels = [smallest_margin(P, signs, one) for one in (speeds1, speeds2, speeds3, speeds4)]
+    floor = [floor_margin(P, state, one) for one in (state, second, third, fourth, end)]
+    margins = (*wheels, *floor, moving_margin(P, ball_velocity(state), speeds1, h))
+    return end, smallest(margins)
 
 
 def operations_of_a_step(model: Model) -> Counter[str]:

@@ -38,7 +38,7 @@ LINES = (
     "record scenario.toml --experiment upside_down --duration 0.02 --seeds 1-2 --out out",
     "twin export alten --scenario scenario.toml --mounting stand --out twin.xml",
     "twin scenario nominal --robot alten --out scenario2.toml --force",
-    "excite alten --duration 8 --lean 6 --floor 1 --generations 2 --population 4 --seed 1 --out out",
+    "excite alten --duration 8 --lean 6 --floor 1 --out out",
     "identify alten log.csv --estimate friction --bounds bounds.toml --window 0.25 --seed 1 --out out",
     "identify alten log.csv --sweep sweep.json --out out",
     "identify-axis axis.csv --law viscous --unit rad --gravity --out out",

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from ballbot.control.file import controller_text, read_controller
-from ballbot.control.parts import example_parts
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference, read_reference, reference_text
 from ballbot.errors import InputError, UnsuitedController
@@ -48,6 +47,7 @@ from ballbot.twin import Scenario
 from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.vision.video import open_video
 from ballbot.workflows.courses import built_in_sets, read_courses
+from tests.support.control_examples import example_parts
 
 ALTEN = Robot.load("alten")
 

@@ -40,9 +40,7 @@ NOT_COMPILED = {
         *(f"ballbot.workflows.excite.{name}" for name in ("Design", "LoopRuns", "excite", "task")),
         *(f"ballbot.identification.{name}" for name in ("Identification", "WindowErrors")),
         *(f"ballbot.identification.axis.{name}" for name in ("AxisIdentification", "InverseFit")),
-        "ballbot.thesis.lagrangian.Equations",
         *(f"ballbot.validation.{name}" for name in ("ErrorPair", "RecoveredGain", "StateErrors")),
-        *(f"ballbot.validation.alignment.{name}" for name in ("Clock", "MotionFit", "SensorErrors")),
     },
 }
 

@@ -24,8 +24,6 @@ from ballbot.mechanics.model import LinearModel, Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
-from ballbot.thesis.lagrangian import equations
-from ballbot.thesis.symbols import Corrections
 from ballbot.twin.scenario import Scenario
 from campaigns.published.printed import (
     PERIOD,
@@ -37,6 +35,7 @@ from campaigns.published.printed import (
     unstable_poles,
 )
 from campaigns.reproduce import markdown_table
+from tests.support.lagrangian import Corrections, equations
 
 #: each correction, by its name in `Corrections`, as the page calls what it mends
 APPROXIMATIONS: Mapping[str, str] = {
@@ -205,7 +204,7 @@ already, turn again with the wheels. Rotors and gears are left out. And the moto
 makes the body's torque (r_b + r_w)/r_b = {1.0 + wheels.radius / ball.radius:.3f} times too large.
 
 **How it is switched on.** `Model(robot, formulation="thesis")`; any mixture by
-`ballbot.thesis.lagrangian.equations(robot, Corrections(...))`.
+`tests.support.lagrangian.equations(robot, Corrections(...))`.
 
 {_model_table(robot)}
 

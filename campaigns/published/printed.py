@@ -17,8 +17,8 @@ from ballbot.control.references import square
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
-from ballbot.thesis.symbols import Corrections
 from campaigns.reproduce import markdown_table
+from tests.support.lagrangian import Corrections
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ def mixture_model(robot: Robot, corrections: Corrections) -> LinearModel:
     As `Model.linearize`, which has the two named formulations; M and the torques' generalised force at rest come
     from the symbolic Lagrangian, and gravity tips with m_r g l whatever is corrected.
     """
-    from ballbot.thesis.lagrangian import equations  # SymPy is an extra; the tables do not need it
+    from tests.support.lagrangian import equations  # SymPy is an extra; the tables do not need it
 
     derived, upright = equations(robot, corrections), np.zeros(5)
     M = derived.mass_matrix(upright)

@@ -21,7 +21,6 @@ from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.thesis.symbols import corrections_of
 from campaigns.published.printed import (
     Entry,
     SourceModel,
@@ -31,6 +30,7 @@ from campaigns.published.printed import (
     unstable_poles,
 )
 from campaigns.reproduce import markdown_table
+from tests.support.lagrangian import corrections_of
 
 #: the exact equations, but for rotors of their own and for the locked wheels in the body's inertia
 ABSOLUTE_WHEELS = replace(corrections_of("exact"), locked_wheels_once=False, reflected_rotors=False)

@@ -20,7 +20,7 @@ from ballbot.control.records import (
     table_of,
     whole,
 )
-from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from tests.support.control_examples import FRICTION, alten, everything, example_parts, four_wheeled
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,8 +126,7 @@ def test_record_begins_with_a_flag_and_is_zero_without_the_part():
 
 @pytest.mark.parametrize("name", KINDS)
 def test_example_of_a_part_has_settings_within_their_range_that_are_no_defaults(name):
-    kind = KINDS[name]
-    example = kind.example(4)
+    kind, example = KINDS[name], getattr(example_parts(4), name)
     for one in fields(kind):
         assert one.default is MISSING or getattr(example, one.name) != one.default
     assert set(kind.needs) < set(KINDS)

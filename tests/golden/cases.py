@@ -210,7 +210,7 @@ CASES: tuple[Case, ...] = (
         f"compare {_ROBOT} none partial@kalman --plant twin --scenarios files/courses.toml --seeds 1 --processes 2",
     ),
     # the whole
-    _command("excite", f"excite {_ROBOT} --duration 10 --generations 1 --population 4", sampled=True),
+    _command("excite", f"excite {_ROBOT} --duration 10", sampled=True),
     _command(
         "study",
         f"study alten {_WALK} --no-confirm --draws 6 --bounds files/bounds.toml",

@@ -1,4 +1,4 @@
-"""The branch-free sine, cosine, exponential and logarithm against the library's."""
+"""The branch-free sine, cosine, power and logarithm against the library's."""
 
 import math
 
@@ -11,8 +11,6 @@ from ballbot.mechanics.engine import elementary
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.elementary import (
     binary_logarithm,
-    exponential,
-    logarithm,
     power_of_two,
     sine_cosine,
     sine_cosine_of_lean,
@@ -22,16 +20,6 @@ from ballbot.mechanics.engine.elementary import (
 @compiled
 def sine_cosine_of(angle):
     return sine_cosine(angle)
-
-
-@compiled
-def exponential_of(x):
-    return exponential(x)
-
-
-@compiled
-def logarithm_of(x):
-    return logarithm(x)
 
 
 @compiled
@@ -61,26 +49,10 @@ def test_sine_and_cosine_at_any_heading(angle):
     assert cosine == pytest.approx(math.cos(angle), abs=ULP2)
 
 
-@given(st.floats(-700.0, 700.0))
-@settings(deadline=None)
-def test_exponential(x):
-    # see `test_power_of_two`
-    assert exponential_of(x) == pytest.approx(math.exp(x), rel=3 * ULP2)
-
-
-@given(st.floats(1e-300, 1e300))
-@settings(deadline=None)
-def test_logarithm(x):
-    # near x = 1 the result is small and its error is relative to the polynomial's argument
-    assert logarithm_of(x) == pytest.approx(math.log(x), rel=2 * ULP2, abs=ULP2)
-
-
 def test_ends_of_the_range():
     assert sine_cosine_of(0.0) == (0.0, 1.0)
-    assert exponential_of(0.0) == 1.0
-    assert exponential_of(-1e9) == pytest.approx(0.0, abs=1e-300)
-    assert logarithm_of(1.0) == 0.0
-    assert np.isnan(exponential_of(np.nan))
+    assert power_of_two_of(0.0) == 1.0
+    assert binary_logarithm_of(1.0) == 0.0
     assert np.isnan(sine_cosine_of(np.nan)[0])
 
 

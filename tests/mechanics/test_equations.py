@@ -12,8 +12,8 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Friction
 from ballbot.state import STATE_NAMES
-from ballbot.thesis.lagrangian import equations
 from tests.support.control_examples import FRICTION, four_wheeled
+from tests.support.lagrangian import equations
 from tests.support.symbolic_oracle import random_robot, random_state
 
 

@@ -8,12 +8,12 @@ from numba import njit
 
 from ballbot import Model, Robot
 from ballbot.mechanics.engine.compiled import FAST
-from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
-from ballbot.mechanics.engine.loading import load
+from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL, load
 from ballbot.mechanics.engine.run import Lanes, code_of, load_state, load_torques, simulate_lanes
-from ballbot.mechanics.engine.smooth import begin_steps, runge_kutta_step, smooth_block
+from ballbot.mechanics.engine.smooth import begin_steps, smooth_block
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE
 from ballbot.robot import Wheels
+from benchmarks.operations import runge_kutta_step
 from tests.support.control_examples import FRICTION, alten
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from ballbot import Model, Robot
-from ballbot.mechanics.stick_slip import minimise, rest_is_held
+from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction, Wheels
 
 FRICTION = Friction(
@@ -84,7 +84,7 @@ def test_minimiser_satisfies_the_optimality_conditions(wheel_count):
     worst = 0.0
     for _ in range(300):
         M, free, C, limits, rolling, h = random_problem(rng, wheel_count)
-        nu = minimise(M, free, C, limits, rolling, h, free)
+        nu = minimise(M, free, C, limits, rolling, h)
         worst = max(worst, is_optimal(nu, M, free, C, limits, rolling, h))
     # rounding of the forces, divided by h: M nu / h * 1e-16, and lsq_linear's own tolerance
     assert worst < 1e-8
@@ -94,7 +94,7 @@ def test_minimiser_is_no_worse_than_a_general_solvers():
     rng = np.random.default_rng(12)
     for _ in range(60):
         problem = random_problem(rng, 3)
-        nu = minimise(*problem, problem[1])
+        nu = minimise(*problem)
         value = objective(nu, *problem)
         rival = minimize(
             objective, nu + rng.normal(size=5) * 1e-4, args=problem, method="Nelder-Mead", tol=1e-14
@@ -114,7 +114,7 @@ def test_rest_is_held_up_to_the_limit_and_not_beyond(scale, direction, psi):
     push = np.array([np.cos(direction), np.sin(direction), 0, 0, 0]) * rolling * scale
     free = h * np.linalg.solve(M, push)
     limits = np.full(3, 1e-9)  # all but none: what the wheels hold must cover the rounding of their own part
-    held = rest_is_held(M.tolist(), free.tolist(), C.tolist(), limits.tolist(), rolling, h)
+    held = not minimise(M, free, C, limits, rolling, h).any()
     assert held == (scale <= 1.0) or scale == pytest.approx(1.0, abs=1e-6)
 
 

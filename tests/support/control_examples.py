@@ -6,8 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot import Controller, Robot
-from ballbot.control.parts import example_parts
+from ballbot.control.parts import Parts
+from ballbot.control.parts.disturbance_observer import DisturbanceObserver
+from ballbot.control.parts.feed_forward import FeedForward
+from ballbot.control.parts.integral import IntegralAction
+from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
@@ -41,6 +47,32 @@ def leaning(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
     state = np.zeros(10)
     state[2:4] = theta, phi
     return state
+
+
+def example_parts(wheel_count: int) -> Parts:
+    """Return every part, at settings that all differ from the defaults."""
+    return Parts(
+        shaping=ReferenceShaping(
+            frequency=4.0,
+            speed_limit=0.4,
+            yaw_frequency=2.5,
+            yaw_rate_limit=0.8,
+            acceleration_limit=0.25,
+            yaw_acceleration_limit=0.5,
+        ),
+        feed_forward=FeedForward(),
+        integral=IntegralAction(
+            gain=np.tile((0.5, 0.3, 0.2), (wheel_count, 1)),
+            limit=0.2,
+            yaw_limit=0.4,
+            memory=40.0,
+            dead_band=0.001,
+        ),
+        disturbance_observer=DisturbanceObserver(frequency=3.0, limit=0.4),
+        lean_limit=LeanLimit(lean=0.6, turn=2.0),
+        notch=Notch(frequency=33.0, width=0.5, depth=0.2),
+        prediction=DelayPrediction(delay=0.012),
+    )
 
 
 def everything(robot: Robot) -> Controller:

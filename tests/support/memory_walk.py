@@ -127,7 +127,6 @@ def _minimise() -> Case:
         "free": np.arange(5.0) / 4.0,
         "C": C,
         "limits": np.array([0.5, 0.25, 1.0]),
-        "start": np.arange(5.0) / 8.0,
     }
     return Case(call=lambda a: minimise(rolling_force=0.1, h=0.001, **a), arrays=arrays, rows=("C",))
 

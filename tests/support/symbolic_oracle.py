@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.robot import Ball, Body, Friction, Robot, Wheels
-from ballbot.thesis.lagrangian import Equations
+from tests.support.lagrangian import Equations
 
 
 def random_robot(rng: np.random.Generator, wheel_count: int) -> Robot:

@@ -14,11 +14,10 @@ from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
-from ballbot.thesis.lagrangian import equations
-from ballbot.thesis.symbols import Corrections, corrections_of
 from campaigns.published import alten, page
 from campaigns.published.page import published_page
 from campaigns.published.printed import Entry, entry_table, mixture_model, track, unstable_poles
+from tests.support.lagrangian import Corrections, corrections_of, equations
 from tests.support.paths import ROOT
 from tests.support.symbolic_oracle import force_along_speeds, random_state, relative_difference
 

@@ -31,6 +31,8 @@ from tests.support.symbolic_oracle import random_state
 
 pytest.importorskip("mujoco")
 
+from ballbot.file_formats import results_text
+from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.thesis.reproduce import figures, mistakes
@@ -40,7 +42,7 @@ from ballbot.thesis.reproduce.figures import ITEMS
 from ballbot.thesis.reproduce.item import Check, Item, Mistake, run_seed
 from ballbot.thesis.reproduce.item import check as check_of
 from ballbot.thesis.reproduce.mistakes import MISTAKES
-from ballbot.thesis.reproduce.page import write_reproduction
+from ballbot.thesis.reproduce.page import reproduction_report, reproduction_results
 from ballbot.thesis.reproduce.recordings import (
     CHANGE,
     ModelOnGrid,
@@ -185,8 +187,8 @@ def test_mistakes_are_shown_by_their_numbers(
 def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian(seed: int) -> None:
     """(II.34) as printed less (II.34) with d'Alembert's principle first, derived by SymPy at any state."""
     pytest.importorskip("sympy")
-    from ballbot.thesis.lagrangian import equations as derived
-    from ballbot.thesis.symbols import corrections_of
+    from tests.support.lagrangian import corrections_of
+    from tests.support.lagrangian import equations as derived
 
     robot, printed = Robot.load("alten"), corrections_of("thesis")
     q, q_dot, _ = random_state(np.random.default_rng(seed), 3)
@@ -303,7 +305,7 @@ def documented_friction(page: str) -> Friction:
     )
 
 
-def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
+def test_page_has_figures_beside_words(bench: Bench) -> None:
     t = np.arange(10.0)
     series = TimeSeries(
         t=t, panels=[Panel(label="x", lines=[Line(name="x", values=t, look="first")])], caption=""
@@ -314,8 +316,8 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
         replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"),
     )
     made = Reproduction(bench=bench, items=items, mistakes=(mistakes.seam_curve(bench),))
-    index = write_reproduction(made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0))
-    page = index.read_text(encoding="utf-8")
+    origin = provenance(command="ballbot", files=[], seed=0)
+    page = page_of(replace(reproduction_report(made), made=origin))
     assert figure_count(page) == 2
     assert len(page) < LARGEST_PAGE
     # one self-contained file: nothing is fetched from beside it
@@ -328,7 +330,7 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
     assert not any("Figure" in one or "Table" in one for one in headings)
     assert "Figure III.1 of the thesis, reproduced." in page
     assert "Figure 5.6 of the thesis, reproduced." in page
-    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    results = json.loads(results_text(reproduction_results(made)))
     assert [one["verdict"] for one in results["items"]] == ["agrees", "agrees", "does not agree"]
     assert results["mistakes"][0]["proven"] is True
     assert "(V.4)" in page

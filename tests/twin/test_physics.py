@@ -15,7 +15,7 @@ from ballbot.robot import Robot
 from ballbot.twin import Scenario, Twin, twin_mjcf
 from ballbot.twin.driveline import Driveline
 from ballbot.twin.engine import Engine, attitude_of, body_rate
-from ballbot.twin.parts import split_robot, wheel_parts
+from ballbot.twin.parts import split_robot
 from ballbot.twin.recording import twin_findings
 
 
@@ -53,7 +53,7 @@ def test_locked_twin_has_the_robot_s_mass_and_inertia(alten: Robot, scenario: st
 def test_wheels_are_lighter_than_discs_if_the_body_is_too_light_for_them() -> None:
     """The published body of rob311 weighs less than three discs of its wheels' inertia would."""
     robot = Robot.load("rob311")
-    wheel, rest = split_robot(robot, robot.wheels.rollers, wheel_of=wheel_parts)
+    wheel, rest = split_robot(robot, robot.wheels.rollers, point=False)
     assert wheel.mass < 2.0 * robot.wheels.inertia / robot.wheels.radius**2
     assert rest.mass + 3.0 * wheel.mass == pytest.approx(robot.body.mass)
     assert wheel.inertia()[2, 2] == pytest.approx(robot.wheels.inertia)

@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.findings import texts
+from ballbot.identification.turning import Clock
 from ballbot.log import Log
 from ballbot.twin.recording import MotionCapture
-from ballbot.validation.alignment import Clock, align, alignment_findings
+from ballbot.validation.alignment import align, alignment_findings
 from tests.support.alignment_examples import Setup, flipped, record, unseen
 from tests.support.report_pages import figure_count
 

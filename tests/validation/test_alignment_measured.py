@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from ballbot.cli.main import main
+from ballbot.identification.turning import Clock
 from ballbot.log import Log
-from ballbot.validation.alignment import Alignment, Clock, align, alignment_findings
+from ballbot.validation.alignment import Alignment, align, alignment_findings
 from tests.support.report_pages import figure_count
 
 #: required accuracy

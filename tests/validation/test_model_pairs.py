@@ -17,7 +17,7 @@ from ballbot.mechanics.model import Model
 from ballbot.report.validation import key_of, validation_results
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
-from ballbot.validation import ModelPair, findings, validate, validate_pair
+from ballbot.validation import ModelPair, NamedModel, findings, validate, validate_pair
 from ballbot.validation.result import better_in
 from tests.support.foreign_log_examples import small_robot, swaying_log
 from tests.support.report_pages import shown_text
@@ -33,9 +33,16 @@ def _viscous() -> Robot:
     )
 
 
+def _pair(first: Model, second: Model, *, files: tuple[str, str]) -> ModelPair:
+    named = (
+        NamedModel(name=f"of {file}", model=model) for file, model in zip(files, (first, second), strict=True)
+    )
+    return ModelPair(first=next(named), second=next(named))
+
+
 @pytest.mark.slow
 def test_swapping_the_models_inverts_every_ratio_and_verdict():
-    models = ModelPair.of_two(Model(true_robot()), Model(_viscous()), files=("true.toml", "viscous.toml"))
+    models = _pair(Model(true_robot()), Model(_viscous()), files=("true.toml", "viscous.toml"))
     swapped = ModelPair(first=models.second, second=models.first)
     log = noisy_log().between(0.0, 16.0)
     one, other = (validate_pair(pair, log) for pair in (models, swapped))
@@ -54,8 +61,7 @@ def test_swapping_the_models_inverts_every_ratio_and_verdict():
 
 @pytest.mark.slow
 def test_the_formulation_that_made_the_log_is_found_in_closed_loop():
-    models = ModelPair.by_formulation(Model(true_robot()))
-    assert models.names == ("in the exact formulation", "in the thesis's formulation")
+    models = _pair(Model(true_robot()), Model(true_robot(), formulation="thesis"), files=("exact", "thesis"))
     validation = validate_pair(models, noisy_log().between(0.0, 12.0))
     assert validation.closed_loop is not None
     assert validation.closed_loop.restarted.ratio[:4].min() > 1.5
@@ -79,13 +85,13 @@ def test_results_stand_under_the_models_names():
 def test_models_that_cannot_be_compared_are_refused():
     model = Model(true_robot())
     with pytest.raises(InputError, match="are the same"):
-        ModelPair.of_two(model, model, files=("a", "b"))
+        _pair(model, model, files=("a", "b"))
     with pytest.raises(InputError, match="give them different names"):
-        ModelPair.of_two(model, Model(_viscous()), files=("a", "a"))
+        _pair(model, Model(_viscous()), files=("a", "a"))
     with pytest.raises(InputError, match="no friction to validate"):
         ModelPair.by_friction(Model(Robot.load("alten")))
     with pytest.raises(InputError, match="4 wheels"):
-        ModelPair.of_two(model, Model(Robot.load("cmu")), files=("a", "cmu"))
+        _pair(model, Model(Robot.load("cmu")), files=("a", "cmu"))
 
 
 @pytest.mark.slow

@@ -12,7 +12,8 @@ from ballbot.report.page import page_of
 from ballbot.report.validation import validation_report, validation_results
 from ballbot.validation import ErrorPair, ModelPair, findings, join_validations, validate, validate_pair
 from ballbot.validation.closed_loop import recover_gain
-from ballbot.validation.resolution import FINEST, column_resolution
+from ballbot.validation.models import FINEST
+from ballbot.validation.validation import column_resolution
 from tests.support.validation_examples import noisy_log, noisy_validation, perfect_log, true_robot
 
 
@@ -75,7 +76,6 @@ def test_an_error_below_the_floor_counts_as_the_floor():
         [np.zeros((10, 10))] * 9,
         [1e-16 * run for run in runs],
         [1e-13 * run for run in runs],
-        floor=np.full(10, 1e-9),
     )
     assert np.all(exact.unresolved)
     np.testing.assert_allclose(exact.ratio, 1.0)

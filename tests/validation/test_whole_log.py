@@ -14,7 +14,7 @@ from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.run import initial_state_of
 from ballbot.validation.closed_loop import recover_gain
-from ballbot.validation.models import ErrorPair, ModelPair, Trajectories, stretches
+from ballbot.validation.models import ModelPair, Trajectories, stretches
 from ballbot.validation.prediction import predict
 from ballbot.validation.result import whole_log_verdict
 from ballbot.validation.whole_log import RUNS, WholeLog, _numbers, compare_whole_log
@@ -95,7 +95,6 @@ def test_runs_that_fall_are_beyond_every_number_of_a_log_that_stands():
         measured=np.ones((3, 10)),
         models=numbers,
         fell=(0, RUNS),
-        errors=ErrorPair.of_runs([states], [states], [states]),
         example=Trajectories(t=np.arange(2.0), measured=states, first=states, second=states),
     )
     assert np.all(whole.places[0] == 0)

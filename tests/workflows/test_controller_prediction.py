@@ -151,12 +151,6 @@ def test_constants_are_factors_about_one():
         assert all(0.0 < low <= 1.0 <= high for low, high in table.values())
 
 
-def test_too_few_runs_give_no_interval():
-    one = Performance(peak_error=0.01, rms_error=0.01, roughness=0.1, lean=0.1, torque_margin=0.5)
-    with pytest.raises(InputError, match="Only 5 runs did not end early"):
-        performance_intervals([one] * 5, discrepancy=DISCREPANCY["none"])
-
-
 # --- files ---
 
 
@@ -215,7 +209,7 @@ def test_run_as_predicted_is_kept(prediction: Prediction, log: Log, controller: 
     verdict = evaluate_log(prediction, log, controller)
     assert verdict.recommendation == "keep"
     assert verdict.confirmed
-    assert not verdict.outside
+    assert {one.place for one in verdict.quantities} == {"inside"}
     assert not verdict.differences
     assert not verdict.foreign
 
@@ -382,24 +376,18 @@ def folder(tmp_path: Path, prediction: Prediction, log: Log, controller: Control
     return found
 
 
-def test_command_prints_the_verdict_first(folder: Path, capsys):
-    results, new = str(folder / "results.json"), str(folder.parent / "new.csv")
+def test_command_prints_the_verdict_first_and_writes_results_and_a_page(folder: Path, capsys):
+    results, new, out = (str(folder.parent / name) for name in ("found/results.json", "new.csv", "checked"))
     assert main(["validate", "--prediction", results, new]) == 0
     said = capsys.readouterr().out
     assert said.startswith("Confirmed: ")
-    assert "Keep this controller." in said
     assert "peak error [mm]" in said
-
-
-def test_command_writes_results_and_a_page(folder: Path, capsys):
-    results, new, out = (str(folder.parent / name) for name in ("found/results.json", "new.csv", "checked"))
     assert main(["validate", "--prediction", results, new, "--out", out]) == 0
     capsys.readouterr()
     written = json.loads(Path(out, "results.json").read_text(encoding="utf-8"))
     assert written["prediction"]["recommendation"] == "keep"
     assert set(written["prediction"]["quantities"]) == set(DISCREPANCY["none"])
-    page = Path(out, "report.html").read_text(encoding="utf-8")
-    assert "Keep this controller." in page
+    assert "Keep this controller." in Path(out, "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

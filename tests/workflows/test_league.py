@@ -25,8 +25,7 @@ from ballbot.workflows.comparison import (
     mean_with_interval,
 )
 from ballbot.workflows.courses import choose_courses
-from ballbot.workflows.excitation_task import RunLimits
-from ballbot.workflows.excite import excite
+from ballbot.workflows.excite import Extent, excite
 from ballbot.workflows.league import League, league_results, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
 from campaigns.league import section
@@ -63,7 +62,7 @@ def test_robot_is_taken_by_its_name() -> None:
         excite(
             "altn",
             controller,
-            limits=RunLimits(lean=0.1, floor=2.0, torque=2.0),
+            limits=Extent(lean=0.1, floor=2.0, torque=2.0),
             duration=8.0,
             scenario=Scenario.nominal(robot),
         )

@@ -98,7 +98,7 @@ def test_the_longest_settling_of_a_run_counts():
     assert settling_time(made_log(x=x)) == (pytest.approx(15.0, abs=2 * SAMPLE), True)
     found = settling_time(made_log(x=x), disturbed=[5.0, 12.0])
     assert found == (pytest.approx(3.0, abs=2 * SAMPLE), True)
-    assert settling_time(made_log(x=x), disturbed=[5.0, 12.0], band=0.3) == (0.0, True)
+    assert settling_time(made_log(x=lambda t: 0.2 * x(t)), disturbed=[5.0, 12.0]) == (0.0, True)
     # times outside of the run disturb nothing
     assert settling_time(made_log(x=x), disturbed=[5.0, 12.0, 40.0]) == found
 

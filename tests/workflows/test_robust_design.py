@@ -140,11 +140,11 @@ def test_the_middle_of_the_search_is_the_nominal_gain():
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--perturb", "colour=1"], "--perturb has no 'colour'"),
-        (["--perturb", "mass=much"], "mass as 'much'"),
-        (["--perturb", "delay=1.5"], "delay as '1.5'; it must be a whole number"),
+        (["--perturb", "colour=1"], "colour is not a key of perturbed robots"),
+        (["--perturb", "mass=much"], "mass"),
+        (["--perturb", "delay=1.5"], "delay is 1.5; it must be a whole number"),
         (["--perturb", "mass=1.5"], "mass is 1.5"),
-        (["--perturb", "tilt=30"], "tilt is 30 degrees"),
+        (["--perturb", "tilt=30"], "tilt is 30"),
         (["--robots", "1"], "number of robots is 1; it must be 10"),
         (
             ["--q", "1,1,1,1,1,1,1,1,1,1"],

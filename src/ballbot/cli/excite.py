@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, OutFolder, RobotName, Seed, WholeNumber, open_result
+from ballbot.cli.context import PAGE, OutFolder, RobotName, open_result
 from ballbot.control.file import controller_text
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
@@ -18,9 +18,7 @@ from ballbot.identification import read_bounds
 from ballbot.report.excitation import excitation_report
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.excitation_design import DesignEffort
-from ballbot.workflows.excitation_task import Law, RunLimits
-from ballbot.workflows.excite import ExcitationOptions
+from ballbot.workflows.excite import Extent, Law, check_limits
 from ballbot.workflows.excite import excite as find
 
 _WRITTEN = ("reference.csv", "controller.toml")
@@ -43,23 +41,6 @@ class LimitOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class ExciteSearchOptions:
-    """The search for the run."""
-
-    duration: float = 32.0
-    """Length of the run [s]."""
-
-    generations: WholeNumber = 40
-    """Largest number of generations of the search."""
-
-    population: WholeNumber = 16
-    """References tried in each generation."""
-
-    seed: Seed = 0
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
 class ExciteFitOptions:
     """The identification that the run is for."""
 
@@ -70,8 +51,7 @@ class ExciteFitOptions:
     """The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds."""
 
 
-_LIMITS, _SEARCH = LimitOptions(), ExciteSearchOptions()
-_IDENTIFICATION = ExciteFitOptions()
+_LIMITS, _IDENTIFICATION = LimitOptions(), ExciteFitOptions()
 
 
 def excite(
@@ -79,7 +59,7 @@ def excite(
     /,
     *,
     within: LimitOptions = _LIMITS,
-    search: ExciteSearchOptions = _SEARCH,
+    duration: float = 32.0,
     scenario: str = "nominal",
     identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
@@ -99,37 +79,38 @@ def excite(
 
     Parameters
     ----------
+    duration
+        Length of the run [s].
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
     scenario
         Sensors, drive, play and true friction of the loop: a scenario's name or file, as in ballbot record.
     """
     described = Robot.load(robot)
-    limits = RunLimits(
+    limits = Extent(
         lean=math.radians(within.lean),
         floor=within.floor,
         torque=0.5 * described.drive.torque_limit if within.torque is None else within.torque,
     )
-    effort = DesignEffort(generations=search.generations, population=search.population)
+    check_limits(limits)
     chosen = named_controller(controller, described)
     conditions = load_scenario(scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
     inputs = [robot, scenario, controller, identification.bounds]
-    with open_result(
-        out, command="excite", doing="excite", writes=_WRITTEN, inputs=inputs, seed=search.seed
-    ) as result:
+    with open_result(out, command="excite", doing="excite", writes=_WRITTEN, inputs=inputs) as result:
         found = find(
             described,
             chosen,
             limits=limits,
-            duration=search.duration,
+            duration=duration,
             scenario=conditions,
-            options=ExcitationOptions(law=identification.law, bounds=bounds, effort=effort),
-            run=Run(seed=search.seed, progress=result.report),
+            law=identification.law,
+            bounds=bounds,
+            run=Run(progress=result.report),
         )
         page = excitation_report(found)
         files = {
-            "reference.csv": partial(write_reference, found.design.times, found.design.poses),
+            "reference.csv": partial(write_reference, found.design.sines.times, found.design.sines.poses()),
             "controller.toml": controller_text(chosen),
         }
         result.write(found.results(), page, files=files)

@@ -27,15 +27,14 @@ def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> Non
     # imported late: the twin is an extra
     from ballbot.thesis.reproduce.campaign import items_named
     from ballbot.thesis.reproduce.campaign import reproduce as remake
-    from ballbot.thesis.reproduce.page import REPRODUCTION_FILES, write_reproduction
+    from ballbot.thesis.reproduce.page import reproduction_report, reproduction_results
 
     items_named(only)
     with open_result(
-        out, command="reproduce", doing="reproducing the thesis", writes=REPRODUCTION_FILES, seed=seed
+        out, command="reproduce", doing="reproducing the thesis", writes=(PAGE, "results.json"), seed=seed
     ) as result:
         found = remake(seed=seed, only=only, progress=result.report)
-        with result.replaced() as new:
-            write_reproduction(found, new, provenance=result.origin)
+        result.write(reproduction_results(found), reproduction_report(found))
     rows = [[item.name, item.title, item.verdict] for item in found.items]
     parts: list[RenderableType] = [table("The thesis reproduced", ("", "title", "verdict"), rows)]
     if found.mistakes:

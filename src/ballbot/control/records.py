@@ -5,7 +5,7 @@ the table of a controller file and its comments follow from it.
 
     @dataclass(frozen=True, kw_only=True)
     class Notch(Part):
-        frequency: Annotated[float, Setting("Hz", "centre of the band", above=0.0, example=33.0)]
+        frequency: Annotated[float, Setting("Hz", "centre of the band", above=0.0)]
 
 A record is a frozen dataclass whose fields carry a `Number`: unit and shape. `schema_of` derives the NumPy structured
 type from it; Numba reads its fields by name. Array lengths are compile-time maxima (`MAX_WHEELS`), so that every
@@ -60,7 +60,6 @@ class Setting:
     at_most: float | None = None
     below: float | None = None  #: exclusive upper limit
     columns: int = 0  #: of a matrix with a row for each wheel; 0 for a number
-    example: float | tuple[float, ...]  #: a value, or each row of a matrix, for tests; not the default
 
 
 @cache
@@ -68,14 +67,6 @@ def settings_of(part: type) -> dict[str, Setting]:
     """Return the settings of a part's dataclass by name, in order."""
     hints = get_type_hints(part, include_extras=True)
     return {one.name: get_args(hints[one.name])[1] for one in fields(part)}
-
-
-def example_settings(part: type, wheel_count: int) -> dict[str, Any]:
-    """Return the example of every setting of a part by name, matrices with a row for each wheel."""
-    return {
-        name: np.tile(one.example, (wheel_count, 1)) if one.columns else one.example
-        for name, one in settings_of(part).items()
-    }
 
 
 def check_settings(part: object, label: str) -> None:

@@ -92,6 +92,10 @@ def _bootstrap_block(influence: NDArray[np.float64], overlap: int) -> int:
     return min(longest, max(block_length(runs), 2 * overlap if overlap > 1 else 1, round(wanted)))
 
 
+#: no error counts as less, in any unit: a thousandth of what a robot's finest sensors resolve
+_LEAST = 1e-9
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonErrors:
     """Errors of several models' forecasts at each horizon, from every start in the order of time."""
@@ -100,8 +104,6 @@ class HorizonErrors:
     #: (models, starts, h, k), predicted less measured; NaN if a forecast has no value
     differences: NDArray[np.float64]
     overlap: int = 1  #: how many neighbouring forecasts share some of the log
-    #: (h, k) RMSE that rounding alone causes, below which no error counts; none if None
-    floor: NDArray[np.float64] | None = None
 
     @property
     def starts(self) -> int:
@@ -115,7 +117,7 @@ class HorizonErrors:
 
     @property
     def ratio(self) -> NDArray[np.float64]:
-        """RMSE of the second model over the first one's (h, k), none below `floor`: above one, the first is nearer."""
+        """RMSE of the second model over the first one's (h, k), none below `_LEAST`: above one, the first is nearer."""
         first, second, *_ = np.sqrt(self._squares().mean(axis=1))
         return second / first
 
@@ -132,6 +134,5 @@ class HorizonErrors:
         return ends.reshape(2, *shape)
 
     def _squares(self) -> NDArray[np.float64]:
-        """Return the squared errors, none below the square of `floor`."""
-        squares = self.differences**2
-        return squares if self.floor is None else np.maximum(squares, self.floor**2)
+        """Return the squared errors, none below the square of `_LEAST`."""
+        return np.maximum(self.differences**2, _LEAST**2)

@@ -24,7 +24,7 @@ heading by whatever else it has, first of all by rolling friction.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,23 +93,6 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
         )
 
 
-def check_torques(windows: Windows) -> None:
-    """Refuse torques that are the same in every row, which balance nothing.
-
-    Raises
-    ------
-    InputError
-        If no motor's torque ever changes.
-    """
-    torques = windows.torques.reshape(-1, windows.torques.shape[-1])
-    if np.any(torques) and np.all(np.ptp(torques, axis=0) == 0.0):
-        values = ", ".join(f"{u:g}" for u in torques[0])
-        raise InputError(
-            f"The torques u are {values} N m in every row of the windows, which no "
-            "balancing robot's are: the columns are not the torques of its motors."
-        )
-
-
 def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Excitation:
     """Refuse logs without motion, and the parameters that the other logs cannot determine.
 
@@ -130,9 +113,8 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
             f"rad/s in only {turning.any(axis=1).sum()} of {len(windows)} "
             "windows. Log it while it moves, such as around a square."
         )
-    found = [*_still_wheels(turning), *_steady_wheels(speeds), *_motors(windows), *_motions(windows)]
     refused, findings = np.zeros(len(coordinates.labels), dtype=bool), []
-    for names, wheel, reason in found:
+    for names, wheel, reason in _reasons(windows, speeds, turning):
         rows = _rows(coordinates, names, wheel) & coordinates.free & ~refused
         if rows.any():
             labels = [label for label, row in zip(coordinates.labels, rows, strict=True) if row]
@@ -145,69 +127,35 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
     return Excitation(refused=refused, findings=tuple(findings))
 
 
-_Reason = tuple[tuple[str, ...], int | None, str]  # quantities, of which wheel, and why
+#: what shows in a wheel's speed
+_OF_WHEEL = ("viscous", "coulomb", "stribeck", "stribeck_asymmetry", "load", "torque_gain", "torque_offset")
 
 
-def _still_wheels(turning: NDArray[np.bool_]) -> list[_Reason]:
-    names = ("viscous", "coulomb", "stribeck", "stribeck_asymmetry", "load", "torque_gain", "torque_offset")
-    return [
-        (
-            names,
-            int(i),
-            f"Wheel {i + 1} turns in only {turning[:, i].sum()} of "
-            f"{len(turning)} windows; drive in another direction too",
-        )
-        for i in np.flatnonzero(turning.mean(axis=0) < LEAST_SHARE)
-    ]
-
-
-def _steady_wheels(speeds: NDArray[np.float64]) -> list[_Reason]:
+def _reasons(
+    windows: Windows, speeds: NDArray[np.float64], turning: NDArray[np.bool_]
+) -> Iterator[tuple[tuple[str, ...], int | None, str]]:
+    """Yield quantities that windows do not determine, of which wheel, and why."""
+    for i in np.flatnonzero(turning.mean(axis=0) < LEAST_SHARE).tolist():
+        text = f"Wheel {i + 1} turns in only {turning[:, i].sum()} of {len(turning)} windows"
+        yield _OF_WHEEL, i, f"{text}; drive in another direction too"
     size = np.abs(speeds).reshape(-1, speeds.shape[-1])
-    steady = size.std(axis=0) < LEAST_VARIATION * size.mean(axis=0)
-    return [
-        (
-            ("viscous",),
-            int(i),
-            f"Wheel {i + 1} turns at one speed, {size[:, i].mean():.2g} rad/s; drive at other speeds too",
-        )
-        for i in np.flatnonzero(steady)
-    ]
-
-
-def _motors(windows: Windows) -> list[_Reason]:
-    size = np.sqrt((windows.torques**2).mean(axis=(0, 1)))
-    weak: list[_Reason] = [
-        (
-            ("torque_gain", "load"),
-            int(i),
-            f"Motor {i + 1} gives only {size[i]:.2g} N m; make it work harder",
-        )
-        for i in np.flatnonzero(size < LEAST_TORQUE)
-    ]
+    for i in np.flatnonzero(size.std(axis=0) < LEAST_VARIATION * size.mean(axis=0)).tolist():
+        text = f"Wheel {i + 1} turns at one speed, {size[:, i].mean():.2g} rad/s"
+        yield ("viscous",), i, f"{text}; drive at other speeds too"
+    torque = np.sqrt((windows.torques**2).mean(axis=(0, 1)))
+    for i in np.flatnonzero(torque < LEAST_TORQUE).tolist():
+        yield ("torque_gain", "load"), i, f"Motor {i + 1} gives only {torque[i]:.2g} N m; make it work harder"
     change = float(np.sqrt((np.diff(windows.torques, axis=1) ** 2).mean()))
     if change < LEAST_TORQUE:
-        weak.append(
-            (
-                ("delay",),
-                None,
-                f"The torques change by only {change:.2g} N m per row; a step of the reference would help",
-            )
-        )
-    return weak
-
-
-def _motions(windows: Windows) -> list[_Reason]:
-    found: list[_Reason] = []
+        text = f"The torques change by only {change:.2g} N m per row; a step of the reference would help"
+        yield ("delay",), None, text
     for names, states, least, unit, words in _MOTIONS:
-        columns = [STATE_NAMES.index(state) for state in states]
-        size = float(np.sqrt((windows.measured[..., columns] ** 2).mean()))
-        if size < least:
-            reason = (
-                f"For {' and '.join(names)}, {words} ({size:.2g} "
-                f"{unit} root mean square; {least:g} are needed)"
-            )
-            found.append((names, None, reason))
-    return found
+        motion = float(
+            np.sqrt((windows.measured[..., [STATE_NAMES.index(one) for one in states]] ** 2).mean())
+        )
+        if motion < least:
+            amount = f"{motion:.2g} {unit} root mean square; {least:g} are needed"
+            yield names, None, f"For {' and '.join(names)}, {words} ({amount})"
 
 
 def _rows(coordinates: Coordinates, names: tuple[str, ...], wheel: int | None) -> NDArray[np.bool_]:

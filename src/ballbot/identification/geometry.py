@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
@@ -158,10 +158,10 @@ def survey_geometry(
     return Geometry(
         measured=tuple(measured),
         wheel_ratios=_wheel_ratios(on_wheels) if on_wheels else (),
-        camera_delay=_one("camera delay", on_wheels.fit, n + 4, 0.0, "s", "upside down")
+        camera_delay=_of_fit("camera delay", on_wheels.fit, n + 4, 0.0, "s", "upside down")
         if on_wheels
         else None,
-        leaning_seen=_one("leaning seen", rolling, n + 1, 1.0, "1", "balancing") if rolling else None,
+        leaning_seen=_of_fit("leaning seen", rolling, n + 1, 1.0, "1", "balancing") if rolling else None,
     )
 
 
@@ -172,67 +172,52 @@ def _leaning(robot: Robot, on_wheels: UpsideDownGeometry | None) -> float:
     return robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
 
 
-def _one(name: str, fit: ClusteredFit, place: int, in_file: float, unit: str, kind: str) -> Measured:
-    return Measured(
-        name=name,
-        value=float(fit.values[place]),
-        standard_error=float(fit.errors[place]),
-        in_file=in_file,
-        unit=unit,
-        kind=kind,
-    )
+def _of_fit(name: str, fit: ClusteredFit, place: int, in_file: float, unit: str, kind: str) -> Measured:
+    return _measured(name, (float(fit.values[place]), float(fit.errors[place])), in_file, unit, kind)
+
+
+def _measured(name: str, found: tuple[float, float], in_file: float, unit: str, kind: str) -> Measured:
+    value, error = found
+    return Measured(name=name, value=value, standard_error=error, in_file=in_file, unit=unit, kind=kind)
 
 
 def _azimuths(robot: Robot, fit: ClusteredFit, first: int, kind: str) -> list[Measured]:
-    names = [f"wheels.azimuths[{i}]" for i in range(robot.wheel_count)]
-    azimuths = enumerate(zip(names, robot.wheels.azimuths, strict=True), start=first)
-    return [_one(name, fit, place, azimuth, "rad", kind) for place, (name, azimuth) in azimuths]
+    return [
+        _of_fit(f"wheels.azimuths[{i}]", fit, first + i, azimuth, "rad", kind)
+        for i, azimuth in enumerate(robot.wheels.azimuths)
+    ]
 
 
 def _of_upside_down(robot: Robot, found: UpsideDownGeometry) -> list[Measured]:
     n, kind, fit = robot.wheel_count, "upside down", found.fit
     return [
-        _one("ball.radius / wheels.radius", fit, 0, robot.ball.radius / robot.wheels.radius, "1", kind),
-        _one("wheels.tilt", fit, 1, robot.wheels.tilt, "rad", kind),
+        _of_fit("ball.radius / wheels.radius", fit, 0, robot.ball.radius / robot.wheels.radius, "1", kind),
+        _of_fit("wheels.tilt", fit, 1, robot.wheels.tilt, "rad", kind),
         *_azimuths(robot, fit, 2, kind),
-        _one("camera tilt about x", fit, n + 2, 0.0, "rad", kind),
-        _one("camera tilt about y", fit, n + 3, 0.0, "rad", kind),
+        _of_fit("camera tilt about x", fit, n + 2, 0.0, "rad", kind),
+        _of_fit("camera tilt about y", fit, n + 3, 0.0, "rad", kind),
     ]
 
 
 def _of_rolling(robot: Robot, fit: ClusteredFit) -> list[Measured]:
     in_file = robot.wheels.radius / math.cos(robot.wheels.tilt)
     return [
-        _one("wheels.radius / cos(wheels.tilt)", fit, 0, in_file, "m", "balancing"),
+        _of_fit("wheels.radius / cos(wheels.tilt)", fit, 0, in_file, "m", "balancing"),
         *_azimuths(robot, fit, 1, "balancing"),
     ]
 
 
 def _of_both(robot: Robot, on_wheels: ClusteredFit, rolling: ClusteredFit) -> list[Measured]:
-    ratio, tilt = float(on_wheels.values[0]), float(on_wheels.values[1])
-    length = float(rolling.values[0])
-    r_w = length * math.cos(tilt)
-    # derivatives by (ratio, tilt), whose covariance is on_wheels', and by length
-    by_both = {
-        "wheels.radius": [0.0, -length * math.sin(tilt)],
-        "ball.radius": [r_w, -ratio * length * math.sin(tilt)],
-    }
-    by_length = {"wheels.radius": math.cos(tilt), "ball.radius": ratio * math.cos(tilt)}
-    values = {
-        "wheels.radius": (r_w, robot.wheels.radius),
-        "ball.radius": (ratio * r_w, robot.ball.radius),
-    }
-    found = []
-    for name, (value, in_file) in values.items():
-        gradient = np.array(by_both[name])
-        variance = (
-            gradient @ on_wheels.covariance[:2, :2] @ gradient + (by_length[name] * rolling.errors[0]) ** 2
-        )
-        error = float(np.sqrt(variance))
-        found.append(
-            Measured(name=name, value=value, standard_error=error, in_file=in_file, unit="m", kind="both")
-        )
-    return found
+    ratio, tilt, length = (*on_wheels.values[:2].tolist(), float(rolling.values[0]))
+    c, s = math.cos(tilt), math.sin(tilt)
+    covariance = block_diag(on_wheels.covariance[:2, :2], rolling.errors[0] ** 2)
+    # of r_w = length cos(tilt) and r_b = ratio r_w by ratio, tilt and length
+    J = np.array([[0.0, -length * s, c], [length * c, -ratio * length * s, ratio * c]])
+    r_w, r_b = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
+    return [
+        _measured("wheels.radius", (length * c, r_w), robot.wheels.radius, "m", "both"),
+        _measured("ball.radius", (ratio * length * c, r_b), robot.ball.radius, "m", "both"),
+    ]
 
 
 def _of_mountings(motions: Sequence[MotionFit]) -> list[Measured]:
@@ -241,33 +226,17 @@ def _of_mountings(motions: Sequence[MotionFit]) -> list[Measured]:
     weights = 1.0 / np.array([one.rotation_errors for one in motions]) ** 2
     mean, errors = (weights * values).sum(axis=0) / weights.sum(axis=0), 1.0 / np.sqrt(weights.sum(axis=0))
     return [
-        Measured(
-            name=f"IMU rotation about {axis}",
-            value=float(mean[i]),
-            standard_error=float(errors[i]),
-            in_file=0.0,
-            unit="rad",
-            kind="balancing",
-        )
-        for i, axis in enumerate("xyz")
+        _measured(f"IMU rotation about {axis}", found, 0.0, "rad", "balancing")
+        for axis, found in zip("xyz", zip(mean.tolist(), errors.tolist(), strict=True), strict=True)
     ]
 
 
 def _wheel_ratios(found: UpsideDownGeometry) -> tuple[Measured, ...]:
     common = float(found.fit.values[0])
-    pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = list(
-        zip(found.ratios, found.ratio_errors, strict=True)
-    )
+    pairs = zip(found.ratios.tolist(), found.ratio_errors.tolist(), strict=True)
     return tuple(
-        Measured(
-            name=f"ball.radius / wheels.radius, wheel {i}",
-            value=float(ratio),
-            standard_error=float(error),
-            in_file=common,
-            unit="1",
-            kind="upside down",
-        )
-        for i, (ratio, error) in enumerate(pairs, start=1)
+        _measured(f"ball.radius / wheels.radius, wheel {i}", pair, common, "1", "upside down")
+        for i, pair in enumerate(pairs, start=1)
     )
 
 

@@ -11,14 +11,14 @@ d_i of a result by each, its variance is the sum of (d_i s_i)^2.
 The checks find a wrong unit of the angle or of time, a clipped or frozen sensor, and another body.
 
 A pendulum's period grows with its amplitude, so that the shape of large swings distinguishes radians from degrees; its
-frequency and the lever to its pivot give a radius of gyration, which distinguishes seconds from milliseconds.
+frequency and the lever to its pivot give a radius of gyration, which a wrong unit of time or length makes impossible.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,18 +31,7 @@ from ballbot.robot.derived import inertia_from_swing
 
 #: standard deviations to either side of a 95 % interval
 _NORMAL = 1.959964
-
-#: units of t that were mistaken for seconds, or another cause of a wrong clock, and the factor that corrects it
-_CLOCKS = (
-    ("milliseconds", "", 1e-3),
-    ("microseconds", "", 1e-6),
-    ("nanoseconds", "", 1e-9),
-    ("minutes", "", 60.0),
-    ("", "The clock appears to run at half its rate, as if frames were counted twice.", 0.5),
-    ("", "The clock appears to run at twice its rate, as if every second frame were missing.", 2.0),
-)
-#: over the distance to the pivot
-_USUAL_GYRATION = (0.15, 1.2)
+_CHECK_UNITS = "Check the units of t [s] and of the distance to the pivot [m]."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,11 +119,10 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
     about_pivot = inertia_from_swing(mass=m, gravity=g, distance=r, angular_frequency=fit.frequency)
     own = about_pivot - m * r**2
     if own <= 0.0:
-        cause = likely_cause(fit.frequency, robot, pivot)
         raise InputError(
             f"With {m:g} kg at {r:g} m, the swing of {fit.frequency:.4g} rad/s gives an inertia "
             f"of {own:.3g} kg m^2 about the centre of mass, which no body has; the distance "
-            f"must be below {g / fit.frequency**2:.4g} m.{(f' {cause}' if cause else '')}"
+            f"must be below {g / fit.frequency**2:.4g} m. {_CHECK_UNITS}"
         )
     # change of each result by one standard deviation of each cause; if r is l they are one cause
     omega = about_pivot / fit.frequency * -2.0 * fit.frequency_half_width / _NORMAL
@@ -171,24 +159,6 @@ def radius_of_gyration(frequency: float, robot: Robot, pivot: Pivot) -> float:
     """
     square = robot.gravity * pivot.distance / frequency**2 - pivot.distance**2
     return math.sqrt(square) if square > 0.0 else math.nan
-
-
-def likely_cause(frequency: float, robot: Robot, pivot: Pivot) -> str:
-    """Return the slip of units, in a sentence, that makes a usual body of one that no body is; "" if none does."""
-    times = {f"t appears to be in {unit}." if unit else words: factor for unit, words, factor in _CLOCKS}
-    distances = {
-        f"The distance to the pivot appears to be in {unit}, that is {factor * pivot.distance:.3g} m.": factor
-        for unit, factor in (("centimetres", 1e-2), ("millimetres", 1e-3))
-    }
-    causes = [(words, factor, 1.0) for words, factor in times.items()]
-    if not pivot.at_ball_center:
-        causes = [*((words, 1.0, factor) for words, factor in distances.items()), *causes]
-    for words, clock, scale in causes:
-        moved = replace(pivot, distance=scale * pivot.distance)
-        share = radius_of_gyration(frequency / clock, robot, moved) / moved.distance
-        if _USUAL_GYRATION[0] <= share <= _USUAL_GYRATION[1]:
-            return words
-    return ""
 
 
 def _estimate(value: float, changes: dict[str, float]) -> SwingEstimate:
@@ -261,7 +231,7 @@ def swing_findings(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivo
 def _of_motion(fit: SwingFit) -> Iterator[Finding]:
     name, (first, _) = fit.swing.source, fit.amplitudes
     size = f"{name} swings by {math.degrees(first):.2g} degrees"
-    if first > _LARGE and fits_better_in_degrees(fit.swing, fit):
+    if first > _LARGE and fits_better_in_degrees(fit):
         text = (
             f"{name} appears to be in degrees: read in radians, its swings of {math.degrees(first):.3g} degrees would "
             "slow down as they grow, and they do not. Multiply it by pi/180."
@@ -291,11 +261,10 @@ def _of_body(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) -> 
     gyration = radius_of_gyration(fit.frequency, robot, pivot)
     share = gyration / pivot.distance
     if not _USUAL[0] <= share <= _USUAL[1]:
-        cause = likely_cause(fit.frequency, robot, pivot)
         text = (
             f"A period of {2.0 * math.pi / fit.frequency:.4g} s at {pivot.distance:.3g} m from the centre of "
             f"mass gives the body a radius of gyration of {gyration:.3g} m, {share:.2g} of that distance; "
-            f"bodies have 0.3 to 0.9. {cause or 'Look at the units of t and at the distance to the pivot.'}"
+            f"bodies have 0.3 to 0.9. {_CHECK_UNITS}"
         )
         yield _finding(
             "swing-inertia", "warning" if _POSSIBLE[0] <= share <= _POSSIBLE[1] else "error", text, "t"

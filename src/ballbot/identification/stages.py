@@ -24,7 +24,7 @@ from ballbot.fitting.model_selection import Dependence, unidentifiable
 from ballbot.fitting.run import DEFAULT_RUN, Executor, Run
 from ballbot.fitting.search import SearchResult, at_bound, elsewhere, evolve
 from ballbot.fitting.uncertainty import without_influence
-from ballbot.identification.excitation import Excitation, check_count, check_excitation, check_torques
+from ballbot.identification.excitation import Excitation, check_count, check_excitation
 from ballbot.identification.initial_states import InitialStatesFit, descend, fit_with_initial_states
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
@@ -195,7 +195,6 @@ def prepare(
     fit_rows, held_rows = split_in_time(windows.spans, held)
     check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
     fit = windows.take(fit_rows)
-    check_torques(fit)
     excitation = check_excitation(fit, predictor.robot, coordinates)
     drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fit))[: options.evolution_windows])
     return Prepared(

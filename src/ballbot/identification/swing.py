@@ -318,32 +318,18 @@ def fit_swing(swing: Swing) -> SwingFit:
     fit = _fitted(swing)
     if fit is not None and fit.residual < _WORST:
         return fit
-    if fits_better_in_degrees(swing, fit):
-        largest = float(np.abs(swing.values - np.median(swing.values)).max())
-        unit = "degrees" if swing.kind == "angle" else "degrees per second"
-        raise InputError(
-            f"{swing.source} is not a pendulum's swing in radians, but it "
-            f"is in {unit}, up to {largest:.3g}; multiply it by pi/180."
-        )
     left = "" if fit is None else f": a pendulum leaves {100.0 * fit.residual:.0f} % of it unexplained"
+    unit = "rad" if swing.kind == "angle" else "rad/s"
     raise InputError(
-        f"{swing.source} is not a free swing{left}; cut the recording to where nothing touches the body."
+        f"{swing.source} is not a free swing{left}; cut the recording to where nothing touches the body, and check "
+        f"that it is in {unit}, not in degrees."
     )
 
 
-def fits_better_in_degrees(swing: Swing, fit: SwingFit | None) -> bool:
-    """Return whether a pendulum fits the swing clearly better if its values are taken for degrees.
-
-    Parameters
-    ----------
-    swing : Swing
-    fit : SwingFit, optional
-        The fit in radians; None if no pendulum fits.
-    """
-    other = _fitted(replace(swing, values=np.radians(swing.values)))
-    if other is None or other.residual >= _WORST:
-        return False
-    return fit is None or other.residual < _BETTER * fit.residual
+def fits_better_in_degrees(fit: SwingFit) -> bool:
+    """Return whether a pendulum fits the swing clearly better if its values are taken for degrees."""
+    other = _fitted(replace(fit.swing, values=np.radians(fit.swing.values)))
+    return other is not None and other.residual < min(_WORST, _BETTER * fit.residual)
 
 
 def _fitted(swing: Swing) -> SwingFit | None:

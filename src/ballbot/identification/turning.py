@@ -22,11 +22,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.fitting.least_squares import fit_linear
+from ballbot.fitting.least_squares import LeastSquaresFit, Stopping, fit_linear, minimize_squares
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.log import Log
 from ballbot.log.pose import Poses
@@ -366,27 +365,26 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         J[:, [0, 1, 2], [5, 6, 7]] = (s1 - s0)[:, None]
         return (J * root[:, None, None]).reshape(-1, 8)
 
-    def solved(x: NDArray[np.float64], root: NDArray[np.float64]) -> OptimizeResult:
-        return least_squares(errors, x, jac=slopes, args=(root,), x_scale="jac", method="lm", max_nfev=40)  # pyright: ignore[reportArgumentType]
+    def solved(x: NDArray[np.float64], root: NDArray[np.float64]) -> LeastSquaresFit:
+        return minimize_squares(
+            lambda p: errors(p, root), x, jacobian_of=lambda p: slopes(p, root), scale="jac", method="lm",
+            stopping=Stopping(most_evaluations=40),
+        )  # fmt: skip
 
     unit = np.ones(len(start))
     fit = solved(np.zeros(8), unit)
     for _ in range(_REWEIGHTED):
-        size = np.linalg.norm(errors(fit.x, unit).reshape(-1, 3), axis=1)
-        scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
-        weight = np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
-        fit = solved(fit.x, np.sqrt(weight))
-    x = np.asarray(fit.x, np.float64)
-    blocks, quantile = _blocks(start)
-    covariance = covariance_in_time(fit.jac, fit.fun, np.repeat(blocks, 3))
-    standard_errors, to_zero = np.sqrt(np.diag(covariance)), np.array([1.0, -middle])
+        fit = solved(fit.point, _huber_roots(errors(fit.point, unit).reshape(-1, 3)))
+    x, (blocks, quantile) = fit.point, _blocks(start)
+    covariance = covariance_in_time(fit.jacobian, fit.residuals, np.repeat(blocks, 3))
+    standard_errors = np.sqrt(np.diag(covariance))
+    to_zero = np.array([1.0, -middle])  # from the offset at the middle and the rate to that at the log's zero
     body_marker = Rotation.from_rotvec(x[2:5]) * body_marker
     residuals = errors(x, unit).reshape(-1, 3)
     return MotionFit(
         clock=clock_of(x),
         body_marker=body_marker,
         bias=x[5:],
-        # at the log's zero, from the offset at the middle and the rate
         offset_half_width=float(quantile * np.sqrt(to_zero @ covariance[:2, :2] @ to_zero)),
         rate_half_width=float(quantile * standard_errors[1]),
         rotation_errors=standard_errors[2:5],
@@ -396,6 +394,13 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         increments=len(start),
         axis_error=_axis_error(body_marker.apply(turned), residuals, float(np.median(np.diff(start)))),
     )
+
+
+def _huber_roots(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the roots of the weights (n,) of residuals (n, 3)."""
+    size = np.linalg.norm(residuals, axis=1)
+    scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
+    return np.sqrt(np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300)))
 
 
 def _increments(

@@ -1,9 +1,9 @@
 """The robot's mechanics: geometry, equations of motion, friction, and the step in which friction may stick.
 
 geometry, parameters     where the wheels sit; one robot's numbers as compiled code reads them
-equations                mass matrix and forces, from attitude and velocities; accelerations solves them
+equations                mass matrix and forces, from attitude and velocities; and their solution
 friction, floor          the friction law of the wheels, and the floor's friction on the ball
-friction_laws/           one driveline's motion under the classical law; bristles for the twin's drivelines
+friction_laws/           one driveline's motion under the classical law
 contacts, stick_slip     where friction acts, and the convex step that finds the sticking contacts
 model                    all of it as one object, with its linearisation
 engine/                  the compiled forms: many robots side by side
@@ -17,8 +17,8 @@ law                `mechanics/friction.py` for wheels, `mechanics/floor.py` for 
                    compiled one
 packed row         `mechanics/parameters.py`: a field of `Parameters` and its value in `pack`
 smooth motion      `mechanics/engine/smooth.py`: in `net_torques`, and a new change of sign
-at rest            a limit: `mechanics/engine/convex.py` and its reference `mechanics/stick_slip.py`; a smooth term:
-                   `free_motion` in `mechanics/contacts.py`, `evaluate_acceleration` in `mechanics/engine/arrays.py`
+at rest            a limit: `mechanics/stick_slip.py` and `mechanics/engine/convex.py`; a smooth term: `free_motion` in
+                   `mechanics/contacts.py`
 linearisation      `Model.linearize` in `mechanics/model.py`
 control            `control/parts/compensation.py`, `control/file.py`, and `control/overcompensation.py` for the
                    cautious friction

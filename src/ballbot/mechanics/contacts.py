@@ -11,7 +11,6 @@ after it: the second pass gives it the mean (`turns_about`).
 
 from typing import NamedTuple
 
-from ballbot.mechanics.accelerations import forces_in, solve
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order
 from ballbot.mechanics.engine.tracing import both, either, root, traced, where
 from ballbot.mechanics.engine.vector import add, advanced, each, inner, scale, solve_dense, subtract
@@ -19,7 +18,9 @@ from ballbot.mechanics.equations import (
     Attitude,
     balancing_attitude,
     ball_torque,
+    forces_in,
     rates_of_angles,
+    solve,
     terms,
     wheel_force,
     wheel_speeds,

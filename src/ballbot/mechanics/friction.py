@@ -16,7 +16,6 @@ the integrator must know when it may change.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -82,9 +81,9 @@ def dry_friction_size(
     size = np.asarray(friction.coulomb) + np.asarray(friction.stribeck) * E
     if friction.is_plain:
         return size
-    terms = friction_terms(friction)
-    size = size + np.sign(w) * asymmetry(terms, E)
-    return size if torque is None else size + terms.load * np.abs(torque)
+    d, e, mu = friction_terms(friction).T
+    size = size + np.sign(w) * (d + e * E)
+    return size if torque is None else size + mu * np.abs(torque)
 
 
 def stribeck_gradient(
@@ -98,21 +97,8 @@ def stribeck_gradient(
     return np.stack([speed, sign, E * sign, by_speed, by_exponent], axis=-1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FrictionTerms:
-    """The terms that a robot's friction may lack, an array (n,) of each; zeros if the robot lacks them."""
-
-    coulomb_asymmetry: NDArray[np.float64]  #: d [N m]
-    stribeck_asymmetry: NDArray[np.float64]  #: e [N m]
-    load: NDArray[np.float64]  #: mu [-]
-
-    def columns(self) -> NDArray[np.float64]:
-        """Return (n, k), a column for each term in the order of `WheelTerms`."""
-        return np.column_stack([getattr(self, name) for name in WheelTerms._fields])
-
-
 class WheelTerms(NamedTuple):
-    """The same terms of one wheel, in compiled code."""
+    """The terms that most robots lack, of one wheel; numbers of compiled code too."""
 
     coulomb_asymmetry: float = 0.0  #: d [N m]
     stribeck_asymmetry: float = 0.0  #: e [N m]
@@ -122,18 +108,10 @@ class WheelTerms(NamedTuple):
 NO_TERMS = WheelTerms()
 
 
-def asymmetry(terms: FrictionTerms | WheelTerms, E: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return d + e E [N m]: by how much the dry friction forward exceeds the mean of both directions."""
-    return terms.coulomb_asymmetry + terms.stribeck_asymmetry * E
-
-
-def friction_terms(friction: Friction) -> FrictionTerms:
-    """Return a friction's optional terms."""
+def friction_terms(friction: Friction) -> NDArray[np.float64]:
+    """Return a friction's optional terms (n, 3), a row of `WheelTerms` for each wheel."""
     zeros = (0.0,) * len(friction.coulomb)
-    found = {
-        name: np.asarray(getattr(friction, name) or zeros, dtype=np.float64) for name in WheelTerms._fields
-    }
-    return FrictionTerms(**found)
+    return np.column_stack([getattr(friction, name) or zeros for name in WheelTerms._fields])
 
 
 def wheel_friction(
@@ -212,5 +190,5 @@ def sign(value):
 
 @inlined
 def terms_of_wheel(columns, wheel):
-    """Return the `WheelTerms` of one wheel out of `FrictionTerms.columns`."""
+    """Return the `WheelTerms` of one wheel out of `friction_terms`."""
     return WheelTerms(columns[wheel, 0], columns[wheel, 1], columns[wheel, 2])

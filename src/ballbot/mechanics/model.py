@@ -26,7 +26,7 @@ from ballbot.mechanics.engine.arrays import (
     wheel_jacobians,
     wheel_speeds_at,
 )
-from ballbot.mechanics.engine.loading import unpacked
+from ballbot.mechanics.engine.lanes import unpacked
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.parameters import Exact, Formulation, Parameters, Pivoting, Thesis, pack, selector

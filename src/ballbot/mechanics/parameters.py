@@ -1,7 +1,7 @@
 """The two formulations, and one robot's numbers as compiled code reads them: its values become the paper's symbols.
 
 The compiled equations read one row of numbers for each robot (`pack`), so that every robot in a batch can have values
-of its own. `Parameters` is the list of these numbers: sizes, places and what reads a row (`engine/loading.py`) follow
+of its own. `Parameters` is the list of these numbers: sizes, places and what reads a row (`engine/lanes.py`) follow
 from its fields. A number is added by a field and its value in `pack`.
 """
 
@@ -180,7 +180,7 @@ def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> ND
         wheels=(),
     )
     numbers = np.concatenate([np.ravel(one) for one in rigid])
-    terms = friction_terms(friction).columns()
+    terms = friction_terms(friction)
     own = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck, terms])
     return np.concatenate([numbers, own.ravel()])
 

@@ -10,17 +10,24 @@ wheels'). It is the implicit step of set-valued friction (J. J. Moreau, Unilater
 finite freedom dynamics, 1988). It dissipates always and needs no smoothing. The engine takes it twice, the second time
 with the forces half way through the step (`ballbot.mechanics.contacts`), which makes it one of order two.
 
-The holding forces of full stick are tried first, and then rest is exactly zero. Otherwise the unknowns are the friction
-forces, lambda in the boxes and r in the disc, with the speeds at the contacts C nu_free - h G lambda, G = C M^-1 C^T
-(here C has rows for the ball's x and y, last). Given which boxes stick and the signs of the others, those that stick
-are eliminated and the disc is solved in closed form but for one number; the boxes that disagree with the guess make
-the next one. If guesses go round in circles, every one is tried.
+The unknowns are the friction forces lambda: one in each box (wheels, and the spin where the ball pivots) and the two
+of the disc. With G = C M^-1 C^T (C with rows for the ball's x and y, last), b = C nu_free and any kappa > 0 the
+optimality conditions are
 
-A guess is good enough by how far from the minimiser it can be. Forces beyond their limits by e put nu off by at most
-|h M^-1 C^T e| in the norm of the kinetic energy, since the step is a projection in that norm.
+    lambda = P(s),   s = lambda + kappa (b - h G lambda),   P the projection on boxes and disc.
+
+`newton_round` is a round of a semi-smooth Newton method (L. Qi and J. Sun, A nonsmooth version of Newton's method,
+1993): with T the derivative of P, it solves (I - T + T kappa h G) lambda = T kappa b + P(s) - T s. From a good guess
+few rounds suffice, none with a branch, so that a loop over robots is vector code (`engine/convex.py`). They may go
+round in circles, and G is singular for four wheels, which can strain against each other. `found_forces` therefore
+begins its rounds after sweeps of Gauss and Seidel's method, which always converges, and goes on from the best of what
+lies between them and the rounds' forces (as in J. J. More and G. Toraldo, On the solution of large quadratic
+programming problems with bound constraints, 1991). It eases G by a little in its sticking contacts, about the forces
+before, so that the eased solution has no error once these no longer change.
+
+The error of the optimality conditions bounds that of nu, since the step is a projection in the norm of the kinetic
+energy. Here G and b are those above with each row multiplied by kappa h and kappa (`scaled_matrix`).
 """
-
-import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,222 +36,201 @@ from ballbot.arrays import real_array, real_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, compiled
 from ballbot.mechanics.engine.tracing import both, either, greatest, least, root, traced, where
-from ballbot.mechanics.engine.vector import advanced, inner, scale, solve_dense, summed
-from ballbot.mechanics.friction import sign
+from ballbot.mechanics.engine.vector import inner, scale, solve_dense, summed
 
-_GUESSES = 12
-_ACCURATE = 1e-14  # distance to the minimiser, over |nu_free|, at which the search for a better guess ends
-_AT_REST = 1e-12  # of a speed's terms, below which the speed is rounding
-_DISC_STEPS = 60
+_DISC_TOLERANCE = 1e-13  # of the disc's force, change in the last round
+_TRIES, _SWEEPS, _ROUNDS = 100, 2, 4  # of Newton's method, each after so many sweeps and of so many rounds
+_SHARES = (1.0, 0.5, 0.25, 0.1)  # of the way to what the rounds found
+_EASING = 1e-8  # of G_ii
+_ACCURATE = 5e-14  # error of the optimality conditions, over |b|
+_AT_REST = 1e-12  # speed of every contact, over |b|, at which the whole robot rests
 
-# Matrices are tuples of rows. The contacts are (C, Y, G): the boxes' rows, and `mobility` of all.
+
+def _disc_derivative(s_x, s_y, limit):
+    """Return T of the disc (xx, yy, xy): the unit matrix inside, else limit/|s| (1 - s s^T/|s|^2)."""
+    size2 = s_x * s_x + s_y * s_y
+    inside = size2 < limit * limit
+    inverse = 1.0 / greatest(size2, 1e-300)
+    share = limit * root(inverse)
+    n_xx, n_yy, n_xy = s_x * s_x * inverse, s_y * s_y * inverse, s_x * s_y * inverse
+    return where(inside, (1.0, 1.0, 0.0), (share * (1.0 - n_xx), share * (1.0 - n_yy), -share * n_xy))
+
+
+def _disc_projection(s_x, s_y, limit):
+    size2 = s_x * s_x + s_y * s_y
+    share = where(size2 < limit * limit, 1.0, limit / root(greatest(size2, 1e-300)))
+    return s_x * share, s_y * share
+
+
+def _projection(s, limits, rolling_force):
+    """Return P(s)."""
+    boxes = tuple(least(greatest(one, -limit), limit) for one, limit in zip(s, limits, strict=False))
+    return boxes + _disc_projection(s[-2], s[-1], rolling_force)
+
+
+def newton_round(s, G, b, limits, rolling_force, easing=0.0):
+    """Return (forces, their probe s, settled): one round from a probe, and 1 where it left every contact's state.
+
+    `easing` is added to G_ii where a contact sticks, about the forces P(s).
+    """
+    k, m = len(limits), len(s)
+    x, y = k, k + 1
+    T = [[0.0] * m for _ in range(m)]
+    for i, limit in enumerate(limits):
+        T[i][i] = where(abs(s[i]) < limit, 1.0, 0.0)  # 1 inside, where the contact sticks
+    T[x][x], T[y][y], T[x][y] = _disc_derivative(s[x], s[y], rolling_force)
+    T[y][x] = T[x][y]
+    P = _projection(s, limits, rolling_force)
+    rows, right = [], []
+    for i in range(m):
+        coupled = (i,) if i < k else (i, x + y - i)
+        row = [inner([T[i][j] for j in coupled], [G[j][column] for j in coupled]) for column in range(m)]
+        for j in coupled:
+            row[j] = row[j] + (1.0 - T[i][j] if i == j else -T[i][j])
+        known = [b[j] - s[j] for j in coupled]
+        if easing:
+            row[i] = row[i] + easing * T[i][i]
+            known[0] = known[0] + easing * P[i]
+        rows.append(row)
+        right.append(inner([T[i][j] for j in coupled], known) + P[i])
+    found = solve_dense(rows, right)
+    after = probe_of(found, G, b)
+    same = _disc_agrees(s[x], s[y], after[x], after[y], found[x], found[y], rolling_force)
+    for i, limit in enumerate(limits):
+        same = both(same, _agrees(s[i], after[i], limit))
+    return found, after, where(same, 1.0, 0.0)
 
 
 @traced
-def rest_is_held(M, free, C, limits, rolling_force, h):
-    """Return True where friction can hold the whole robot at rest.
-
-    The forces that stop it, f = M nu_free / h, must come from wheels within their limits and a ground force
-    within `rolling_force`: C_w^T lambda = f_w, then r = f_v - C_v^T lambda, and pivoting likewise. Four wheels leave
-    one freedom in lambda.
-    """
-    needed = [inner(row, free) / h for row in M]
-    wheels = C[: _wheel_count(C)]
-    K = [[summed(row[2 + i] * row[2 + j] for row in wheels) for j in range(3)] for i in range(3)]
-    x = solve_dense(K, needed[2:5])
-    forces = [inner(row[2:5], x) for row in wheels]
-    r_x, r_y = (needed[i] - summed(row[i] * f for row, f in zip(wheels, forces, strict=True)) for i in (0, 1))
-    held = r_x * r_x + r_y * r_y <= rolling_force * rolling_force
-    if len(wheels) == 4:
-        low, high = _idle_range(C, limits, forces)
-        held = both(held, low <= high)
-    else:
-        held = both(held, *(abs(force) <= limit for force, limit in zip(forces, limits, strict=False)))
-    if len(C[0]) == 5:
-        return held
-    pivot = needed[5] - summed(row[5] * f for row, f in zip(wheels, forces, strict=True))
-    return both(held, abs(pivot) <= limits[-1])
+def probe_of(forces, G, b):
+    """Return s of forces."""
+    return tuple(force + one - inner(row, forces) for force, one, row in zip(forces, b, G, strict=True))
 
 
-def _wheel_count(C):
-    """Return the number of wheels: all rows of C, but for the spin's where there is a sixth velocity."""
-    return len(C) - (len(C[0]) == 6)
+def _agrees(s, after, limit):
+    """Return whether a box's contact is in the same state before and after a round."""
+    inside = abs(s) < limit
+    stays = either(inside, s * after > 0.0, limit == 0.0)
+    return both((abs(after) < limit) == inside, stays)
 
 
-def _idle_force(C, wheel):
-    """Return the wheel's part in the forces of four wheels that add up to no torque."""
-    a, b, c = (C[(wheel + i) % 4] for i in (1, 2, 3))
-    volume = (
-        a[2] * (b[3] * c[4] - b[4] * c[3])
-        - a[3] * (b[2] * c[4] - b[4] * c[2])
-        + a[4] * (b[2] * c[3] - b[3] * c[2])
+def _disc_agrees(s_x, s_y, after_x, after_y, r_x, r_y, limit):
+    """Return whether the disc's state is the same and its force is the projection to rounding."""
+    p_x, p_y = _disc_projection(after_x, after_y, limit)
+    error = abs(p_x - r_x) + abs(p_y - r_y)
+    same = (s_x * s_x + s_y * s_y < limit * limit) == (after_x * after_x + after_y * after_y < limit * limit)
+    return both(same, error <= _DISC_TOLERANCE * limit)
+
+
+@traced
+def _sweep(forces, G, b, limits, rolling_force):
+    """Return the forces after one sweep of Gauss and Seidel's method: each box, then the disc, by itself."""
+    x = list(forces)
+    for i, limit in enumerate(limits):
+        x[i] = least(greatest(x[i] + b[i] - inner(G[i], x), -limit), limit)
+    k = len(limits)
+    rate = 1.0 / (1.0 + abs(G[k][k + 1]))  # 1 is the larger of both G_ii
+    p, q = (x[i] + rate * (b[i] - inner(G[i], x)) for i in (k, k + 1))
+    return (*x[:k], *_disc_projection(p, q, rolling_force))
+
+
+@traced
+def _eased_round(s, G, b, limits, rolling_force):
+    """Return the forces after one eased round, their probe and the error of the optimality conditions."""
+    forces, after, _ = newton_round(s, G, b, limits, rolling_force, _EASING)
+    return forces, after, largest_of(_difference(_projection(after, limits, rolling_force), forces))
+
+
+def _difference(one, other):
+    return tuple(a - b for a, b in zip(one, other, strict=True))
+
+
+@traced
+def largest_of(numbers):
+    """Return the largest size of numbers; NaN if the sum of all is."""
+    most, total = 0.0, 0.0
+    for one in numbers:
+        most, total = greatest(most, abs(one)), total + one
+    return where(total == total, most, total)
+
+
+@traced
+def _best_between(forces, found, G, b, rates, limits, rolling_force):
+    """Return what has the least energy of these forces and of those allowed on the way to the forces found."""
+    best, least_energy = forces, _energy(forces, G, b, rates)
+    for share in _SHARES:
+        way = tuple(one + share * (other - one) for one, other in zip(forces, found, strict=True))
+        allowed = _projection(way, limits, rolling_force)
+        energy = _energy(allowed, G, b, rates)
+        best, least_energy = where(energy < least_energy, (allowed, energy), (best, least_energy))
+    return best
+
+
+def _energy(forces, G, b, rates):
+    """Return 1/2 h lambda^T G lambda - lambda^T C nu_free, which the forces sought make least."""
+    return summed(
+        force * (0.5 * inner(row, forces) - one) / rate
+        for force, row, one, rate in zip(forces, G, b, rates, strict=True)
     )
-    return volume if wheel % 2 == 0 else -volume
-
-
-def _idle_range(C, limits, forces):
-    """Return how much of the idle forces may be added to those of four wheels: from low to high, if low <= high."""
-    low, high = -_WIDE, _WIDE
-    for wheel in range(4):
-        idle, force, limit = _idle_force(C, wheel), forces[wheel], limits[wheel]
-        one, other = (-limit - force) / idle, (limit - force) / idle
-        allowed = where(abs(force) <= limit, _WIDE, -_WIDE)  # by a wheel that has no part in them
-        low = greatest(low, where(idle == 0.0, -allowed, least(one, other)))
-        high = least(high, where(idle == 0.0, allowed, greatest(one, other)))
-    return low, high
-
-
-_WIDE = 1e300
-
-
-@traced
-def mobility(M, C):
-    """Return Y (contacts, m) and G (contacts, contacts): velocities and contact speeds per unit force at each.
-
-    The contacts are the boxes, of rows C, then the ball's x and y.
-    """
-    m = len(M)
-    rows = (*C, *(tuple(1.0 if i == j else 0.0 for j in range(m)) for i in (0, 1)))
-    Y = tuple(solve_dense(M, row) for row in rows)
-    return Y, tuple(tuple(inner(row, one) for one in Y) for row in rows)
 
 
 @called
-def _disc_force(v_x, v_y, a, c, b, rolling_force, h):
-    """Return the disc's force and the velocity left: v = v_0 - h G r for the 2 x 2 mobility G = [[a, b], [b, c]].
+def found_forces(G, b, rates, limits, rolling_force):
+    """Return the friction forces and their probe, whatever the problem; NaN if a number of b is."""
+    largest, forces = largest_of(b), scale(b, 0.0)
+    if not largest < np.inf:
+        return scale(b, np.nan), scale(b, np.nan)
+    for _ in range(_TRIES):
+        for _ in range(_SWEEPS):
+            forces = _sweep(forces, G, b, limits, rolling_force)
+        first, s = forces, probe_of(forces, G, b)
+        found = forces
+        for k in range(_ROUNDS):
+            found, s, error = _eased_round(s, G, b, limits, rolling_force)
+            if error <= _ACCURATE * largest:
+                return found, s
+            if k == 0:
+                first = found
+        forces = _best_between(forces, first, G, b, rates, limits, rolling_force)
+        forces = _best_between(forces, found, G, b, rates, limits, rolling_force)
+    return forces, probe_of(forces, G, b)
 
-    Sticking, r = G^-1 v_0 / h. Sliding, r = rho n with (s + h rho G) n = v_0 and |n| = 1; the speed s is where
-    1/|n(s)| = 1, by Newton's method from s = 0 (as J. J. More and D. C. Sorensen do, Computing a trust region step,
-    1983).
+
+@traced
+def all_rest(forces, s, b):
+    """Return 1 if every contact's speed is rounding, else 0."""
+    return where(largest_of(_difference(s, forces)) <= _AT_REST * largest_of(b), 1.0, 0.0)
+
+
+@traced
+def scaled_matrix(G, h):
+    """Return (kappa h G, kappa) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
+    stiffest = greatest(G[-2][-2], G[-1][-1])
+    inverses = [1.0 / G[i][i] for i in range(len(G) - 2)] + [1.0 / stiffest] * 2
+    rate = 1.0 / h
+    return tuple(scale(row, one) for row, one in zip(G, inverses, strict=True)), scale(inverses, rate)
+
+
+@traced
+def less_response(free, Y, forces, h):
+    """Return nu_free - h Y^T lambda, Y = M^-1 C^T by rows."""
+    return tuple(free[j] - h * inner([row[j] for row in Y], forces) for j in range(len(free)))
+
+
+@traced
+def still_where_held(v, s, limits, rolling_force):
+    """Return v with zero, to the bit, where the floor holds the ball's path or its spin.
+
+    The probe decides, not the force: a sliding contact's force is at its limit but for rounding, its probe beyond.
     """
-    if rolling_force <= 0.0:
-        return 0.0, 0.0, v_x, v_y
-    angle = 0.5 * math.atan2(2.0 * b, a - c)
-    cos, sin = math.cos(angle), math.sin(angle)
-    largest = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
-    smallest = (a * c - b * b) / largest
-    p, q = cos * v_x + sin * v_y, cos * v_y - sin * v_x
-    hold_p, hold_q = p / (h * largest), q / (h * smallest)
-    if math.hypot(hold_p, hold_q) <= rolling_force:
-        return cos * hold_p - sin * hold_q, sin * hold_p + cos * hold_q, 0.0, 0.0
-    speed = 0.0
-    n_p = n_q = length = 0.0
-    for _ in range(_DISC_STEPS):
-        d_p, d_q = speed + h * rolling_force * largest, speed + h * rolling_force * smallest
-        n_p, n_q = p / d_p, q / d_q
-        length = math.hypot(n_p, n_q)
-        step = (length - 1.0) * length * length / (n_p * n_p / d_p + n_q * n_q / d_q)
-        speed = max(speed + step, 0.0)
-        if abs(step) <= 1e-16 * d_p:
-            break
-    n_x, n_y = (cos * n_p - sin * n_q) / length, (sin * n_p + cos * n_q) / length
-    return rolling_force * n_x, rolling_force * n_y, speed * n_x, speed * n_y
-
-
-@traced
-def _eliminated(signs, C, G, ahead, limits, h):
-    """Return what follows from a guess but for the disc's force r: signs[i] is 0 where a box sticks.
-
-    The sticking boxes' forces are X_0 - X_1 r_x - X_2 r_y. Of four sticking wheels, which can strain against each
-    other, the last is left out, and has no force of its own.
-
-    Returns
-    -------
-    X, forces, speeds, disc
-        `forces` of the boxes that slide, `speeds` at all contacts under them, `disc` the velocity and mobility there.
-    """
-    k = len(limits)
-    sticks = [both(one == 0.0, limit > 0.0) for one, limit in zip(signs, limits, strict=True)]
-    if _wheel_count(C) == 4:
-        sticks[3] = both(sticks[3], ~both(*sticks[:3]))
-    stuck = [where(one, 1.0, 0.0) for one in sticks]
-    forces = tuple(limit * one for limit, one in zip(limits, signs, strict=True))
-    speeds = tuple(ahead[i] - h * inner(G[i][:k], forces) for i in range(k + 2))
-    K = [[stuck[i] * stuck[j] * G[i][j] for j in range(k)] for i in range(k)]
-    for i in range(k):
-        K[i][i] = K[i][i] + (1.0 - stuck[i])
-    right = ([speeds[i] / h for i in range(k)], [G[i][k] for i in range(k)], [G[i][k + 1] for i in range(k)])
-    X = tuple(solve_dense(K, [one * x for one, x in zip(stuck, side, strict=True)]) for side in right)
-    v = [speeds[k + i] - h * inner(G[k + i][:k], X[0]) for i in (0, 1)]
-    a, c = (G[k + i][k + i] - inner(G[k + i][:k], X[1 + i]) for i in (0, 1))
-    b = G[k][k + 1] - inner(G[k][:k], X[2])
-    return X, forces, speeds, (v[0], v[1], a, c, b)
-
-
-@traced
-def _completed(signs, C, G, ahead, limits, h, X, forces, disc):
-    """Return the forces and speeds at all contacts; `disc` are its force and the velocity left."""
-    k = len(limits)
-    r_x, r_y, v_x, v_y = disc
-    sticks = [both(one == 0.0, limit > 0.0) for one, limit in zip(signs, limits, strict=True)]
-    stuck = [X[0][i] - X[1][i] * r_x - X[2][i] * r_y for i in range(k)]
-    found = [where(sticks[i], stuck[i], forces[i]) for i in range(k)]
-    speeds = [ahead[i] - h * inner(G[i], (*found, r_x, r_y)) for i in range(k)]
-    speeds = [where(one, 0.0, speed) for one, speed in zip(sticks, speeds, strict=True)]
-    if _wheel_count(C) == 4:  # without effect: to the middle of the range that the limits allow
-        low, high = _idle_range(C, limits, found)
-        share = where(both(*sticks[:4]), 0.5 * (low + high), 0.0)
-        found = [found[i] + share * _idle_force(C, i) for i in range(4)] + found[4:]
-    return (*found, r_x, r_y), (*speeds, v_x, v_y)
-
-
-@traced
-def _distance_at_most(signs, G, limits, forces, speeds, h):
-    """Return how far a guess can be from the minimiser, in the norm of the kinetic energy.
-
-    A sticking force beyond its limit leaves a residual. A box that slides against its friction's sign must first be
-    stopped, which moves nu, and the residual with it.
-    """
-    distance = 0.0
-    for i, limit in enumerate(limits):
-        size = root(G[i][i])
-        sticking = h * greatest(abs(forces[i]) - limit, 0.0) * size
-        sliding = 2.0 * greatest(-signs[i] * speeds[i], 0.0) / size
-        distance = distance + where(limit > 0.0, where(signs[i] == 0.0, sticking, sliding), 0.0)
-    return distance
-
-
-@traced
-def _corrected(signs, limits, forces, speeds):
-    """Return the next guess: overloaded boxes slide, boxes that slide against their friction stick."""
-    found = []
-    for i, limit in enumerate(limits):
-        stuck = where(abs(forces[i]) > limit, sign(forces[i]), 0.0)
-        slides = where(signs[i] * speeds[i] < 0.0, 0.0, signs[i])
-        found.append(where(limit > 0.0, where(signs[i] == 0.0, stuck, slides), signs[i]))
-    return tuple(found)
-
-
-@traced
-def _first_guess(C, limits, start):
-    """Return the boxes' signs if they slide as they do at the step's start."""
-    found = []
-    for row, limit in zip(C, limits, strict=True):
-        terms = [one * rate for one, rate in zip(row, start, strict=True)]
-        speed, size = summed(terms), summed(abs(one) for one in terms)
-        found.append(where(both(abs(speed) > _AT_REST * size, limit > 0.0), sign(speed), 0.0))
-    return tuple(found)
-
-
-@traced
-def _guess_of(code, limits):
-    """Return one of all guesses, by its number."""
-    return tuple(1.0 * (code // 3**i % 3) - 1.0 for i in range(len(limits)))
-
-
-@traced
-def _guess_count(limits):
-    return 3 ** len(limits)
+    path = where(s[-2] * s[-2] + s[-1] * s[-1] < rolling_force * rolling_force, 0.0, 1.0)
+    if len(v) == 2:
+        return v[0] * path, v[1] * path
+    return v[0] * path, v[1] * path, v[2] * where(abs(s[-3]) < limits[-1], 0.0, 1.0)
 
 
 def minimise(
-    M: ArrayLike,
-    free: ArrayLike,
-    C: ArrayLike,
-    limits: ArrayLike,
-    rolling_force: float,
-    h: float,
-    start: ArrayLike,
+    M: ArrayLike, free: ArrayLike, C: ArrayLike, limits: ArrayLike, rolling_force: float, h: float
 ) -> NDArray[np.float64]:
     """Return the velocities after a step with set-valued friction.
 
@@ -263,8 +249,6 @@ def minimise(
         N C_rr [N], not negative.
     h : float
         Step [s].
-    start : array_like, like `free`
-        Velocities at the step's start; a guess of the signs.
 
     Returns
     -------
@@ -283,7 +267,7 @@ def minimise(
     rows = real_array(C, ("contacts", m), "The array of the contacts' rows")
     by_direction = np.ndim(limits) == 2
     sizes = real_array(limits, (len(rows), 2)[: 1 + by_direction], "The array of friction limits")
-    first, end = real_array(start, (m,), "The start"), real_array(free, (m,), "The array of free velocities")
+    end = real_array(free, (m,), "The array of free velocities")
     rolls, step = real_number(rolling_force, "The rolling friction"), real_number(h, "The step")
     if min(sizes.min(), rolls, step) < 0.0:
         raise InputError(
@@ -293,74 +277,35 @@ def minimise(
         end = end - step * np.linalg.solve(mass, rows.T @ (0.5 * (sizes[:, 0] - sizes[:, 1])))
         sizes = 0.5 * sizes.sum(axis=1)
     mass_rows, box_rows = tuple(map(tuple, mass.tolist())), tuple(map(tuple, rows.tolist()))
-    ends = (tuple(end.tolist()), tuple(sizes.tolist()), tuple(first.tolist()))
-    return np.array(_minimise(mass_rows, ends[0], box_rows, ends[1], rolls, step, ends[2]))
+    return np.array(_minimise(mass_rows, tuple(end.tolist()), box_rows, tuple(sizes.tolist()), rolls, step))
 
 
 @compiled
-def _minimise(M, free, C, limits, rolling_force, h, start):
-    return minimiser(M, free, C, limits, rolling_force, h, start)
+def _minimise(M, free, C, limits, rolling_force, h):
+    return minimiser(M, free, C, limits, rolling_force, h)
 
 
 @called
-def minimiser(M, free, C, limits, rolling_force, h, start):
+def minimiser(M, free, C, limits, rolling_force, h):
     """Return the velocities of `minimise`, to compiled code."""
-    if rest_is_held(M, free, C, limits, rolling_force, h):
-        return scale(free, 0.0)
-    Y, G = mobility(M, C)
-    contacts = (C, Y, G)
-    return moving_minimiser(M, free, contacts, _speeds_at(C, free), limits, rolling_force, h, start)[0]
+    Y, G, b, rates = _problem(M, free, C, h)
+    forces, s = found_forces(G, b, rates, limits, rolling_force)
+    return _velocities(free, Y, forces, s, b, limits, rolling_force, h)
 
 
 @traced
-def _speeds_at(C, nu):
-    return (*(inner(row, nu) for row in C), nu[0], nu[1])
+def _problem(M, free, C, h):
+    """Return Y = M^-1 C^T by rows, G, b and kappa; the contacts are the boxes, of rows C, then the ball's x and y."""
+    m = len(M)
+    rows = (*C, *(tuple(1.0 if i == j else 0.0 for j in range(m)) for i in (0, 1)))
+    Y = tuple(solve_dense(M, row) for row in rows)
+    G, rates = scaled_matrix(tuple(tuple(inner(row, one) for one in Y) for row in rows), h)
+    return Y, G, tuple(rate * inner(row, free) for rate, row in zip(rates, rows, strict=True)), rates
 
 
 @traced
-def _energy(M, nu):
-    return inner(nu, [inner(row, nu) for row in M])
-
-
-@called
-def moving_minimiser(M, free, contacts, ahead, limits, rolling_force, h, start):
-    """Return the velocities of `minimise` for a robot that does not rest, and the contacts' forces and speeds.
-
-    To compiled code; `ahead` are the contacts' speeds at the velocities `free`.
-    """
-    C, Y, G = contacts
-    energy = _energy(M, free)
-    forces, speeds = scale(ahead, np.nan), scale(ahead, np.nan)
-    if not energy < np.inf:
-        return free, forces, speeds  # no number, and it stays to be seen
-    enough = _ACCURATE * math.sqrt(energy)
-
-    best_distance = np.inf
-    signs = _first_guess(C, limits, start)
-    for attempt in range(_GUESSES + _guess_count(limits)):
-        if attempt >= _GUESSES:  # the guesses go round in circles: try all
-            signs = _guess_of(attempt - _GUESSES, limits)
-        X, sliding, _, disc = _eliminated(signs, C, G, ahead, limits, h)
-        v_x, v_y, a, c, b = disc
-        on_floor = _disc_force(v_x, v_y, a, c, b, rolling_force, h)
-        these, those = _completed(signs, C, G, ahead, limits, h, X, sliding, on_floor)
-        distance = _distance_at_most(signs, G, limits, these, those, h)
-        if distance < best_distance:
-            forces, speeds, best_distance = these, those, distance
-        if best_distance <= enough:
-            break
-        signs = _corrected(signs, limits, these, those)
-    return _velocities(free, Y, forces, speeds, h), forces, speeds
-
-
-@traced
-def _velocities(free, Y, forces, speeds, h):
+def _velocities(free, Y, forces, s, b, limits, rolling_force, h):
     """Return nu_free - h M^-1 C^T lambda; zero, to the bit, where the ball's path or its spin sticks, or everything."""
-    nu = list(free)
-    for force, row in zip(forces, Y, strict=True):
-        nu = advanced(nu, row, -h * force)
-    rests = both(speeds[-2] == 0.0, speeds[-1] == 0.0)
-    turns = (where(speeds[-3] == 0.0, 0.0, nu[5]),) if len(nu) == 6 else ()
-    nu = (where(rests, 0.0, nu[0]), where(rests, 0.0, nu[1]), *nu[2:5], *turns)
-    moves = either(*(speed != 0.0 for speed in speeds))
-    return where(moves, nu, (0.0,) * len(nu))
+    nu = scale(less_response(free, Y, forces, h), 1.0 - all_rest(forces, s, b))
+    v = still_where_held(nu[:2] + nu[5:], s, limits, rolling_force)
+    return v[:2] + nu[2:5] + v[2:]

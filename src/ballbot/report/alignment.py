@@ -15,8 +15,7 @@ from ballbot.report.blocks import Bullets, Report, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.words import signed_with_error, state_mark, with_error, with_symbols
 from ballbot.rounding import digits
-from ballbot.validation.alignment import Alignment, SensorErrors, alignment_findings
-from ballbot.validation.alignment.align import POSITIONS, PREFIX
+from ballbot.validation.alignment import POSITIONS, PREFIX, Alignment, SensorErrors, alignment_findings
 
 
 def alignment_report(

@@ -37,13 +37,12 @@ from ballbot.workflows.league import (
     METRICS,
     RATIOS,
     League,
-    Metric,
     Overall,
     Standing,
     overall,
     standing,
 )
-from ballbot.workflows.metrics import BAND, SETTLE, position_error, settled, true_place
+from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
 
 #: looks and names of a study's candidates
 RUN_LOOKS: Mapping[str, Look] = {

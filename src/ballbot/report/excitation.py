@@ -19,8 +19,7 @@ _SHOWN = {"lean": ("deg", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m",
 
 def _limits_table(result: Excitation) -> Sheet:
     """Return each limit with the peaks of the square and of the design, on the model and on the loop."""
-    runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
-    runs |= {f"{name}, loop": one.peaks for name, one in result.on_loop.items()}
+    runs = {**result.peaks, **{f"{name}, loop": one.peaks for name, one in result.on_loop.items()}}
     shown = (result.task.limits, *runs.values())
     rows = [
         (unit_heading(name, unit), *(digits(factor * getattr(one, name)) for one in shown))
@@ -31,22 +30,18 @@ def _limits_table(result: Excitation) -> Sheet:
 
 def _errors_table(result: Excitation) -> Sheet:
     """Return the standard errors expected, the worst of each run last."""
-    question = result.task.question
-    quantities = {
-        label: one for one in BY_NAME.values() for label in one.labels(result.task.robot.wheel_count)
-    }
-    assumed = question.coordinates.physical(question.point)[question.coordinates.free]
-    scaled = {"square": result.square.errors, "designed": result.design.errors}
-    columns = {name: question.in_units(errors) for name, errors in scaled.items()}
+    task = result.task
+    quantities = {label: one for one in BY_NAME.values() for label in one.labels(task.robot.wheel_count)}
+    columns = [task.in_units(errors).tolist() for errors in result.errors.values()]
     rows = [
         (
-            *(label, quantities[label].unit.removeprefix(DIMENSIONLESS), digits(float(assumed[i]))),
-            *(digits(float(one[i]), 2) for one in columns.values()),
+            *(label, quantities[label].unit.removeprefix(DIMENSIONLESS), digits(believed)),
+            *(digits(one, 2) for one in errors),
         )
-        for i, label in enumerate(question.labels)
+        for label, believed, *errors in zip(task.labels, task.believed.tolist(), *columns, strict=True)
     ]
-    rows.append(("worst, % of bounds", "", "", *(_worst(errors) for errors in scaled.values())))
-    headings = ("parameter", "unit", "assumed", *columns)
+    rows.append(("worst, % of bounds", "", "", *map(_worst, result.errors.values())))
+    headings = ("parameter", "unit", "assumed", *result.errors)
     caption = (
         "Standard errors expected of a square and of the design: the least that are possible with the noise assumed, "
         "to compare runs by."
@@ -55,9 +50,9 @@ def _errors_table(result: Excitation) -> Sheet:
 
 
 def _verdict(result: Excitation) -> str:
-    gain = gain_sentence(float(result.square.errors.max() / result.design.errors.max()))
+    gain = gain_sentence(float(result.errors["square"].max() / result.errors["designed"].max()))
     trial = result.on_loop["designed"]
-    exceeded = result.task.limits.exceeded(trial.peaks)
+    exceeded = trial.peaks.exceeding(result.task.limits)
     if trial.ended:
         return f"{gain} On the loop with sensors a run ended early: {trial.ended}. Lower the limits."
     if exceeded:
@@ -75,7 +70,7 @@ def gain_sentence(gain: float) -> str:
     if gain < 1.0:
         return (
             f"The worst expected standard error is {1.0 / gain:.1f} times a square's, so the "
-            "square is more informative. Search for longer (--generations, --population)."
+            "square is more informative. Drive that."
         )
     return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
 
@@ -95,8 +90,8 @@ def excitation_report(result: Excitation) -> Report:
     return Report(
         title=f"{result.task.robot.name}: an informative excitation",
         lead=(
-            f"{result.design.times[-1]:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of "
-            f"floor and {limits.torque:.3g} N m of torque."
+            f"{result.task.duration:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of floor "
+            f"and {limits.torque:.3g} N m of torque."
         ),
         verdict=[("", _verdict(result))],
         sections=[
@@ -104,8 +99,7 @@ def excitation_report(result: Excitation) -> Report:
             section("Expected errors", _errors_table(result)),
         ],
         undecided=[
-            "How much the real robot's friction differs from the assumed one: the design is best for the friction of "
-            "the file.",
+            "How much the real robot's friction differs from the file's, with which the errors are computed.",
             "Whether the real robot stays within the limits: the simulation is not the robot. Have a hand near it.",
         ],
     )
@@ -121,10 +115,11 @@ _HOW_TO_RUN = (
 def _followed_series(result: Excitation) -> TimeSeries:
     """Return reference, lean and torques over time on the loop, with the limits."""
     limits, log = result.task.limits, result.on_loop["designed"].log
+    poses = result.design.sines.poses()
     asked = [
-        Line("x [m]", result.design.poses[: len(log), 0], "fifth"),
-        Line("y [m]", result.design.poses[: len(log), 1], "sixth"),
-        Line("ψ [rad]", result.design.poses[: len(log), 2], "quiet"),
+        Line("x [m]", poses[: len(log), 0], "fifth"),
+        Line("y [m]", poses[: len(log), 1], "sixth"),
+        Line("ψ [rad]", poses[: len(log), 2], "quiet"),
     ]
     lean, most = Line("lean", np.degrees(leans(log)), "measured"), float(np.degrees(limits.lean))
     torques = wheel_lines(list(log.torques.T))

@@ -224,7 +224,7 @@ def alternation_results(found: Alternation) -> dict[str, object]:
             {
                 "recommendation": one.recommendation,
                 "reason": one.reason,
-                "outside": [quantity.name for quantity in one.outside],
+                "outside": [quantity.name for quantity in one.quantities if quantity.place != "inside"],
             }
             for one in found.verdicts
         ],

@@ -55,10 +55,8 @@ def prediction_report(
         verdict=[("", f"{verdict.reason} {verdict.recommendation.capitalize()} this controller.")],
         sections=[
             section("Predicted and measured", _quantities(verdict)),
-            *(
-                [section("What differs from the study's logs", Bullets(items=differences))]
-                if differences
-                else []
+            section(
+                "What differs from the study's logs", Bullets(items=differences) if differences else None
             ),
             section("What to do next", Bullets(items=steps)),
             section("The run", *series),

@@ -81,7 +81,7 @@ def _uncertainty(spread: PoleSpread | None) -> str:
 
 
 def _sections(checked: CheckedRobot) -> Iterator[Section]:
-    robot, loop = checked.robot, checked.loop
+    robot = checked.robot
     yield section(
         "Derived quantities",
         drawn_picture(
@@ -95,11 +95,11 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         ),
         Verbatim(text=f"Poles about upright, exact model [rad/s]: {pole_words(checked.poles)}"),
     )
-    of = f"the {loop.controller} controller" if loop.controller in PRESETS else loop.controller
-    if loop.margins is None:
-        yield section(f"Stability margins with {of}", Paragraph(text=loop.refusal))
+    of = f"the {checked.controller} controller" if checked.controller in PRESETS else checked.controller
+    if checked.margins is None:
+        yield section(f"Stability margins with {of}", Paragraph(text=checked.refusal))
     else:
-        yield loop_section(loop.margins, of=of)
+        yield loop_section(checked.margins, of=of)
     if swing := checked.swing:
         yield section(
             "The swing",

@@ -30,7 +30,7 @@ from ballbot.results import to_results
 from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
 from ballbot.validation import ErrorPair, ModelPair, StateErrors, Validation, findings
-from ballbot.validation.models import Trajectories
+from ballbot.validation.models import FINEST, Trajectories
 from ballbot.validation.prediction import HorizonComparison, Prediction
 from ballbot.validation.residuals import ResidualAnalysis, residual_findings
 from ballbot.validation.result import model_findings, whole_log_verdict
@@ -112,15 +112,13 @@ def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
             for k, quantity in enumerate(QUANTITIES)
         },
         "ended_early": dict(zip(map(key_of, models.names), whole.fell, strict=True)),
-        "errors": _error_results(whole.errors, models),
     }
 
 
 def _horizon_results(horizon: HorizonComparison, models: ModelPair) -> dict[str, object]:
     errors = horizon.errors
-    # a state that moved less than its rounding has no scale
-    least = 0.0 if errors.floor is None else errors.floor[0]
-    spread = np.where(horizon.spread > least, horizon.spread, np.nan)
+    # a state that did not move has no scale
+    spread = np.where(horizon.spread > FINEST, horizon.spread, np.nan)
     intervals = errors.ratio_interval().swapaxes(0, 1)  # (horizons, 2, 10)
     return {
         "seconds": errors.horizons,
@@ -291,7 +289,7 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
     def shown(errors: StateErrors, place: int) -> tuple[str, str]:
         """Return 1000 times the error, and the RMSE; no digits of what is only rounding."""
         rmse = errors.rmse[place]
-        if rmse <= pair.floor[place]:
+        if rmse <= FINEST:
             return "≈ 0", "≈ 0"
         return digits(1e3 * errors.error[place]), digits(rmse)
 

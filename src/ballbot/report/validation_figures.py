@@ -23,6 +23,7 @@ from ballbot.report.style import (
     WITHOUT_FRICTION,
     label_of,
 )
+from ballbot.validation.models import FINEST
 from ballbot.validation.prediction import HorizonComparison
 from ballbot.validation.residuals import SpeedEffect
 from ballbot.validation.whole_log import WholeLog
@@ -70,8 +71,8 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
     panels = figure.subplots(2, 5, sharex=True)
     errors = horizon.errors
     ahead, better = 1e3 * errors.horizons, errors.ratio_interval()[0] > 1.0
-    # what is below the resolution of the log is drawn at it
-    first_model, second_model = errors.rmse if errors.floor is None else np.maximum(errors.rmse, errors.floor)
+    # what is below any sensor's resolution is drawn at it
+    first_model, second_model = np.maximum(errors.rmse, FINEST)
     for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
         first = first_model[:, index]
         axes.loglog(ahead, first, label=label_of(names[0]), **WITH_FRICTION)

@@ -16,7 +16,21 @@ from ballbot.summary import Summary, counted, range_words, summarized
 
 #: the reference's columns in a log, and their places in the state
 REFERENCES = (0, 1, 4)
-_GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
+
+
+def column_names(wheel_count: int, *, accelerometer: bool = False) -> list[str]:
+    """Return the columns of a run's log, in their order."""
+    return [
+        "t",
+        *torque_names(wheel_count),
+        *STATE_NAMES,
+        *wheel_angle_names(wheel_count),
+        *wheel_speed_names(wheel_count),
+        *(f"gyro_{axis}" for axis in "xyz"),
+        *(f"acc_{axis}" for axis in "xyz" if accelerometer),
+        *(f"ref_{STATE_NAMES[place]}" for place in REFERENCES),
+        *(TRUE_PREFIX + name for name in STATE_NAMES),
+    ]
 
 
 @summarized
@@ -74,21 +88,18 @@ class ClosedLoopBatch:
         end = min(self.ended[lane], self.settled[lane])
         rows = records if np.isinf(end) else round(end / self.sample_time)
         start = self.initial[lane if len(self.initial) > 1 else 0]
-        columns = {"t": np.round(np.arange(rows) * self.sample_time, 9)}
-        for names, values in (
-            (torque_names(n), self.commanded[lane, :rows]),
-            (STATE_NAMES, self.seen[lane, :rows]),
-            (wheel_angle_names(n), self.wheel_angles[lane, :rows]),
-            (wheel_speed_names(n), self.wheel_speeds[lane, :rows]),
-            (_GYRO_NAMES, self.gyro[lane, :rows]),
-            ([f"ref_{STATE_NAMES[k]}" for k in REFERENCES], self.references[:rows, REFERENCES]),
-            (
-                [TRUE_PREFIX + name for name in STATE_NAMES],
-                np.vstack([start, self.states[lane, : rows - 1]])[:rows],
-            ),
-        ):
-            columns |= dict(zip(names, values.T, strict=True))
-        return Log(columns, ended=self._why_ended(lane))
+        columns = (
+            np.round(np.arange(rows) * self.sample_time, 9)[:, None],
+            self.commanded[lane, :rows],
+            self.seen[lane, :rows],
+            self.wheel_angles[lane, :rows],
+            self.wheel_speeds[lane, :rows],
+            self.gyro[lane, :rows],
+            self.references[:rows, REFERENCES],
+            np.vstack([start, self.states[lane, : rows - 1]])[:rows],
+        )
+        table = dict(zip(column_names(n), np.hstack(columns).T, strict=True))
+        return Log(table, ended=self._why_ended(lane))
 
     def _why_ended(self, lane: int) -> str | None:
         if np.isinf(self.ended[lane]):

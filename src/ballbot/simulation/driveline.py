@@ -128,7 +128,7 @@ class Driveline:
             stribeck=friction.stribeck[wheel],
             stribeck_speed=friction.stribeck_speed,
             stribeck_exponent=friction.stribeck_exponent,
-            terms=WheelTerms(*friction_terms(friction).columns()[wheel].tolist()),
+            terms=WheelTerms(*friction_terms(friction)[wheel].tolist()),
         )
         return Driveline(inertia=robot.wheels.inertia + rotor, friction=law, speed_limit=speed_limit)
 

@@ -40,7 +40,6 @@ from ballbot.estimation.kalman_model import (
 )
 from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
 from ballbot.estimation.kalman_model import STATE as FILTER_STATE
-from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.engine.lanes import (
@@ -54,18 +53,18 @@ from ballbot.mechanics.engine.lanes import (
     STATE,
     STEP,
     TORQUE,
+    load,
     new_work,
     put_robot,
     robot_in,
     stored,
 )
-from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
-from ballbot.mechanics.engine.run import Code, load_state, load_torques, start_lane, take_steps, write_state
+from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps, write_state
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import add, dot, rotate_back
-from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, terms
+from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, solve, terms
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_PLACES, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking, wheel_forces
@@ -77,7 +76,7 @@ _DRY = WHEEL_PLACES["c"]
 class Inputs(NamedTuple):
     """Compiled code, and each robot's numbers; one row may hold for every robot."""
 
-    code: Code  #: of the mechanics' steps
+    code: int  #: of the mechanics' steps
     play_code: int  #: of steps with play; 0 without play
     law_code: int  #: 0 without laws
     filter_code: int  #: 0 without Kalman filters
@@ -710,35 +709,24 @@ def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -
     delay, latency = int(loops["delay"].max()), int(loops["latency"].max())
     window = max(1, int(loops["speed_window"].max()))
     by_steps = bool(((loops["lag"] > 0.0) | (loops["pitch"] > 0.0)).any())
-    return Block(
-        np.zeros(width, MEMORY_TYPE),
-        by_steps,
-        np.zeros((1 + delay, width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, n)),
-        np.zeros((width, 2 * n)),
-        np.zeros((width, 1 + window, n)),
-        np.zeros((width, 6)),
-        np.zeros((width, 1 + latency, 6)),
-        np.zeros((width, 3)),
-        np.zeros((width, 4)),
-        np.zeros(width),
-        np.zeros((width, 10)),
-        np.zeros((width, 10)),
-        np.zeros(FILTER_ROWS * LANES if filtering else LANES),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(3),
-    )
+    shapes = dict.fromkeys(Block._fields, (width, n)) | {
+        "late": (1 + delay, width, n),
+        "encoders": (width, 2 * n),
+        "counted": (width, 1 + window, n),
+        "ahrs": (width, 6),
+        "readings": (width, 1 + latency, 6),
+        "gyros": (width, 3),
+        "onboard": (width, 4),
+        "pivoting": (width,),
+        "truths": (width, 10),
+        "states": (width, 10),
+        "filters": (FILTER_ROWS * LANES if filtering else LANES,),
+        "wheels": (n,),
+        "rolled": (n,),
+        "attitude": (3,),
+    }
+    arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+    return Block(**arrays | {"memories": np.zeros(width, MEMORY_TYPE), "by_steps": by_steps})  # pyright: ignore[reportArgumentType]
 
 
 @called

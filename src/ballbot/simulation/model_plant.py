@@ -25,8 +25,7 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.compiled import compiled
-from ballbot.mechanics.engine.lanes import LANES, ROWS, put_robot
-from ballbot.mechanics.engine.loading import load_parameters, under_torque
+from ballbot.mechanics.engine.lanes import LANES, ROWS, load_parameters, put_robot, under_torque
 from ballbot.mechanics.engine.run import load_state, simulate_one, start_lane
 from ballbot.mechanics.engine.smooth import (
     acceleration,
@@ -61,14 +60,19 @@ def sinking(selected, P, state, u):
     return _sinking_and_speeds(selected, P, state, u)[0]
 
 
-@traced
-def _sinking_and_speeds(selected, P, state, u):
+def _moving(selected, P, state, u):
+    """Return attitude, wheel speeds, v, w, net torques and accelerations; a wheel at rest has no dry friction."""
     a, speeds = pose(selected, P, state)
     v, w = ball_velocity(state), body_velocity(state)
     signs = each(sign, speeds)
     dry = each(directed_friction, P.wheels, speeds, signs)
     net = net_torques(P, u, speeds, signs, dry)
-    _, w_dot = acceleration(selected, P, a, v, w, net, floor_friction(P, v))
+    return a, speeds, v, w, net, *acceleration(selected, P, a, v, w, net, floor_friction(P, v))
+
+
+@traced
+def _sinking_and_speeds(selected, P, state, u):
+    a, speeds, _, w, _, _, w_dot = _moving(selected, P, state, u)
     rates = rates_of_angles(selected, a, w)
     theta, phi = rates[0], rates[1]
     accelerations = angle_accelerations(selected, a, rates, w_dot)
@@ -108,12 +112,7 @@ def wheel_forces(selected, P, state, u, row):
 
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
-    a, speeds = pose(selected, P, state)
-    v, w = ball_velocity(state), body_velocity(state)
-    signs = each(sign, speeds)
-    dry = each(directed_friction, P.wheels, speeds, signs)
-    net = net_torques(P, u, speeds, signs, dry)
-    v_dot, w_dot = acceleration(selected, P, a, v, w, net, floor_friction(P, v))
+    a, _, _, w, net, v_dot, w_dot = _moving(selected, P, state, u)
     z_dot = rotate_back(a.R, ball_rate(P.inv_rb, v_dot))
     pushes = [
         torque - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)
@@ -184,11 +183,6 @@ class ModelPlant:
     def robot(self) -> Robot:
         """The model's robot."""
         return self.model.robot
-
-    @property
-    def spin(self) -> float:
-        """The ball's spin about the vertical [rad/s]; zero where the model's ball does not pivot."""
-        return float(self._state[10]) if self.model.pivots else 0.0
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:  # noqa: ARG002
         """Start at t = 0 from a state (10,), or upright at rest at the origin; nothing here is random.

@@ -12,11 +12,10 @@ from ballbot.control.safety import SafeController
 from ballbot.errors import InputError
 from ballbot.estimation.heading import Heading
 from ballbot.log import Log
-from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.notebook import in_notebook
 from ballbot.progress import Progress, ProgressCallback
-from ballbot.simulation.batch_result import REFERENCES
+from ballbot.simulation.batch_result import REFERENCES, column_names
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
 
@@ -91,7 +90,7 @@ def simulate(
     guarded.reset()
     start = initial_state_of(seed) if initial_state is None else initial_state
     measured = active.reset(start, seed=seed)
-    names = _column_names(measured)
+    names = column_names(active.robot.wheel_count, accelerometer=measured.acceleration is not None)
     table = np.empty((samples, len(names)))
     rows, ended, heading = 0, measured.ended, Heading()
     while rows < samples and ended is None:
@@ -130,21 +129,6 @@ def sample_count(duration: float, sample_time: float) -> int:
             "possible."
         )
     return round(duration / sample_time)
-
-
-def _column_names(measured: Measurement) -> list[str]:
-    wheel_count = len(measured.wheel_angles)
-    return [
-        "t",
-        *torque_names(wheel_count),
-        *STATE_NAMES,
-        *wheel_angle_names(wheel_count),
-        *wheel_speed_names(wheel_count),
-        *(f"gyro_{axis}" for axis in "xyz"),
-        *(f"acc_{axis}" for axis in "xyz" if measured.acceleration is not None),
-        *(f"ref_{STATE_NAMES[place]}" for place in REFERENCES),
-        *(TRUE_PREFIX + name for name in STATE_NAMES),
-    ]
 
 
 def _row(

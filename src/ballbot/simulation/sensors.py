@@ -4,8 +4,17 @@ Encoders count; the AHRS is noisy and drifts; an accelerometer sits at a place o
 a laser scanner, beacons) sees where the robot is.
 
 Each is read once a sample, in order of time, and knows nothing of later samples. The errors in the robot file are
-always there; `SensorFaults` are those that a scenario adds. `SensorSuite` reads all sensors of one robot
-together, once a sample.
+always there; `SensorFaults` are those that a scenario adds.
+
+Gravity shows the AHRS which way is up and nothing shows it which way is north, so psi does not drift alone: its whole
+frame turns about the vertical, and theta and phi, which are about that frame's axes, with it. So the thesis has it
+(Appendix IV): the drift "does not affect the ability of the BBR to balance", but "the world frame of the BBR [...]
+slowly drifts". A lean that stayed right about the world's axes would be turned away from the wheels by as much as psi
+is wrong, until the robot falls.
+
+The accelerometer at a place r of the body shows the specific force f = R^T (a + g e_z) + w_dot x r + w x (w x r). a,
+the acceleration of the body's point at the ball's centre, and w_dot are differences over the sample: a sensor of this
+kind filters to half its own rate, and a MuJoCo contact's last step would be noise.
 """
 
 from __future__ import annotations
@@ -54,13 +63,7 @@ class Encoders:
         self._recent[:] = 0.0
 
     def read(self, angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the counted angles (n,) [rad] and the speeds (n,) [rad/s] at motor angles (n,) [rad].
-
-        Raises
-        ------
-        InputError
-            If they are not n numbers.
-        """
+        """Return the counted angles (n,) [rad] and the speeds (n,) [rad/s] at motor angles (n,) [rad]."""
         seen = real_array(angles, self._start.shape, "The array of motor angles", finite=False)
         counted = np.floor((seen - self._start) / self.resolution) * self.resolution
         self._recent[:-1] = self._recent[1:]
@@ -110,95 +113,6 @@ class SensorFaults:
             )
 
 
-class AttitudeSensor:
-    """An AHRS: angular velocity and attitude with white noise, in a frame that turns away from the world's.
-
-    Gravity shows it which way is up and nothing shows it which way is north, so psi does not drift alone: its whole
-    frame turns about the vertical, and theta and phi, which are about that frame's axes, with it. So the thesis
-    has it (Appendix IV): the drift "does not affect the ability of the BBR to balance", but "the world frame of the BBR
-    [...] slowly drifts". A lean that stayed right about the world's axes would be turned away from the wheels by as
-    much as psi is wrong, until the robot falls.
-
-    Parameters
-    ----------
-    sensors : Sensors
-        Sizes of the errors.
-    random : Generator
-        Source of the noise; the faults draw from a stream of their own.
-    faults : SensorFaults, optional
-        Its errors beyond noise.
-    """
-
-    def __init__(
-        self, sensors: Sensors, random: np.random.Generator, faults: SensorFaults | None = None
-    ) -> None:
-        self._sensors = sensors
-        self._random = random
-        self._errors = _SlowErrors(faults, sensors.sample_time, random.spawn(1)[0]) if faults else None
-
-    def read(
-        self, t: float, body_rate: ArrayLike, attitude: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return gyro (3,) [rad/s] and theta, phi, psi (3,) [rad] as the sensor has them.
-
-        Parameters
-        ----------
-        t : float
-            Time since the start [s]; the frame is the world's at 0.
-        body_rate : array_like (3,)
-            True angular velocity, body frame [rad/s].
-        attitude : array_like (3,)
-            True theta, phi, psi [rad].
-
-        Raises
-        ------
-        InputError
-            If either is not three numbers.
-        """
-        rate = real_array(body_rate, (3,), "The body rate", finite=False)
-        angles = real_array(attitude, (3,), "The attitude", finite=False)
-        gyro = rate + self._sensors.gyro_noise * self._random.standard_normal(3)
-        measured = angles + self._sensors.attitude_noise * self._random.standard_normal(3)
-        drift = self._sensors.heading_drift * t
-        if self._errors is not None:
-            return self._errors.upon(gyro, measured, drift)
-        return gyro, turned_about_vertical(measured, drift)
-
-
-class _SlowErrors:
-    """The faults of one AHRS in one run."""
-
-    def __init__(self, faults: SensorFaults, sample_time: float, random: np.random.Generator) -> None:
-        self._faults = faults
-        self._sample_time = sample_time
-        self._random = random
-        self._bias = faults.gyro_bias * random.standard_normal(3)  # each axis: N(0, gyro_bias)
-        self._lean = faults.lean_error * random.standard_normal(
-            2
-        )  # each angle: N(0, lean_error), and stays so
-        self._memory = math.exp(-sample_time / faults.lean_error_time)
-        self._heading = 0.0
-        self._waiting: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque(
-            maxlen=1 + round(faults.latency / sample_time)
-        )
-
-    def upon(
-        self, gyro: NDArray[np.float64], attitude: NDArray[np.float64], drift: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return gyro (3,) and attitude (3,) with the faults upon them, drift [rad] being that of the robot's file."""
-        leaning = attitude + np.append(self._lean, 0.0)
-        self._waiting.append((gyro + self._bias, turned_about_vertical(leaning, self._heading + drift)))
-        self._wander()
-        return self._waiting[0]
-
-    def _wander(self) -> None:
-        faults, h = self._faults, self._sample_time
-        self._heading += h * float(self._bias[2])
-        self._bias = self._bias + faults.gyro_bias_walk * math.sqrt(h) * self._random.standard_normal(3)
-        fresh = faults.lean_error * math.sqrt(1.0 - self._memory**2)
-        self._lean = self._memory * self._lean + fresh * self._random.standard_normal(2)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer:
     """Where an accelerometer sits and how noisy it is."""
@@ -210,63 +124,6 @@ class Accelerometer:
     noise: float = field(
         default=0.02, metadata=parameter("standard deviation of each sample", unit="m/s^2", least=0.0)
     )
-
-
-class AccelerationSensor:
-    """Specific force f = R^T (a + g e_z) + w_dot x r + w x (w x r) at a place r of the body.
-
-    a, the acceleration of the body's point at the ball's centre, and w_dot are differences over the sample: a sensor
-    of this kind filters to half its own rate, and a MuJoCo contact's last step would be noise.
-
-    Parameters
-    ----------
-    accelerometer : Accelerometer
-    sample_time : float
-        [s]
-    gravity : float
-        [m/s^2]
-    random : Generator
-    """
-
-    def __init__(
-        self,
-        accelerometer: Accelerometer,
-        *,
-        sample_time: float,
-        gravity: float,
-        random: np.random.Generator,
-    ) -> None:
-        self._accelerometer = accelerometer
-        self._place = np.array(accelerometer.position)
-        self._sample_time = sample_time
-        self._gravity = np.array([0.0, 0.0, gravity])
-        self._random = random
-        self._before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
-
-    def read(
-        self,
-        velocity: NDArray[np.float64],
-        body_rate: NDArray[np.float64],
-        R_world_body: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """Return acc_x, acc_y, acc_z (3,) [m/s^2], body frame.
-
-        Parameters
-        ----------
-        velocity : array (3,)
-            Of the body's point at the ball's centre, world frame [m/s].
-        body_rate : array (3,)
-            Angular velocity w, body frame [rad/s].
-        R_world_body : array (3, 3)
-            Body to world.
-        """
-        before = self._before if self._before is not None else (velocity, body_rate)
-        acceleration = (velocity - before[0]) / self._sample_time
-        turning = (body_rate - before[1]) / self._sample_time
-        self._before = (velocity.copy(), body_rate.copy())
-        force = R_world_body.T @ (acceleration + self._gravity)
-        force += np.cross(turning, self._place) + np.cross(body_rate, np.cross(body_rate, self._place))
-        return force + self._accelerometer.noise * self._random.standard_normal(3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,47 +152,6 @@ class FixSource:
             raise InputError(f"missing of a fix is {self.missing}; it must be a fraction from 0 to 1.")
 
 
-class FixSensor:
-    """The fixes of one run; the first comes at 1 / rate.
-
-    Parameters
-    ----------
-    source : FixSource
-    random : Generator
-    """
-
-    def __init__(self, source: FixSource, random: np.random.Generator) -> None:
-        self._source = source
-        self._random = random
-        self._taken = 0
-
-    def read(self, t: float, truth: NDArray[np.float64]) -> Fix | None:
-        """Return the fix that has come by now, if one has.
-
-        Parameters
-        ----------
-        t : float
-            Time since the start [s].
-        truth : array (10,)
-            The state as it is.
-        """
-        source = self._source
-        due = math.floor(t * source.rate + 1e-9)
-        if due <= self._taken:
-            return None
-        self._taken = due
-        # the same draws for each fix, whether it comes or not and whatever it has
-        chance, (east, north, turn) = self._random.random(), self._random.standard_normal(3)
-        if chance < source.missing:
-            return None
-        return Fix(
-            position=truth[:2] + source.position_noise * np.array([east, north]) if source.position else None,
-            heading=float(truth[4] + source.heading_noise * turn) if source.heading else None,
-            position_deviation=source.position_noise,
-            heading_deviation=source.heading_noise,
-        )
-
-
 def sensor_samples(duration: float, sample_time: float) -> int:
     """Return how many samples of the sensors [s] a controller holds its torques for.
 
@@ -354,7 +170,7 @@ def sensor_samples(duration: float, sample_time: float) -> int:
 
 
 class SensorSuite:
-    """Encoders and AHRS, and an accelerometer and fixes where there are any.
+    """All sensors of one robot: encoders and AHRS, and an accelerometer and fixes where there are any.
 
     Parameters
     ----------
@@ -368,6 +184,7 @@ class SensorSuite:
         Errors of the AHRS beyond noise.
     accelerometer : Accelerometer, optional
     fix : FixSource, optional
+        The first fix comes at 1 / rate.
     """
 
     def __init__(
@@ -382,24 +199,27 @@ class SensorSuite:
     ) -> None:
         self._sensors, self._faults = sensors, faults
         self._accelerometer, self._fix = accelerometer, fix
-        self._gravity = robot.gravity
+        self._gravity = np.array([0.0, 0.0, robot.gravity])
         self._encoders = Encoders(robot, sensors, window=window)
         self.reset(np.random.default_rng(0), np.zeros(robot.wheel_count))
 
     def reset(self, random: np.random.Generator, motor_angles: NDArray[np.float64]) -> None:
         """Start a run: all noise follows from `random`, and the motor angles (n,) [rad] count from here."""
         self._encoders.reset(motor_angles)
-        self._imu = AttitudeSensor(self._sensors, random, self._faults)
-        self._acceleration, self._fixes = None, None
-        if self._accelerometer is not None:
-            self._acceleration = AccelerationSensor(
-                self._accelerometer,
-                sample_time=self._sensors.sample_time,
-                gravity=self._gravity,
-                random=random.spawn(1)[0],
+        self._random = random
+        if self._faults is not None:
+            faults, self._slow = self._faults, random.spawn(1)[0]
+            self._bias = faults.gyro_bias * self._slow.standard_normal(3)  # each axis: N(0, gyro_bias)
+            # each angle: N(0, lean_error), and stays so
+            self._lean = faults.lean_error * self._slow.standard_normal(2)
+            self._heading = 0.0
+            self._waiting: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque(
+                maxlen=1 + round(faults.latency / self._sensors.sample_time)
             )
-        if self._fix is not None:
-            self._fixes = FixSensor(self._fix, random.spawn(1)[0])
+        self._shaking = random.spawn(1)[0] if self._accelerometer is not None else None
+        self._before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._outside = random.spawn(1)[0] if self._fix is not None else None
+        self._taken = 0
 
     def read(
         self,
@@ -413,7 +233,7 @@ class SensorSuite:
         Parameters
         ----------
         t : float
-            Time since the start [s].
+            Time since the start [s]; the AHRS's frame is the world's at 0.
         truth : array (10,)
             The state as it is.
         body_velocity : array (6,)
@@ -422,16 +242,71 @@ class SensorSuite:
             Of the motors, seen at the wheels [rad].
         """
         rate = body_velocity[3:]
-        gyro, attitude = self._imu.read(t, rate, truth[2:5])
+        gyro, attitude = self._read_ahrs(t, rate, truth[2:5])
         wheel_angles, wheel_speeds = self._encoders.read(motor_angles)
-        acceleration = None
-        if self._acceleration is not None:
-            acceleration = self._acceleration.read(body_velocity[:3], rate, rotation(*truth[2:5]))
         return Reading(
             wheel_angles=wheel_angles,
             wheel_speeds=wheel_speeds,
             gyro=gyro,
             attitude=attitude,
-            acceleration=acceleration,
-            fix=self._fixes.read(t, truth) if self._fixes else None,
+            acceleration=self._read_acceleration(body_velocity[:3], rate, truth[2:5]),
+            fix=self._read_fix(t, truth),
+        )
+
+    def _read_ahrs(
+        self, t: float, rate: NDArray[np.float64], angles: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        sensors = self._sensors
+        gyro = rate + sensors.gyro_noise * self._random.standard_normal(3)
+        attitude = angles + sensors.attitude_noise * self._random.standard_normal(3)
+        drift = sensors.heading_drift * t
+        if self._faults is None:
+            return gyro, turned_about_vertical(attitude, drift)
+        leaning = attitude + np.append(self._lean, 0.0)
+        self._waiting.append((gyro + self._bias, turned_about_vertical(leaning, self._heading + drift)))
+        self._wander(self._faults, sensors.sample_time)
+        return self._waiting[0]
+
+    def _wander(self, faults: SensorFaults, h: float) -> None:
+        """Let the slow errors go on by a sample."""
+        self._heading += h * float(self._bias[2])
+        self._bias = self._bias + faults.gyro_bias_walk * math.sqrt(h) * self._slow.standard_normal(3)
+        memory = math.exp(-h / faults.lean_error_time)
+        fresh = faults.lean_error * math.sqrt(1.0 - memory**2)
+        self._lean = memory * self._lean + fresh * self._slow.standard_normal(2)
+
+    def _read_acceleration(
+        self, velocity: NDArray[np.float64], rate: NDArray[np.float64], angles: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        if self._accelerometer is None or self._shaking is None:
+            return None
+        before = self._before if self._before is not None else (velocity, rate)
+        acceleration, turning = (
+            (now - last) / self._sensors.sample_time
+            for now, last in zip((velocity, rate), before, strict=True)
+        )
+        self._before = (velocity.copy(), rate.copy())
+        place = np.array(self._accelerometer.position)
+        force = rotation(*angles).T @ (acceleration + self._gravity)
+        force += np.cross(turning, place) + np.cross(rate, np.cross(rate, place))
+        return force + self._accelerometer.noise * self._shaking.standard_normal(3)
+
+    def _read_fix(self, t: float, truth: NDArray[np.float64]) -> Fix | None:
+        """Return the fix that has come by now, if one has."""
+        source = self._fix
+        if source is None or self._outside is None:
+            return None
+        due = math.floor(t * source.rate + 1e-9)
+        if due <= self._taken:
+            return None
+        self._taken = due
+        # the same draws for each fix, whether it comes or not and whatever it has
+        chance, (east, north, turn) = self._outside.random(), self._outside.standard_normal(3)
+        if chance < source.missing:
+            return None
+        return Fix(
+            position=truth[:2] + source.position_noise * np.array([east, north]) if source.position else None,
+            heading=float(truth[4] + source.heading_noise * turn) if source.heading else None,
+            position_deviation=source.position_noise,
+            heading_deviation=source.heading_noise,
         )

@@ -117,18 +117,17 @@ def _convex(ball, u, omega, h, end):
         limits[i] = dry_friction(wheel, speed) if speed != 0.0 else wheel.c + wheel.s
         for axis in range(3):
             end[axis] += h * ball.push[axis, i] * free_torque(wheel, u[i], speed)
-    M, free, C, most, start = _problem(ball.wheels, ball.M, end, ball.A, limits, omega)
-    fill(end, minimiser(M, free, C, most, 0.0, h, start)[2:])
+    M, free, C, most = _problem(ball.wheels, ball.M, end, ball.A, limits)
+    fill(end, minimiser(M, free, C, most, 0.0, h)[2:])
 
 
 @traced
-def _problem(wheels, M, free, A, limits, omega):
+def _problem(wheels, M, free, A, limits):
     """Return the numbers of `minimiser`'s arrays, as tuples."""
     mass = [(1.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0, 0.0)]
     mass += [(0.0, 0.0, M[3 * i], M[3 * i + 1], M[3 * i + 2]) for i in range(3)]
     rows = tuple((0.0, 0.0, A[3 * i], A[3 * i + 1], A[3 * i + 2]) for i in range(len(wheels)))
-    ends = [(0.0, 0.0, one[0], one[1], one[2]) for one in (free, omega)]
-    return tuple(mass), ends[0], rows, from_array(wheels, limits), ends[1]
+    return tuple(mass), (0.0, 0.0, free[0], free[1], free[2]), rows, from_array(wheels, limits)
 
 
 @called
@@ -220,7 +219,7 @@ def _friction_rows(friction: Friction) -> NDArray[np.float64]:
     """Return the rows of `BallNumbers.friction`."""
     wheels = np.column_stack([friction.viscous, friction.coulomb, friction.stribeck])
     shape = np.full((len(wheels), 2), [1.0 / friction.stribeck_speed, friction.stribeck_exponent])
-    return np.hstack([wheels, shape, friction_terms(friction).columns()])
+    return np.hstack([wheels, shape, friction_terms(friction)])
 
 
 def simulate_balls(

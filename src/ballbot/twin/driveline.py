@@ -17,7 +17,6 @@ touches, and the angle is added up. All speeds stay; the error of a step shrinks
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numba import njit
@@ -25,67 +24,10 @@ from numpy.typing import NDArray
 
 from ballbot.mechanics.engine.compiled import compiled_alone
 from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
 from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
 from ballbot.twin.engine import Engine
 from ballbot.twin.scenario import Scenario
-
-
-class Motors:
-    """The motors of one twin: torque limit, speed limit or battery, and the drivers' lag.
-
-    Parameters
-    ----------
-    robot : Robot
-        Torque limit, supply and drive.
-    scenario : Scenario
-    engine : Engine
-        Has a motor "wheel 1" to "wheel n".
-    """
-
-    def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
-        self._torques = engine.torques
-        self._limits = DriveLimits(robot, scenario.supply)
-        self._command = np.zeros(robot.wheel_count)
-        self._limited = False
-        loop = scenario.current_loop
-        self._lags = loop is not None
-        #: fraction of the difference to the command by which a driver's torque changes in a step
-        self._fraction = 1.0 if loop is None else -math.expm1(-2 * math.pi * loop.bandwidth * engine.timestep)
-        #: speed above which the supply limits a step; below zero, always, with a lag or a battery
-        plain = loop is None and scenario.supply is None
-        self.knee = (1.0 - FALLING_PART) * self._limits.top_speed if plain else -1.0
-
-    def reset(self) -> None:
-        """Set all torques to zero, also those that a lag delays."""
-        self._command = np.zeros_like(self._command)
-        self._torques[:] = 0.0
-        self._limited = False
-
-    def command(self, torques: NDArray[np.float64]) -> None:
-        """Set the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
-        limit = self._limits.torque_limit
-        self._command = np.minimum(np.maximum(torques, -limit), limit)
-        if self.knee > 0.0:
-            self._torques[:] = self._command
-
-    def prepare_step(self, speeds: NDArray[np.float64], *, fast: bool) -> None:
-        """Set the torques for the next physics step.
-
-        Parameters
-        ----------
-        speeds : array (n,)
-            Of the motors at the wheel, at the step's start [rad/s].
-        fast : bool
-            Whether one of them is above the knee.
-        """
-        if not (fast or self._limited):
-            return
-        self._limited = fast
-        requested = (
-            self._torques + self._fraction * (self._command - self._torques) if self._lags else self._command
-        )
-        self._torques[:] = self._limits.within(requested, speeds)
 
 
 class Shafts:
@@ -123,10 +65,6 @@ class Shafts:
         """Return the motors' angles (n,) at the wheel [rad]."""
         return self._hinges + self._turned if self.returning else self._hinges
 
-    def wheel_angles(self) -> NDArray[np.float64]:
-        """Return the wheels' own angles (n,) [rad], beyond play and spring."""
-        return self.angles() if self._play is None else self.angles() + self._play
-
     def turn_back(self) -> None:
         """Turn every wheel so that its single roller touches the ball."""
         turn = self._hinges if self._play is None else self._hinges + self._play
@@ -162,7 +100,7 @@ class Driveline:
     Parameters
     ----------
     robot : Robot
-        Torque limit, and the supply's speed limit.
+        Torque limit, supply and drive.
     scenario : Scenario
         Has the true friction.
     engine : Engine
@@ -171,9 +109,9 @@ class Driveline:
 
     def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
         wheels = engine.velocities("wheel", robot.wheel_count)
-        friction = scenario.friction
+        self._friction = friction = scenario.friction
+        self._directed = not friction.is_plain
         self.speeds = engine.qvel[wheels]  #: (n,) motor speeds at the wheel [rad/s], a view
-        self._motors = Motors(robot, scenario, engine)
         self._dry_friction = engine.dry_friction[wheels]
         self._curve = (
             np.array(friction.coulomb),
@@ -181,41 +119,47 @@ class Driveline:
             1.0 / friction.stribeck_speed,
             friction.stribeck_exponent,
         )
-        self._scalings: list[Callable[[NDArray[np.float64]], None]] = []
-        if not friction.is_plain:
-            self._scalings.append(DirectedTerms(friction, self.speeds, engine.torques))
-        if scenario.load_dependence:
-            self._scalings.append(Load(robot, scenario.load_dependence.fraction, engine))
+        dependence = scenario.load_dependence
+        self._load = Load(robot, dependence.fraction, engine) if dependence else None
+        self._torques = engine.torques
+        self._limits = DriveLimits(robot, scenario.supply)
+        self._command = np.zeros(robot.wheel_count)
+        self._limited = False
+        loop = scenario.current_loop
+        self._lags = loop is not None
+        # fraction of the difference to the command by which a driver's torque changes in a step
+        self._fraction = 1.0 if loop is None else -math.expm1(-2 * math.pi * loop.bandwidth * engine.timestep)
+        # speed above which the supply limits a step; below zero, always, with a lag or a battery
+        plain = loop is None and scenario.supply is None
+        self._knee = (1.0 - FALLING_PART) * self._limits.top_speed if plain else -1.0
 
     def reset(self) -> None:
-        """Set all torques to zero."""
-        self._motors.reset()
+        """Set all torques to zero, also those that a lag delays."""
+        self._command = np.zeros_like(self._command)
+        self._torques[:] = 0.0
+        self._limited = False
 
     def command(self, torques: NDArray[np.float64]) -> None:
         """Set the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
-        self._motors.command(torques)
+        limit = self._limits.torque_limit
+        self._command = np.minimum(np.maximum(torques, -limit), limit)
+        if self._knee > 0.0:
+            self._torques[:] = self._command
 
     def prepare_step(self) -> None:
         """Set torques and dry friction for the next physics step, from the speeds at its start."""
-        fastest = _stribeck_sizes(self.speeds, *self._curve, self._dry_friction)
-        self._motors.prepare_step(self.speeds, fast=fastest > self._motors.knee)
-        for scaling in self._scalings:
-            scaling(self._dry_friction)
-
-
-class DirectedTerms:
-    """The terms of a robot's friction by direction of turning and by the motors' torques."""
-
-    def __init__(self, friction: Friction, speeds: NDArray[np.float64], torques: NDArray[np.float64]) -> None:
-        self._friction = friction
-        self._speeds = speeds
-        self._torques = torques
-
-    def __call__(self, sizes: NDArray[np.float64]) -> None:
-        """Set the sizes (n,) in the direction in which each wheel turns, or is about to."""
-        moves = np.abs(self._speeds) > _AT_REST
-        towards = np.where(moves, self._speeds, np.copysign(_AT_REST, self._torques))
-        sizes[:] = dry_friction_size(towards, self._friction, torque=self._torques)
+        fast = _stribeck_sizes(self.speeds, *self._curve, self._dry_friction) > self._knee
+        if fast or self._limited:
+            self._limited = fast
+            lagged = self._torques + self._fraction * (self._command - self._torques)
+            self._torques[:] = self._limits.within(lagged if self._lags else self._command, self.speeds)
+        if self._directed:
+            # in the direction in which each wheel turns, or is about to
+            moves = np.abs(self.speeds) > _AT_REST
+            towards = np.where(moves, self.speeds, np.copysign(_AT_REST, self._torques))
+            self._dry_friction[:] = dry_friction_size(towards, self._friction, torque=self._torques)
+        if self._load:
+            self._load(self._dry_friction)
 
 
 class Load:

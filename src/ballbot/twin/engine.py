@@ -35,9 +35,8 @@ class Engine:
         #: generalised positions and velocities, MuJoCo's order
         self.qpos: NDArray[np.float64] = self.data.qpos
         self.qvel: NDArray[np.float64] = self.data.qvel
-        #: dry friction [N m] and viscous friction [N m s/rad] of each degree of freedom
+        #: dry friction of each degree of freedom [N m]
         self.dry_friction: NDArray[np.float64] = self.model.dof_frictionloss
-        self.damping: NDArray[np.float64] = self.model.dof_damping
         #: torques of the motors [N m]
         self.torques: NDArray[np.float64] = self.data.ctrl
         #: generalised forces in addition to all others

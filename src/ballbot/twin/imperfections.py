@@ -62,10 +62,7 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
     timing, loop, payload = scenario.timing, scenario.current_loop, scenario.payload
     give = 1.0 / scenario.softness.stiffness if scenario.softness else _GIVE * scenario.contact_time**2
     contacts = RollerContacts(
-        rollers=scenario.rollers,
-        give=give,
-        grip=scenario.roller_grip,
-        creep=_CREEP / scenario.contact_time,
+        rollers=scenario.rollers, give=give, grip=scenario.roller_grip, creep=_CREEP / scenario.contact_time
     )
     return Imperfections(
         sensors=scenario.sensors,

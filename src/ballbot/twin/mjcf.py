@@ -54,14 +54,7 @@ from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.twin.engine import Engine
 from ballbot.twin.faults import Compliance, Payload, Softness
-from ballbot.twin.parts import (
-    BodyParts,
-    WheelParts,
-    point_wheel_parts,
-    split_robot,
-    wheel_frames,
-    wheel_parts,
-)
+from ballbot.twin.parts import BodyParts, WheelParts, split_robot, wheel_frames
 from ballbot.twin.scenario import Scenario, check_scenario
 
 
@@ -298,8 +291,7 @@ def floor_normal(scenario: Scenario) -> NDArray[np.float64]:
 
 
 def _document(robot: Robot, scenario: Scenario, mounting: Mounting) -> ET.Element:
-    point = scenario.wheel_contact == "point"
-    wheel, rest = split_robot(robot, scenario.rollers, wheel_of=point_wheel_parts if point else wheel_parts)
+    wheel, rest = split_robot(robot, scenario.rollers, point=scenario.wheel_contact == "point")
     root = ET.Element("mujoco", model=f"{robot.name} {scenario.name}")
     _options(root, robot, scenario, mounting)
     world = add(root, "worldbody")

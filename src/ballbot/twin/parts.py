@@ -13,7 +13,6 @@ half, a quarter ... of the disc's mass, with the same j_w, until the rest is a p
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,14 +59,6 @@ class WheelParts:
         return self.hub_mass + len(self.roller_angles) * self.roller_mass
 
 
-class WheelSplit(Protocol):
-    """Splits a wheel into hub and rollers."""
-
-    def __call__(self, robot: Robot, rollers: Rollers, *, mass_fraction: float) -> WheelParts:
-        """Return the parts of a wheel that has that fraction of a disc's mass."""
-        ...
-
-
 @dataclass(frozen=True, kw_only=True)
 class BodyParts:
     """The body without its wheels."""
@@ -87,15 +78,15 @@ def wheel_frames(robot: Robot) -> NDArray[np.float64]:
     return np.stack((-n, rolling_directions(robot.wheels), -axles(robot.wheels)), axis=-1)
 
 
-def split_robot(robot: Robot, rollers: Rollers, *, wheel_of: WheelSplit) -> tuple[WheelParts, BodyParts]:
+def split_robot(robot: Robot, rollers: Rollers, *, point: bool) -> tuple[WheelParts, BodyParts]:
     """Split the robot's body into one wheel, all being alike, and the body without wheels.
 
     Parameters
     ----------
     robot : Robot
     rollers : Rollers
-    wheel_of : callable
-        `wheel_parts` or `point_wheel_parts`.
+    point : bool
+        As for `wheel_parts`.
 
     Raises
     ------
@@ -104,7 +95,7 @@ def split_robot(robot: Robot, rollers: Rollers, *, wheel_of: WheelSplit) -> tupl
     """
     fraction, refusal = 1.0, InputError()
     while fraction >= _LIGHTEST:
-        wheel = wheel_of(robot, rollers, mass_fraction=fraction)
+        wheel = wheel_parts(robot, rollers, point=point, mass_fraction=fraction)
         try:
             return wheel, body_parts(robot, wheel)
         except InputError as error:
@@ -113,29 +104,24 @@ def split_robot(robot: Robot, rollers: Rollers, *, wheel_of: WheelSplit) -> tupl
     raise refusal
 
 
-def point_wheel_parts(robot: Robot, rollers: Rollers, *, mass_fraction: float = 1.0) -> WheelParts:
-    """Split a wheel that has a single roller, a sphere, at its contact with the ball."""
-    single = replace(rollers, rows=1, per_row=1)
-    parts = wheel_parts(robot, single, roller_fraction=_POINT_FRACTION, mass_fraction=mass_fraction)
-    return replace(parts, roller_half_length=rollers.radius)
-
-
-def wheel_parts(
-    robot: Robot, rollers: Rollers, *, roller_fraction: float = _ROLLER_FRACTION, mass_fraction: float = 1.0
-) -> WheelParts:
+def wheel_parts(robot: Robot, rollers: Rollers, *, point: bool, mass_fraction: float = 1.0) -> WheelParts:
     """Split a wheel of a fraction of a disc's mass into hub and rollers.
+
+    With `point` it has a single roller, a sphere, at its contact with the ball.
 
     The rollers are ellipsoids of half length sqrt(r_w r_roller): their middle then curves like the wheel's
     rim. A row lies `offset` off the wheel's middle plane, so it meets the ball below its own highest point,
     and the wheel's centre moves in by as much. The second row is turned by half a pitch.
     """
+    if point:
+        rollers = replace(rollers, rows=1, per_row=1)
     radius, inertia = robot.wheels.radius, robot.wheels.inertia
     ring = radius - rollers.radius
     half_length = float(np.sqrt(radius * rollers.radius))
     count = rollers.rows * rollers.per_row
     across = (rollers.radius**2 + half_length**2) / 5  # inertia over mass, ellipsoid
     along = 2 * rollers.radius**2 / 5
-    in_rollers = mass_fraction * roller_fraction
+    in_rollers = mass_fraction * (_POINT_FRACTION if point else _ROLLER_FRACTION)
     roller_mass = in_rollers * inertia / (count * (ring**2 + across))
     hub_mass = mass_fraction * 2 * inertia / radius**2 - count * roller_mass
     hub_axial = (1 - in_rollers) * inertia
@@ -150,7 +136,7 @@ def wheel_parts(
         hub_inertia=(hub_axial / 2, hub_axial / 2, hub_axial),
         roller_mass=roller_mass,
         roller_inertia=(roller_mass * across, roller_mass * along, roller_mass * across),
-        roller_half_length=half_length,
+        roller_half_length=rollers.radius if point else half_length,
         roller_centers=np.column_stack((ring * np.cos(angles), ring * np.sin(angles), heights)),
         roller_angles=angles,
         center_distance=float(np.sqrt((robot.ball.radius + rollers.radius) ** 2 - offset**2)) + ring,

@@ -217,19 +217,16 @@ def results(log: Log) -> dict[str, object]:
         `ballbot.estimation.interface`; the drift is None if the run is shorter than a minute, everything is None if
         it has a single row.
     """
-    return {"ended": log.ended, "estimation_errors": _estimation_errors(log)}
-
-
-def _estimation_errors(log: Log) -> dict[str, object] | None:
-    if len(log) < 2:
-        return None
-    return to_results(state_errors(log.t, log.states, log.truth().states))
+    errors = None if len(log) < 2 else to_results(state_errors(log.t, log.states, log.truth().states))
+    return {"ended": log.ended, "estimation_errors": errors}
 
 
 def twin_findings(robot: Robot) -> tuple[Finding, ...]:
     """Return why `ballbot record nominal` would refuse a robot; empty if it records it."""
-    findings = []
-    refusal = _refusal(lambda: _built(robot))
+    findings, scenario = [], Scenario.nominal(robot)
+    # without MuJoCo, only the document can be checked
+    build = Twin if find_spec("mujoco") else twin_mjcf
+    refusal = _refusal(lambda: build(robot, scenario))
     if refusal:
         text = f"The twin cannot simulate this robot, so `ballbot record` refuses it: {refusal}"
         findings.append(Finding(code="robot-twin", severity="warning", text=text))
@@ -246,9 +243,3 @@ def _refusal(attempt: Callable[[], object]) -> str:
     except InputError as error:
         return str(error)
     return ""
-
-
-def _built(robot: Robot) -> object:
-    scenario = Scenario.nominal(robot)
-    # without MuJoCo, only the document can be checked
-    return Twin(robot, scenario) if find_spec("mujoco") else twin_mjcf(robot, scenario)

@@ -25,15 +25,7 @@ from ballbot.robot.robot import friction_rows
 from ballbot.simulation.imperfections import Push, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.summary import Summary, listed, summarized
-from ballbot.twin.faults import (
-    Compliance,
-    CurrentLoop,
-    LoadDependence,
-    Payload,
-    Roughness,
-    Softness,
-    Timing,
-)
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
 from ballbot.twin.parts import check_rollers
 
 #: how a wheel touches the ball: by its rollers, or by one point that is always there
@@ -80,8 +72,7 @@ class Scenario:
         default=1.0, metadata=parameter("friction coefficient of the ball on the floor")
     )
     roller_grip: float = field(
-        default=1.0,
-        metadata=parameter("friction coefficient of the rollers on the ball; a small one slips"),
+        default=1.0, metadata=parameter("friction coefficient of the rollers on the ball; a small one slips")
     )
     contact_time: float = field(
         default=0.004, metadata=parameter("time constant of the rubber contacts (MuJoCo's solref)", unit="s")
@@ -116,8 +107,7 @@ class Scenario:
     compliance: Compliance | None = field(
         default=None,
         metadata=table(
-            "Drivelines that twist, with a resonance.",
-            example=Compliance(frequency=40.0, damping_ratio=0.1),
+            "Drivelines that twist, with a resonance.", example=Compliance(frequency=40.0, damping_ratio=0.1)
         ),
     )
     current_loop: CurrentLoop | None = field(

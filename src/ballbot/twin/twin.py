@@ -223,7 +223,14 @@ class Twin:
             np.zeros(10) if initial_state is None else real_array(initial_state, (10,), "The initial state")
         )
         self._random = np.random.default_rng(seed)
-        self._timing = self._timing_model(seed)
+        if self.scenario.timing:
+            self._timing = TimingModel(
+                self.scenario.timing,
+                steps=self._substeps,
+                timestep=self.scenario.timestep,
+                wheel_count=self.robot.wheel_count,
+                random=np.random.default_rng([seed, 5]),  # not the stream of the noise
+            )
         self.engine.reset()
         self._place(state)
         self._driveline.reset()
@@ -267,18 +274,6 @@ class Twin:
         ball, body = engine.first_velocity("ball"), engine.first_velocity("body")
         self._ball_velocity = engine.qvel[ball : ball + 6]
         self._body_velocity = engine.qvel[body : body + 6]
-
-    def _timing_model(self, seed: int) -> TimingModel | None:
-        """Return the delay and jitter of the run of that seed, or None."""
-        if self.scenario.timing is None:
-            return None
-        return TimingModel(
-            self.scenario.timing,
-            steps=self._substeps,
-            timestep=self.scenario.timestep,
-            wheel_count=self.robot.wheel_count,
-            random=np.random.default_rng([seed, 5]),  # not the stream of the noise
-        )
 
     def _place(self, state: NDArray[np.float64]) -> None:
         """Write a state (10,) into the engine, with random wheel angles and play."""

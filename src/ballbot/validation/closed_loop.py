@@ -183,7 +183,6 @@ def closed_loop(
     *,
     covariance: NDArray[np.float64],
     delay: int = 0,
-    floor: NDArray[np.float64] | None = None,
     seed: int = 0,
 ) -> ClosedLoop:
     """Compare both models with the log in closed loop.
@@ -201,8 +200,6 @@ def closed_loop(
         Of a measured state's noise.
     delay : int
         Samples by which the controller's torques come late.
-    floor : array (10,), optional
-        Errors that the resolution of the log explains; what rounding makes of the start, feedback makes smaller.
     seed : int
         Of the noise drawn for the runs over the whole log.
 
@@ -227,13 +224,9 @@ def closed_loop(
     # the loop of the thesis's equations takes a minute to compile, for this alone
     exact = all(model.formulation == "exact" for model in models.both)
     if exact and isinstance(controller, Controller):
-        whole = (
-            compare_whole_log(
-                models, log, controller, delay=delay, covariance=covariance, floor=floor, seed=seed
-            ),
-        )
+        whole = (compare_whole_log(models, log, controller, delay=delay, covariance=covariance, seed=seed),)
     return ClosedLoop(
-        restarted=ErrorPair.of_runs(list(measured), list(restarted[0]), list(restarted[1]), floor=floor),
+        restarted=ErrorPair.of_runs(list(measured), list(restarted[0]), list(restarted[1])),
         restart_every=samples * log.sample_time,
         whole=whole,
     )

@@ -11,14 +11,13 @@ divides the norm of the differences by their number n, not by its root:
 so that e shrinks with the length of what is compared. Both are given; ratios of equally long runs are the same. The
 normalised RMSE is over the standard deviation of what was measured: 1 is no better than a constant.
 
-No error counts as less than the log's resolution causes (`ballbot.validation.resolution`) before a ratio is formed.
-The interval is that of `ballbot.fitting.comparison`.
+No error counts as less than `FINEST` before a ratio is formed. The interval is that of `ballbot.fitting.comparison`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
-from ballbot.log import STATE_NAMES, Log
+from ballbot.log import Log
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
@@ -94,22 +93,6 @@ class ModelPair:
         )
 
     @staticmethod
-    def by_formulation(model: Model) -> ModelPair:
-        """Return an exact model beside the same robot with the thesis's equations."""
-        return ModelPair(
-            first=NamedModel(name="in the exact formulation", model=model),
-            second=NamedModel(name="in the thesis's formulation", model=replace(model, formulation="thesis")),
-        )
-
-    @staticmethod
-    def of_two(first: Model, second: Model, *, files: tuple[str, str]) -> ModelPair:
-        """Return two models called by the files or presets they came from."""
-        return ModelPair(
-            first=NamedModel(name=f"of {files[0]}", model=first),
-            second=NamedModel(name=f"of {files[1]}", model=second),
-        )
-
-    @staticmethod
     def load(robot: str, *, against: str | None = None) -> ModelPair:
         """Return the model of a preset or robot file and the one that it is compared with.
 
@@ -130,11 +113,18 @@ class ModelPair:
         if against is None:
             return ModelPair.by_friction(model)
         if against == "thesis":
-            return ModelPair.by_formulation(model)
+            thesis = replace(model, formulation="thesis")
+            return ModelPair(
+                first=NamedModel(name="in the exact formulation", model=model),
+                second=NamedModel(name="in the thesis's formulation", model=thesis),
+            )
         if against not in Robot.presets() and not Path(against).exists():
             hint = suggest(against, ["thesis", *Robot.presets()], otherwise="there are")
             raise InputError(f"--against {against} is no preset or robot file, and not thesis; {hint}")
-        return ModelPair.of_two(model, Model(Robot.load(against)), files=(robot, against))
+        return ModelPair(
+            first=NamedModel(name=f"of {robot}", model=model),
+            second=NamedModel(name=f"of {against}", model=Model(Robot.load(against))),
+        )
 
     @property
     def names(self) -> tuple[str, str]:
@@ -146,6 +136,10 @@ class ModelPair:
         """The first model, then the second."""
         return (self.first.model, self.second.model)
 
+
+#: an RMS error counts as no less than this, in m, rad and their rates: a thousandth of what the finest sensors of a
+#: robot resolve, and a million times the rounding of a double
+FINEST = 1e-9
 
 Interval = tuple[float, float]
 
@@ -353,8 +347,6 @@ class ErrorPair:
     means: NDArray[np.float64]  #: (runs, 10) of what was measured
     squares: NDArray[np.float64]  #: (runs, 10) its mean squares
     overlap: int = 1  #: how many neighbouring runs share some of the log
-    #: (10,) RMSE that the resolution of the log alone causes, below which no error counts
-    floor: NDArray[np.float64] = field(default_factory=lambda: np.zeros(10))
 
     @staticmethod
     def of_runs(
@@ -363,7 +355,6 @@ class ErrorPair:
         second: Sequence[NDArray[np.float64]],
         *,
         overlap: int = 1,
-        floor: NDArray[np.float64] | None = None,
     ) -> ErrorPair:
         """Return the errors of runs given as measured states and both models', each (n, 10) of its own length."""
 
@@ -376,7 +367,6 @@ class ErrorPair:
             means=np.array([run.mean(axis=0) for run in measured]),
             squares=np.array([np.mean(run**2, axis=0) for run in measured]),
             overlap=overlap,
-            floor=np.zeros(len(STATE_NAMES)) if floor is None else floor,
         )
 
     @property
@@ -386,21 +376,21 @@ class ErrorPair:
 
     @property
     def ratio(self) -> NDArray[np.float64]:
-        """Error (4.1) of the second model over that of the first (10,), neither below `floor`.
+        """Error (4.1) of the second model over that of the first (10,), neither below `FINEST`.
 
-        Above one, the first is nearer; one if both are below; NaN if both are zero and so is the floor.
+        Above one, the first is nearer; one if both are below.
         """
         first, second = (errors.mean(axis=0) for errors in self._resolved())
-        return np.divide(second, first, out=np.full_like(first, np.nan), where=first > 0.0)
+        return second / first
 
     @property
     def unresolved(self) -> NDArray[np.bool_]:
-        """States (10,) whose errors the resolution of the log explains in both models: they show nothing."""
-        return np.maximum(self.first.rmse, self.second.rmse) <= self.floor
+        """States (10,) whose errors are below `FINEST` in both models: they show nothing."""
+        return np.maximum(self.first.rmse, self.second.rmse) <= FINEST
 
     def _resolved(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the errors by run of the first and the second model, none below the floor."""
-        least = self.floor / np.sqrt(self.first.samples[:, None])
+        """Return the errors by run of the first and the second model, none below `FINEST`."""
+        least = FINEST / np.sqrt(self.first.samples[:, None])
         return np.maximum(self.first.by_run, least), np.maximum(self.second.by_run, least)
 
     @property
@@ -412,10 +402,10 @@ class ErrorPair:
 
     @property
     def normalised_rmse(self) -> NDArray[np.float64]:
-        """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `floor`."""
+        """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `FINEST`."""
         spread = self.spread
         rmse = np.array([self.first.rmse, self.second.rmse])
-        moved = spread > self.floor
+        moved = spread > FINEST
         return np.where(moved, rmse / np.where(moved, spread, 1.0), np.nan)
 
     def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
@@ -435,15 +425,12 @@ class ErrorPair:
 
 def join_pairs(pairs: Sequence[ErrorPair]) -> ErrorPair:
     """Return the errors over the runs of all `pairs`."""
-    weights = np.array([pair.first.samples.sum() for pair in pairs], dtype=float)
-    floors = np.array([pair.floor for pair in pairs])
     return ErrorPair(
         first=_join_errors([pair.first for pair in pairs]),
         second=_join_errors([pair.second for pair in pairs]),
         means=np.concatenate([pair.means for pair in pairs]),
         squares=np.concatenate([pair.squares for pair in pairs]),
         overlap=max(pair.overlap for pair in pairs),
-        floor=np.sqrt(np.average(floors**2, axis=0, weights=weights)),
     )
 
 

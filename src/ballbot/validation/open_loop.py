@@ -27,7 +27,6 @@ from ballbot.validation.models import (
     rows_after,
     window_starts,
 )
-from ballbot.validation.resolution import rounding_floor
 
 #: longest run [s]; where no stretch is that long, the longest that fits
 _LONGEST = 2.0
@@ -89,7 +88,6 @@ def open_loop(
         [run[:n] for run, n in zip(measured, lengths, strict=True)],
         *([run[:n] for run, n in zip(of_model, lengths, strict=True)] for of_model in states),
         overlap=-(-int(np.median(lengths)) // every),
-        floor=rounding_floor(log),
     )
     shifted = _noisy(log.states[starts], start_covariance, seed)
     noisy = forecast([models.first.model], log, starts, samples, initial=shifted)[0]

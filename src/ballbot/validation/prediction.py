@@ -20,7 +20,6 @@ from ballbot.fitting.comparison import HorizonErrors
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_speed_names
 from ballbot.validation.models import ErrorPair, ModelPair, forecast, rows_after, window_starts
-from ballbot.validation.resolution import rounding_floor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +34,6 @@ class Prediction:
     wheel_speeds: NDArray[np.float64] | None  #: (steps, n) [rad/s] by the encoders; None if a log lacks them
     segments: tuple[int, ...]  #: lengths of the runs of steps that follow each other without a gap
     sample_time: float  #: [s]
-    floor: NDArray[np.float64]  #: (10,) RMSE that the rounding of the log's states explains
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -47,12 +45,7 @@ class Prediction:
     def errors(self) -> ErrorPair:
         """All steps as one run."""
         measured = self.measured
-        return ErrorPair.of_runs(
-            [measured],
-            [measured - self.residuals],
-            [measured - self.residuals_second],
-            floor=self.floor,
-        )
+        return ErrorPair.of_runs([measured], [measured - self.residuals], [measured - self.residuals_second])
 
     @property
     def start_covariance(self) -> NDArray[np.float64]:
@@ -79,7 +72,6 @@ def predict(models: ModelPair, log: Log, parts: Sequence[range]) -> Prediction:
         wheel_speeds=_columns(log, wheel_speed_names(count), starts),
         segments=tuple(len(part) - 1 for part in parts),
         sample_time=log.sample_time,
-        floor=rounding_floor(log),
     )
 
 
@@ -99,7 +91,6 @@ def join_predictions(predictions: Sequence[Prediction]) -> Prediction:
         wheel_speeds=together([part.wheel_speeds for part in predictions]),
         segments=tuple(length for part in predictions for length in part.segments),
         sample_time=predictions[0].sample_time,
-        floor=np.max([part.floor for part in predictions], axis=0),
     )
 
 
@@ -165,7 +156,6 @@ def compare_horizons(
             horizons=horizons,
             differences=(states - measured)[:, :, ahead - 1],
             overlap=int(-(-horizons[-1] // _SPACING)),
-            floor=np.tile(rounding_floor(log), (len(ahead), 1)),
         ),
         noise_floor=np.sqrt(np.mean(floor**2, axis=0)),
         spread=np.std(np.concatenate([log.states[part.start : part.stop] for part in parts]), axis=0),
@@ -178,17 +168,10 @@ def join_horizons(parts: Sequence[HorizonComparison]) -> HorizonComparison:
     alike = [part for part in parts if np.array_equal(part.errors.horizons, first.horizons)]
     weights = [part.errors.starts for part in alike]
     noise = [part.noise_floor for part in alike]
-    rounding = [
-        np.zeros(first.rmse.shape[1:]) if part.errors.floor is None else part.errors.floor for part in alike
-    ]
     differences = np.concatenate([part.errors.differences for part in alike], axis=1)
     return HorizonComparison(
-        errors=replace(first, differences=differences, floor=_mean_square(rounding, weights)),
-        noise_floor=_mean_square(noise, weights),
+        errors=replace(first, differences=differences),
+        # the root of the mean square over all starts
+        noise_floor=np.sqrt(np.average(np.array(noise) ** 2, axis=0, weights=weights)),
         spread=parts[0].spread,
     )
-
-
-def _mean_square(floors: Sequence[NDArray[np.float64]], weights: Sequence[int]) -> NDArray[np.float64]:
-    """Return the root of the weighted mean of the squares of arrays of one shape."""
-    return np.sqrt(np.average(np.array(floors) ** 2, axis=0, weights=weights))

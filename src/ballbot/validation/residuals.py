@@ -209,10 +209,7 @@ def _pair_findings(found: Correlations) -> list[str]:
     verb = "is" if marked == 1 else "are"
     marks = f"{marked} of the {tested} pairs of a residual with another or a torque {verb} significant"
     if unexpected:
-        return [
-            *sentences,
-            f"{marks}; unexpected are {', '.join(unexpected)}: something is not modelled.",
-        ]
+        return [*sentences, f"{marks}; unexpected are {', '.join(unexpected)}: something is not modelled."]
     return [
         *sentences,
         f"{marks}; except for the expected ones none reaches {_WEAK}: nothing unmodelled stands out.",

@@ -150,7 +150,7 @@ def _reason(validation: Validation, index: int) -> str:
     loop = validation.open_loop
     assert loop is not None
     if loop.errors.unresolved[index]:
-        return "Reason: the errors of both models are within the resolution of the log's numbers."
+        return "Reason: the errors of both models are below what any sensor of a robot resolves."
     share = loop.noise_floor[index] / loop.errors.first.rmse[index]
     first, second = validation.models.both
     falls = [float(model.linearize().poles()[0].real) for model in (first, second)]

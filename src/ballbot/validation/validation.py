@@ -1,4 +1,10 @@
-"""The three validations of the thesis's chapter 4 on a log: closed loop, open loop and prediction."""
+"""The three validations of the thesis's chapter 4 on a log: closed loop, open loop and prediction.
+
+A model that predicts all ten states of the next row to the resolution of the log's numbers simulated the log itself,
+because no robot follows its model so far. Such a log shows nothing about the other model either, and neither does a
+log that does not move. A column of decimals or of an encoder's counts lies on a grid of some step; a column of full
+precision counts as resolved to `FINEST`.
+"""
 
 from __future__ import annotations
 
@@ -30,17 +36,10 @@ from ballbot.validation.closed_loop import (
     join_closed_loops,
     recover_gain,
 )
-from ballbot.validation.models import Interval, ModelPair, check_wheels, stretches
+from ballbot.validation.models import FINEST, ErrorPair, Interval, ModelPair, check_wheels, stretches
 from ballbot.validation.open_loop import join_open_loops, open_loop
-from ballbot.validation.prediction import (
-    HorizonComparison,
-    compare_horizons,
-    join_horizons,
-    join_predictions,
-    predict,
-)
+from ballbot.validation.prediction import compare_horizons, join_horizons, join_predictions, predict
 from ballbot.validation.residuals import analyse_residuals
-from ballbot.validation.resolution import no_evidence
 from ballbot.validation.result import Validation
 
 
@@ -142,7 +141,7 @@ def validate_pair(
     recovered, closed, refusal = (
         (None, None, refused)
         if refused
-        else _closed_loop(models, log, parts, controller, covariance, horizon, run.seed)
+        else _closed_loop(models, log, parts, controller, covariance, run.seed)
     )
     _report(run, 3)
     opened = None if refused else open_loop(models, log, parts, start_covariance=covariance, seed=run.seed)
@@ -173,11 +172,7 @@ def _report(run: Run, done: int) -> None:
 
 
 def validate_logs(
-    models: ModelPair,
-    logs: Mapping[str, Log],
-    *,
-    controller: Feedback | None = None,
-    run: Run = DEFAULT_RUN,
+    models: ModelPair, logs: Mapping[str, Log], *, controller: Feedback | None = None, run: Run = DEFAULT_RUN
 ) -> dict[str, Validation]:
     """Return the validation on each log, by the logs' names; an error names its log.
 
@@ -245,7 +240,6 @@ def _closed_loop(
     parts: Sequence[range],
     controller: Feedback | None,
     covariance: NDArray[np.float64],
-    horizon: HorizonComparison,
     seed: int,
 ) -> tuple[RecoveredGain | None, ClosedLoop | None, str | None]:
     """Return the recovered gain, the closed-loop validation, and the reason if it is missing."""
@@ -261,17 +255,54 @@ def _closed_loop(
             sample_time=log.sample_time,
             torque_limit=recovered.torque_limit,
         )
-    # the floor of the longest forecast without feedback: with it, the start's rounding grows less
-    floor = None if horizon.errors.floor is None else horizon.errors.floor[-1]
     delay = delay_of(controller, log) if recovered is None else recovered.delay
-    closed = closed_loop(
-        models,
-        log,
-        parts,
-        controller,
-        covariance=covariance,
-        delay=delay,
-        floor=floor,
-        seed=seed,
-    )
+    closed = closed_loop(models, log, parts, controller, covariance=covariance, delay=delay, seed=seed)
     return recovered, closed, None
+
+
+#: a column has a grid if it has so many values, and all are whole steps apart within this part of one
+_LEAST_VALUES, _OFF_GRID = 8, 0.01
+#: a model is at the floor within this factor, as the torques and the other states are rounded, too
+_AT_FLOOR = 2.0
+
+
+def column_resolution(values: NDArray[np.float64]) -> float:
+    """Return the step of the grid on which a column's values lie, at least `FINEST`."""
+    different = np.unique(values[np.isfinite(values)])
+    largest = float(np.abs(different).max(initial=0.0))
+    finest = FINEST * max(1.0, largest)
+    if len(different) < _LEAST_VALUES:
+        return finest
+    gaps = np.diff(different)
+    steps = gaps / gaps.min()
+    on_grid = np.abs(steps - np.round(steps)).max() < _OFF_GRID
+    return max(finest, float(gaps.min())) if on_grid else finest
+
+
+def rounding_floor(log: Log) -> NDArray[np.float64]:
+    """Return the RMS error (10,) that the rounding of the states makes of a perfect prediction of them.
+
+    A forecast's start and its end are rounded, each by up to half a step of the grid either way.
+    """
+    return np.sqrt(2.0 / 12.0) * np.array([column_resolution(log[name]) for name in STATE_NAMES])
+
+
+def no_evidence(models: ModelPair, log: Log, parts: Sequence[range], one_step: ErrorPair) -> str | None:
+    """Return why a log cannot show which model is better, if a model predicts each row to its resolution."""
+    floor = _AT_FLOOR * rounding_floor(log)
+    exact = [bool(np.all(one.rmse <= floor)) for one in (one_step.first, one_step.second)]
+    if not any(exact):
+        return None
+    states = np.concatenate([log.states[part.start : part.stop] for part in parts])
+    if np.all(np.ptp(states, axis=0) <= FINEST * np.maximum(1.0, np.abs(states).max(axis=0))):
+        return "The log does not move, so it cannot show which model is better. Use a log in which the robot moves."
+    if all(exact):
+        return (
+            "Both models predict this log to the resolution of its numbers, so it cannot show which is better. Use a "
+            "log in which the robot moves more."
+        )
+    own = models.names[exact.index(True)]
+    return (
+        f"This log was simulated by the model {own} itself, which predicts it to the resolution of its numbers, so it "
+        "cannot show which model is better. Use a log of the robot, or of the twin (`ballbot record`)."
+    )

@@ -23,7 +23,7 @@ from ballbot.control.controller import Controller
 from ballbot.log import Log
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
-from ballbot.validation.models import ErrorPair, ModelPair, StateErrors, Trajectories, stretches
+from ballbot.validation.models import ModelPair, Trajectories, stretches
 
 RUNS = 39  #: of each model
 QUANTITIES = ("rms", "amplitude", "period")
@@ -51,7 +51,6 @@ class WholeLog:
     measured: NDArray[np.float64]  #: (3, 10) of the log
     models: NDArray[np.float64]  #: (2, runs, 3, 10) of the first model's runs and the second's
     fell: tuple[int, int]  #: runs of each model that ended early
-    errors: ErrorPair  #: (4.1), of each model and state the median of the runs
     example: Trajectories  #: the beginning of the first run of each
 
     @property
@@ -80,7 +79,6 @@ def compare_whole_log(
     *,
     delay: int,
     covariance: NDArray[np.float64],
-    floor: NDArray[np.float64] | None,
     seed: int,
 ) -> WholeLog:
     """Run both models over a log's longest stretch without a gap.
@@ -96,8 +94,6 @@ def compare_whole_log(
         Samples by which its torques come late.
     covariance : array (10, 10)
         Of a measured state's noise.
-    floor : array (10,), optional
-        RMSE that the resolution of the log explains.
     seed : int
         Of the noise.
     """
@@ -143,21 +139,8 @@ def compare_whole_log(
         measured=numbers[0],
         models=numbers[1:].reshape(2, RUNS, *numbers.shape[1:]),
         fell=(int(fell[0].sum()), int(fell[1].sum())),
-        errors=ErrorPair(
-            first=_median_errors(measured - runs[0], samples),
-            second=_median_errors(measured - runs[1], samples),
-            means=measured.mean(axis=0)[None],
-            squares=np.mean(measured**2, axis=0)[None],
-            floor=np.zeros(10) if floor is None else floor,
-        ),
         example=Trajectories(t=log.t[rows], measured=log.states[rows], first=first, second=second),
     )
-
-
-def _median_errors(differences: NDArray[np.float64], samples: int) -> StateErrors:
-    """Return (4.1) over `samples` from the differences (runs, rows, 10) at some of them: the median of the runs."""
-    rmse = np.sqrt(np.median(np.mean(differences**2, axis=1), axis=0))
-    return StateErrors(by_run=rmse[None] / np.sqrt(samples), samples=np.array([samples]))
 
 
 def _numbers(deviation: NDArray[np.float64], row_time: float) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ the camera's tilt).
 The picture shows the ball's outline and the fitted seam drawn over frames.
 
 Video and log are on clocks of their own, and the camera's orientation relative to the robot is unknown. Both are
-estimated as for motion capture (`ballbot.validation.alignment`), from the ball's rotation over half a second by
+estimated as for motion capture (`ballbot.identification.turning`), from the ball's rotation over half a second by
 either.
 The findings say how well the ball was followed, and whether the wheels agree with the video.
 """
@@ -25,25 +25,18 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
-from ballbot.identification.turning import Turning, fit_in_blocks, match_turning
+from ballbot.identification.turning import Clock, Turning, fit_in_blocks, match_turning
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent, plus_minus
-from ballbot.validation.alignment import Clock
 from ballbot.vision.calibration import Calibration, calibrated_view
 from ballbot.vision.seam import Seam, seam_table, thesis_seam
 from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder
 from ballbot.vision.tracking import Track, Velocity, angular_velocity, follow
 from ballbot.vision.video import LEAST_FRAMES, Video, frame_times
-from ballbot.vision.view import (
-    ASSUMED_CLOSENESS,
-    View,
-    circle_points,
-    find_outline,
-    view_of_outline,
-)
+from ballbot.vision.view import ASSUMED_CLOSENESS, View, circle_points, find_outline, view_of_outline
 
 
 @dataclass(frozen=True, kw_only=True)

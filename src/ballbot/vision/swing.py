@@ -44,34 +44,10 @@ def swing_in_video(path: str | Path) -> Swing:
         If the file cannot be read, nothing with a pattern moves in it, or the body is lost.
     """
     t, frames = _frames(Path(path))
-    return swing_of(
-        *turn_of_frames(t, frames, name=str(path)), kind="angle", source=f"the turn of the picture in {path}"
-    )
-
-
-def turn_of_frames(
-    t: NDArray[np.float64], frames: list[NDArray[np.uint8]], *, name: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times (m,) [s] and the moving body's turn (m,) [rad], where it was seen.
-
-    Parameters
-    ----------
-    t : ndarray (n,)
-        Of the frames [s].
-    frames : list of ndarray (h, w)
-        Grey.
-    name : str
-        Of the video, for messages.
-
-    Raises
-    ------
-    InputError
-        If nothing with a pattern moves, or the body is lost in a fifth of the frames.
-    """
     chosen = [frames[k] for k in np.linspace(0, len(frames) - 1, _FRAMES_LOOKED_AT).astype(int)]
     pattern, corners = _pattern(chosen)
     if len(corners) < _LEAST_CORNERS:
-        raise InputError(f"{name}: nothing with a pattern moves; fix stripes or a printed page to the body.")
+        raise InputError(f"{path}: nothing with a pattern moves; fix stripes or a printed page to the body.")
     first = min(range(len(frames)), key=lambda k: float(cv2.absdiff(frames[k], pattern).mean()))
     rough = _followed(pattern, corners, frames, first)
     corners = corners[_on_body(rough, len(corners))]
@@ -82,11 +58,12 @@ def turn_of_frames(
     seen = np.array([one is not None for one in motions])
     if seen.mean() < 1.0 - _LOST_SHARE:
         raise InputError(
-            f"{name}: the body is lost in {100.0 * (1.0 - seen.mean()):.0f} % of the frames; record it in better "
+            f"{path}: the body is lost in {100.0 * (1.0 - seen.mean()):.0f} % of the frames; record it in better "
             "light, faster, or with a pattern on it."
         )
     # pictures have y down
-    return t[seen], -np.unwrap(np.array([one.turn for one in motions if one is not None]))
+    turn = -np.unwrap(np.array([one.turn for one in motions if one is not None]))
+    return swing_of(t[seen], turn, kind="angle", source=f"the turn of the picture in {path}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -24,7 +24,7 @@ the fits' bias, times the square of the angle turned a second over the angle at 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -205,25 +205,22 @@ def follow(
     progress : callable
         Called after each frame.
     """
-    follower = _Follower(finder, table)
-    nothing = np.full((3, 3), np.nan)
-    R, information, bias, quality, stretch = [], [], [], [], []
+    follower, found = _Follower(finder, table), list[tuple[Fit, float, int] | None]()
     for count, frame in enumerate(frames, start=1):
-        found = follower.next(frame)
-        fit, score, number = found or (None, 0.0, -1)
-        R.append(fit.R if fit else nothing)
-        information.append(fit.information if fit else nothing)
-        bias.append(fit.bias if fit else nothing)
-        quality.append(score)
-        stretch.append(number)
+        found.append(follower.next(frame))
         total = frame_count or 1
         progress(Progress(stage="tracking", done=min(count, total), total=total))
+
+    def matrices(of: Callable[[Fit], NDArray[np.float64]]) -> NDArray[np.float64]:
+        nothing = np.full((3, 3), np.nan)
+        return np.array([of(one[0]) if one else nothing for one in found]).reshape(-1, 3, 3)
+
     return Track(
-        R=np.array(R).reshape(-1, 3, 3),
-        information=np.array(information).reshape(-1, 3, 3),
-        bias=np.array(bias).reshape(-1, 3, 3),
-        quality=np.array(quality),
-        stretch=np.array(stretch, dtype=np.int64),
+        R=matrices(lambda fit: fit.R),
+        information=matrices(lambda fit: fit.information),
+        bias=matrices(lambda fit: fit.bias),
+        quality=np.array([one[1] if one else 0.0 for one in found]),
+        stretch=np.array([one[2] if one else -1 for one in found], dtype=np.int64),
     )
 
 

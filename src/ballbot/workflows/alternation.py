@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.summary import counted
-from ballbot.workflows.controller_prediction import CONFIDENCE, ControllerVerdict, Recommendation
+from ballbot.workflows.comparison import student_quantile
+from ballbot.workflows.controller_prediction import ControllerVerdict, Recommendation
 from ballbot.workflows.metrics import QUANTITIES, Performance
 
 #: fewest runs: gain, drift and offset are estimated, and one run is left for the scatter
@@ -103,19 +103,12 @@ def paired_gain(values: NDArray[np.float64]) -> PairedGain:
     values : ndarray (n,)
         Positive, of the runs A B A B ..; an even number, four or more.
     """
-    count = len(values)
-    number = np.arange(count, dtype=np.float64)
-    with_new = number % 2
-    X = np.column_stack([np.ones(count), number, with_new])
-    logs = np.log(values)
-    (_, drift, gain), *_ = np.linalg.lstsq(X, logs, rcond=None)
-    left = logs - X @ np.linalg.lstsq(X, logs, rcond=None)[0]
-    freedom = count - X.shape[1]
-    variance = float(left @ left) / freedom * float(np.linalg.inv(X.T @ X)[2, 2])
-    half = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * float(np.sqrt(variance))
-    return PairedGain(
-        factor=float(np.exp(gain)),
-        low=float(np.exp(gain - half)),
-        high=float(np.exp(gain + half)),
-        drift=float(np.exp(drift)),
-    )
+    number = np.arange(len(values), dtype=np.float64)
+    X = np.column_stack([np.ones(len(values)), number, number % 2])
+    estimate = np.linalg.pinv(X) @ np.log(values)
+    left = np.log(values) - X @ estimate
+    freedom = len(values) - X.shape[1]
+    deviation = np.sqrt(left @ left / freedom * np.linalg.inv(X.T @ X)[2, 2])
+    half = student_quantile(freedom + 1) * deviation
+    drift, factor, low, high = np.exp([estimate[1], *(estimate[2] + half * np.array([0.0, -1.0, 1.0]))])
+    return PairedGain(factor=float(factor), low=float(low), high=float(high), drift=float(drift))

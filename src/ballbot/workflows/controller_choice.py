@@ -127,7 +127,7 @@ SQUARE = NamedCourse(name="square", duration=32.0)
 SLOW_COURSES = (NamedCourse(name="hold", duration=14.0), NamedCourse(name=SLOW_CIRCLE, duration=14.0))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Step:
     """Two controllers that differ in one thing."""
 
@@ -139,40 +139,34 @@ class Step:
     course: NamedCourse | None = None
 
 
-def _compensation_steps(to: str, before: str, after: str) -> tuple[Step, ...]:
+def _compensation(to: str, before: str, after: str) -> tuple[Step, ...]:
     return tuple(
-        Step(adds="full compensation", to=to, before=before, after=after, course=course)
-        for course in (None, *SLOW_COURSES)
+        Step("full compensation", to, before, after, course=course) for course in (None, *SLOW_COURSES)
     )
 
 
 STEPS = (
-    *_compensation_steps("the soft gain", "none", "full"),
+    *_compensation("the soft gain", "none", "full"),
     Step(
-        adds="the Kalman filter, shaped references and feed-forward",
-        to="the soft gain",
-        before="none",
-        after="soft_filter_shaping",
+        "the Kalman filter, shaped references and feed-forward",
+        "the soft gain",
+        "none",
+        "soft_filter_shaping",
+    ),
+    Step("the stiff gain", "filter, shaping and feed-forward", "soft_filter_shaping", "stiff_filter_shaping"),
+    Step(
+        "the Kalman filter",
+        "the stiff gain with shaping and feed-forward",
+        "stiff_shaping",
+        "stiff_filter_shaping",
     ),
     Step(
-        adds="the stiff gain",
-        to="filter, shaping and feed-forward",
-        before="soft_filter_shaping",
-        after="stiff_filter_shaping",
+        "the disturbance observer and integral action",
+        "the stiff gain with filter, shaping and feed-forward",
+        "stiff_filter_shaping",
+        "precise_without_compensation",
     ),
-    Step(
-        adds="the Kalman filter",
-        to="the stiff gain with shaping and feed-forward",
-        before="stiff_shaping",
-        after="stiff_filter_shaping",
-    ),
-    Step(
-        adds="the disturbance observer and integral action",
-        to="the stiff gain with filter, shaping and feed-forward",
-        before="stiff_filter_shaping",
-        after="precise_without_compensation",
-    ),
-    *_compensation_steps("the precise controller without it", "precise_without_compensation", "precise"),
+    *_compensation("the precise controller without it", "precise_without_compensation", "precise"),
 )
 
 

@@ -162,7 +162,7 @@ def design_controller(
     uncertainty = propagate(robot, lambda one: _design(one, gain).gain)
     certain = certain_friction(robot)
     compensated = robot.replace(friction=scaled_friction(certain, parts.compensation_gain))
-    controller = _with_parts(_controller(compensated, found, parts.compensation), parts)
+    controller = _controller(compensated, found, parts)
     if not parts.allow_overcompensation:
         refuse_overcompensation(controller, certain)
     margins = loop_margins(controller)
@@ -180,33 +180,26 @@ def design_controller(
 
 def _design(robot: Robot, options: GainOptions) -> LqrDesign:
     """Return the gain for a robot, with the kind's own weights if none are given."""
-    if options.kind == "precise":
-        return design_integral_gain(
-            robot,
-            state_weights=options.state_weights or PRECISE_STATE_WEIGHTS,
-            torque_weight=options.torque_weight,
-            sample_time=options.sample_time,
-        )
-    return design_gain(
+    precise = options.kind == "precise"
+    design = design_integral_gain if precise else design_gain
+    return design(
         robot,
-        state_weights=options.state_weights or NOMINAL_STATE_WEIGHTS,
+        state_weights=options.state_weights or (PRECISE_STATE_WEIGHTS if precise else NOMINAL_STATE_WEIGHTS),
         torque_weight=options.torque_weight,
         sample_time=options.sample_time,
     )
 
 
-def _controller(robot: Robot, found: LqrDesign, compensation: Compensation | None) -> Controller:
-    """Return the controller of a gain, with its kind's own compensation if none is given."""
+def _controller(robot: Robot, found: LqrDesign, options: PartOptions) -> Controller:
+    """Return the controller of a gain with the requested parts, and its kind's own compensation if none is given."""
     if found.integral_gain is not None:
-        return precise_controller(robot, compensation=compensation or "full", design=found)
-    return Controller(robot, found.gain, sample_time=found.sample_time, compensation=compensation or "none")
-
-
-def _with_parts(controller: Controller, options: PartOptions) -> Controller:
-    """Return the controller with the requested parts."""
-    parts = controller.parts
+        made = precise_controller(robot, compensation=options.compensation or "full", design=found)
+    else:
+        compensation = options.compensation or "none"
+        made = Controller(robot, found.gain, sample_time=found.sample_time, compensation=compensation)
+    parts = made.parts
     if options.notch is not None:
         parts = replace(parts, notch=Notch(frequency=options.notch))
     if options.delay is not None:
         parts = replace(parts, prediction=DelayPrediction(delay=options.delay))
-    return controller.with_parts(parts)
+    return made.with_parts(parts)

@@ -28,7 +28,6 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
@@ -40,12 +39,11 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
 from ballbot.results import reported
 from ballbot.schema import validate_table
-from ballbot.summary import counted
 from ballbot.validation.closed_loop import delay_of
+from ballbot.workflows.comparison import CONFIDENCE, student_quantile
 from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, NamedCourse
-from ballbot.workflows.metrics import QUANTITIES, Performance
+from ballbot.workflows.metrics import QUANTITIES, Metric, Performance
 
-CONFIDENCE = 0.95
 #: fewest performances that an interval can be made of
 MIN_RUNS = 6
 
@@ -72,28 +70,17 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
 }
 
 
-@dataclass(frozen=True)
-class ShownQuantity:
-    """A number of `Performance` as sentences and tables show it."""
-
-    words: str
-    scale: float  #: from SI to the unit
-    unit: str
-    decimals: int
-    better: Literal["below", "above"] = "below"
-
-    def shown(self, value: float) -> str:
-        """Return a value in the unit, without it."""
-        return f"{self.scale * value:.{self.decimals}f}" if np.isfinite(value) else "–"
-
-
-SHOWN: Mapping[str, ShownQuantity] = MappingProxyType(
+#: the quantities of a `Performance`
+SHOWN: Mapping[str, Metric] = MappingProxyType(
     {
-        "peak_error": ShownQuantity("peak error", 1e3, "mm", 1),
-        "rms_error": ShownQuantity("RMS error", 1e3, "mm", 1),
-        "roughness": ShownQuantity("torque roughness", 1.0, "N m", 3),
-        "lean": ShownQuantity("lean", 1.0, "rad", 3),
-        "torque_margin": ShownQuantity("torque margin", 1e2, "%", 0, better="above"),
+        one.key: one
+        for one in (
+            Metric("peak_error", "peak error", "mm", 1e3, 1),
+            Metric("rms_error", "RMS error", "mm", 1e3, 1),
+            Metric("roughness", "torque roughness", "N m", 1.0, 3),
+            Metric("lean", "lean", "rad", 1.0, 3),
+            Metric("torque_margin", "torque margin", "%", 1e2, 0, better="above"),
+        )
     }
 )
 
@@ -151,7 +138,17 @@ def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -
     chosen, controller = choice.chosen, choice.controller
     if chosen is None or controller is None or len(choice.plants) < MIN_RUNS:
         return None
-    without = choice.trials["none"]
+
+    def intervals(candidate: str) -> dict[str, PredictionInterval] | None:
+        """Return the intervals of a candidate; runs that ended early do not count, and six others are needed."""
+        trial = choice.trials[candidate]
+        seen = zip(trial.performances, trial.scores, strict=True)
+        stood = [performance for performance, score in seen if score.ended is None]
+        kind = "precise" if CANDIDATES[candidate][0] == "precise" else "none"
+        return performance_intervals(stood, discrepancy=DISCREPANCY[kind]) if len(stood) >= MIN_RUNS else None
+
+    predicted = intervals(chosen)
+    assert predicted is not None, "the chosen candidate falls nowhere"
     return Prediction(
         course=choice.course,
         controller=chosen,
@@ -159,8 +156,8 @@ def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -
         torque_limit=controller.torque_limit,
         scenario=choice.plants[0].scenario.name,
         draws=len(choice.plants),
-        chosen=_intervals(choice, chosen),
-        none=_intervals(choice, "none") if len(without.scores) - without.falls >= MIN_RUNS else None,
+        chosen=predicted,
+        none=intervals("none"),
         log_findings=tuple(dict.fromkeys(one.code for one in log_findings)),
     )
 
@@ -168,14 +165,6 @@ def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -
 def checksum_of(controller: Controller) -> str:
     """Return the SHA-256 of a controller's file without the number of its format, in hexadecimal digits."""
     return hashlib.sha256(without_format(controller_text(controller)).encode()).hexdigest()
-
-
-def _intervals(choice: ControllerChoice, candidate: str) -> dict[str, PredictionInterval]:
-    """Return the intervals of a candidate's quantities; runs that ended early do not count."""
-    trial = choice.trials[candidate]
-    stood = [one for one, score in zip(trial.performances, trial.scores, strict=True) if score.ended is None]
-    kind, _ = CANDIDATES[candidate]
-    return performance_intervals(stood, discrepancy=DISCREPANCY["precise" if kind == "precise" else "none"])
 
 
 def performance_intervals(
@@ -186,19 +175,10 @@ def performance_intervals(
     Parameters
     ----------
     performances : sequence of Performance
-        On robots without these faults.
+        On robots without these faults, two or more.
     discrepancy : mapping of str to tuple of two floats
         Of the model, by quantity; see `DISCREPANCY`.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than six performances.
     """
-    if len(performances) < MIN_RUNS:
-        raise InputError(
-            f"Only {counted(len(performances), 'run')} did not end early; a prediction needs {MIN_RUNS} or more."
-        )
     sizes = np.array([one.sizes() for one in performances])
     found = {
         name: lognormal_interval(sizes[:, place], discrepancy=discrepancy[name])
@@ -226,8 +206,7 @@ def lognormal_interval(
     """
     logs = np.log(np.maximum(values, np.finfo(np.float64).tiny))
     count, center = len(logs), float(logs.mean())
-    quantile = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
-    half = quantile * float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / count)
+    half = student_quantile(count) * float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / count)
     down, up = (float(np.hypot(half, np.log(factor))) for factor in discrepancy)
     return PredictionInterval(
         median=float(np.exp(center)), low=float(np.exp(center - down)), high=float(np.exp(center + up))
@@ -264,18 +243,8 @@ Recommendation = Literal["keep", "weaken", "revert"]
 #: errors of a log's checks that describe the robot's motion: the verdict is about them, and is given all the same
 EXPLAINED_CODES = frozenset(
     {
-        *(
-            "ball-axes",
-            "degrees",
-            "heading-sign",
-            "lean-axes",
-            "lean-scale",
-            "scale",
-            "sign",
-            "swapped",
-            "wheels",
-        ),
-        *("torque-order", "torque-scale", "torque-sign", "torque-unrelated", "dead-motor"),
+        *("ball-axes", "degrees", "heading-sign", "lean-axes", "lean-scale", "scale", "sign", "swapped"),
+        *("torque-order", "torque-scale", "torque-sign", "torque-unrelated", "dead-motor", "wheels"),
         *("constant", "held", "lean-offset", "reset", "spike", "stuck", "torque-delay"),
         *("fall", "hands", "saturation", "disturbance"),
     }
@@ -338,11 +307,6 @@ class ControllerVerdict:
     def confirmed(self) -> bool:
         """Whether the whole course was run, and no quantity is worse than predicted."""
         return self.ended is None and not any(one.worse for one in self.quantities)
-
-    @property
-    def outside(self) -> tuple[QuantityResult, ...]:
-        """The quantities that lie outside their intervals."""
-        return tuple(one for one in self.quantities if one.place != "inside")
 
 
 def evaluate_log(
@@ -420,27 +384,20 @@ def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
             f"The log's sample time is {log.sample_time:g} s and the controller's {sample_time:g} s; {how}, a row for "
             "each update."
         )
-    reference = course.reference_spec.reference()
-
-    first_row = float(log.t[0])
-    begins = [first_row]
-    jumps = _jumps(log.reference[:, [0, 1, 4]])
-    wanted = _jumps(np.array([reference(k * sample_time)[[0, 1, 4]] for k in range(len(log))]))
-    if jumps.size and wanted.size:
-        aligned = float(log.t[jumps[0]]) - float(wanted[0]) * sample_time
-        begins = [max(aligned, first_row), first_row]
+    reference, asked = course.reference_spec.reference(), log.reference[:, [0, 1, 4]]
+    samples = round(course.duration / sample_time)
+    wanted = np.array([reference(k * sample_time)[[0, 1, 4]] for k in range(samples)])
+    begins = [float(log.t[0])]
+    (jumps, jumps_wanted) = _jumps(asked), _jumps(wanted)
+    if jumps.size and jumps_wanted.size:
+        begins.insert(0, max(float(log.t[jumps[0]] - jumps_wanted[0] * sample_time), begins[0]))
     for begin in begins:
-        first, last = np.searchsorted(
-            log.t, begin + np.array([-0.5 * sample_time, course.duration - 0.5 * sample_time])
-        )
-        run = log.select(slice(int(first), int(last)))
-        # missing rows shift the others
-        asked = np.array(
-            [reference(max(round((t - begin) / sample_time), 0) * sample_time)[[0, 1, 4]] for t in run.t]
-        )
-        apart = np.abs(run.reference[:, [0, 1, 4]] - asked).max(axis=1)
-        if np.mean(apart > _SAME_POSE) <= _OTHER_ROWS:
-            return run
+        first, last = np.searchsorted(log.t, begin + sample_time * np.array([-0.5, samples - 0.5]))
+        run = slice(int(first), int(last))
+        # by their times: missing rows shift the others
+        numbers = np.clip(np.rint((log.t[run] - begin) / sample_time).astype(int), 0, samples - 1)
+        if np.mean(np.abs(asked[run] - wanted[numbers]).max(axis=1) > _SAME_POSE) <= _OTHER_ROWS:
+            return log.select(run)
     raise InputError(
         f"The log's reference is not the course {course.name!r} for which the performance is predicted; {how}."
     )

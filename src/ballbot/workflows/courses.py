@@ -50,7 +50,9 @@ class ReferenceSpec:
         """
         if is_reference_file(self.name):
             if self.options:
-                raise InputError(f"The reference file {self.name} takes no options; remove {self._first}.")
+                raise InputError(
+                    f"The reference file {self.name} takes no options; remove {self.options[0][0]}."
+                )
             return read_reference(self.name)
         if self.name not in REFERENCES:
             hint = suggest(self.name, REFERENCES, otherwise="the names are")
@@ -64,18 +66,16 @@ class ReferenceSpec:
             )
         return make(**dict(self.options))
 
-    @property
-    def _first(self) -> str:
-        return self.options[0][0]
-
 
 @dataclass(frozen=True, kw_only=True)
 class ModelMismatch:
     """How the robot that runs differs from the one described, which the controllers know: factors."""
 
-    mass: float = 1.0  #: of the body
-    height: float = 1.0  #: of its centre of mass above the ball's centre
-    friction: float = 1.0  #: of the wheels' and the rolling friction
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+
+    mass: PositiveFloat = 1.0  #: of the body
+    height: PositiveFloat = 1.0  #: of its centre of mass above the ball's centre
+    friction: NonNegativeFloat = 1.0  #: of the wheels' and the rolling friction
 
 
 PlantName = Literal["model", "twin"]
@@ -134,26 +134,16 @@ _MAX_DURATION = 86400.0
 _Tables = Mapping[str, Mapping[str, object]]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
-
-
-class ModelMismatchTable(_Table):
-    """[set.course.mismatch]: factors."""
-
-    mass: PositiveFloat = 1.0
-    height: PositiveFloat = 1.0
-    friction: NonNegativeFloat = 1.0
-
-
-class CourseTable(_Table):
+class CourseTable(BaseModel):
     """[set.course]: a course in a file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
     about: str = ""
     reference: str | dict[str, FiniteFloat | str]
     duration: float = Field(gt=0.0, le=_MAX_DURATION)
     settle: NonNegativeFloat = SETTLE
-    mismatch: ModelMismatchTable = ModelMismatchTable()
+    mismatch: ModelMismatch = ModelMismatch()
     scenario: dict[str, object] = {}
 
 
@@ -248,7 +238,7 @@ def _course(
         reference_spec=spec,
         duration=given.duration,
         settle=given.settle,
-        mismatch=ModelMismatch(**given.mismatch.model_dump()),
+        mismatch=given.mismatch,
         scenario=scenario,
         on=plant,
     )

@@ -1,47 +1,434 @@
-"""Design an informative excitation for a robot, beside the square one would drive without it, and run both.
+"""An informative excitation: a multisine reference within limits, beside the square one would drive without it.
 
-The excitation must stand above the deviations of states from their prediction over a window, friction known: those of
-the compiled loop around the square. There both are run with the sensors of a scenario, with its friction, less and more
-of it: do the limits hold?
+    r(t) = w(t) sum_k A_k (sin(2 pi f_k t + p_k) - sin p_k)        for each of x, y, psi;  w fades in and out
+
+A slow sine moves the robot about the floor. A fast one hardly moves it and is a dither of the torques instead: K's
+columns of x, y and psi turn the reference r into torques K r, so that for three wheels any dither d is the reference
+K^-1 d. One reference file is therefore all that a controller needs, and the same on a robot as on the twin. A sine of
+unit amplitude at f answers, in the linear closed loop x_dot = A x + B K (r - x), with
+
+    G(f) = (2 pi i f I - A + B K)^-1 B K e        states         K (e - G(f))        torques
+
+and the largest amplitude of that sine alone is the one that brings lean, place or torque to its limit. Every sine has
+the same share of it, and the sum is scaled until the simulated run makes use of the limits. Of a few ranges of
+frequencies the best is kept, by the worst error times the geometric mean of all. The worst alone is a poor guide if a
+parameter is hard to identify in any case, as delta is if s is small.
+
+The value of a run is the standard errors that identification would give on its log. A run that is simulated with the
+parameters believed is cut into windows as identification cuts a log, and linearised as its last stage does, each
+window's initial state estimated along with the parameters. With J_w the windows' derivatives of predictions by scaled
+parameters z, over the deviations of states from their prediction, and the initial states eliminated,
+
+    H = sum_w J_w^T J_w                cov z >= H^-1
+
+This linear bound (Cramer-Rao) is for comparing runs. With independent noise, and nothing unmodelled, estimates of the
+Coulomb law scattered as it says, and those of the Stribeck law by 1.0 to 2.0 times as much (8 and 12 seeds), along the
+bent and nearly level valley of b, c, s and v_s. Residuals that are correlated within a window, as they are on a robot,
+add to that. The deviations are those of the compiled loop around the square, friction known. There both references are
+run with the sensors of a scenario, with its friction, less and more of it: do the limits hold?
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.references import Reference, square
+from ballbot.control.references import Reference, sampled_reference, square
 from ballbot.errors import InputError
-from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Bounds
-from ballbot.identification.parameters import scale_between
-from ballbot.identification.prediction import Predictor
+from ballbot.identification.identify import estimated_parameters
+from ballbot.identification.initial_states import linearize
+from ballbot.identification.parameters import Coordinates, scale_between
+from ballbot.identification.prediction import Cost, Predictor, Problem
+from ballbot.identification.quantities import with_friction
+from ballbot.identification.stages import INNER_STEP, windows_for
 from ballbot.identification.windows import cut_windows
-from ballbot.log import Log
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import torque_names
+from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import ComparedRun, LoopRobot, run_comparison
-from ballbot.workflows.excitation_design import DesignEffort, ExcitationDesign, design
-from ballbot.workflows.excitation_task import (
-    FRICTIONS,
-    WINDOW,
-    ExcitationTask,
-    Law,
-    ReferenceRun,
-    RunLimits,
-    RunPeaks,
-    expected_errors,
-    peaks_of,
-    run_on_model,
-    task,
-)
+from ballbot.workflows.metrics import lean_of
+
+#: the laws whose parameters an experiment can be designed for
+Law = Literal["viscous", "coulomb", "stribeck"]
+
+#: length of the windows that identification cuts a log into [s]
+WINDOW = 0.25
+#: the limits must hold with friction of so many times the size believed
+FRICTIONS = (1.0, 0.5, 1.5)
+#: runs of each reference on the loop with each friction, by their seeds
+_SEEDS = (1, 2, 3)
+#: the square that the design is compared with: its side [m], if the floor has room for it, and its period [s]
+_SIDE, _PERIOD = 0.5, 32.0
+
+_UNITS = {"lean": "rad", "floor": "m", "torque": "N m"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """How far a run, or the worst of some, goes or may go."""
+
+    lean: float  #: of the axis from the vertical [rad]
+    floor: float  #: distance from where the run begins [m]
+    torque: float  #: of any wheel [N m]
+
+    @staticmethod
+    def of(states: NDArray[np.float64], torques: NDArray[np.float64]) -> Extent:
+        """Return that of states (..., 10) and torques (..., n), of runs that begin at the origin."""
+        return Extent(
+            lean=float(lean_of(states[..., 2], states[..., 3]).max()),
+            floor=float(np.hypot(states[..., 0], states[..., 1]).max()),
+            torque=float(np.abs(torques).max()),
+        )
+
+    def used_of(self, limits: Extent) -> dict[str, float]:
+        """Return the share of each limit that this uses; above 1 it is exceeded."""
+        return {one.name: getattr(self, one.name) / getattr(limits, one.name) for one in fields(self)}
+
+    def exceeding(self, limits: Extent) -> list[str]:
+        """Return the names of the limits that are exceeded."""
+        return [name for name, share in self.used_of(limits).items() if share > 1.0]
+
+
+def check_limits(limits: Extent) -> None:
+    """Raise InputError unless every limit is positive, and the lean below a quarter of a turn."""
+    for one in fields(limits):
+        value = getattr(limits, one.name)
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"The {one.name} limit is {value:g} {_UNITS[one.name]}; it must be positive.")
+    if limits.lean >= 0.5 * math.pi:
+        raise InputError(
+            f"The lean limit is {math.degrees(limits.lean):.4g} degrees; it must be below 90 degrees."
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExcitationTask:
+    """A robot with nominal friction, its controller, limits, and parameters to estimate; made by `task`."""
+
+    robots: tuple[Robot, ...]  #: with the friction believed, then with less and with more
+    controller: Controller
+    limits: Extent
+    duration: float  #: [s]
+    predictor: Predictor  #: its step is the simulation's
+    coordinates: Coordinates
+    point: NDArray[np.float64]  #: (p,), scaled, what is believed
+    deviations: NDArray[np.float64]  #: (10,), of each state's prediction on the robot
+
+    @property
+    def robot(self) -> Robot:
+        """As it is believed to be."""
+        return self.robots[0]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Of the parameters to estimate."""
+        return tuple(np.array(self.coordinates.labels)[self.coordinates.free].tolist())
+
+    @property
+    def believed(self) -> NDArray[np.float64]:
+        """The parameters to estimate (f,), as they are believed to be, in SI units."""
+        return self.coordinates.physical(self.point)[self.coordinates.free]
+
+    def in_units(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return standard errors (f,) in SI units, from scaled ones."""
+        return scaled * self.coordinates.slopes(self.point)[self.coordinates.free]
+
+
+#: a parameter believed to stand at a bound is taken so far within, scaled: s = 0 would hide v_s and delta
+_INSIDE = 0.02
+
+
+def task(
+    robot: Robot,
+    controller: Controller,
+    *,
+    limits: Extent,
+    duration: float,
+    deviations: NDArray[np.float64],
+    law: Law = "stribeck",
+    bounds: Bounds | None = None,
+) -> ExcitationTask:
+    """Return what to design an experiment for; the arguments are those of `excite`.
+
+    Parameters
+    ----------
+    deviations : ndarray (10,)
+        Standard deviation of each state's prediction over a window on the robot.
+
+    Raises
+    ------
+    InputError
+        If a limit or a deviation is not positive.
+    """
+    check_limits(limits)
+    if deviations.shape != (10,) or not np.all(np.isfinite(deviations) & (deviations > 0.0)):
+        raise InputError("The states' deviations must be ten positive numbers, one for each state.")
+    coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=bounds or Bounds())
+    scaled, friction = coordinates.scaled(coordinates.nominal), robot.friction
+    if not any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling)):
+        scaled = coordinates.from_search(np.full(len(scaled), 0.5))
+    held = coordinates.scaled(coordinates.lower)
+    point = np.where(coordinates.free, np.clip(scaled, _INSIDE, 1.0 - _INSIDE), held)
+    believed = with_friction(robot, coordinates.physical(point))
+    return ExcitationTask(
+        robots=tuple(
+            believed.replace(friction=scaled_friction(believed.friction, factor)) for factor in FRICTIONS
+        ),
+        controller=controller,
+        limits=limits,
+        duration=duration,
+        predictor=Predictor(
+            robot=robot, formulation="exact", step=INNER_STEP, layout=coordinates.layout, threads=1
+        ),
+        coordinates=coordinates,
+        point=point,
+        deviations=deviations,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReferenceRun:
+    """A reference followed on the model, and what is expected of its log."""
+
+    log: Log  #: with the friction believed
+    peaks: Extent  #: the worst, over less and more friction too
+    fell: bool  #: with any of the frictions
+
+
+def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRun:
+    """Follow a reference on the model."""
+    batch = simulate_batch(
+        [Model(robot, step=task.predictor.step) for robot in task.robots],
+        task.controller,
+        reference,
+        duration=task.duration,
+        initial_states=np.zeros(10),
+        threads=1,
+    )
+    states = np.concatenate([np.zeros((1, 10)), batch.states[0, :-1]])
+    columns = {"t": task.controller.sample_time * np.arange(len(states), dtype=np.float64)}
+    columns |= dict(zip(STATE_NAMES, states.T, strict=True))
+    columns |= dict(zip(torque_names(task.robot.wheel_count), batch.torques[0].T, strict=True))
+    return ReferenceRun(
+        log=Log(columns),
+        peaks=Extent.of(batch.states, batch.torques),
+        fell=bool(np.isfinite(batch.ended).any()),
+    )
+
+
+#: least information on a scaled parameter with the others known; below it the parameter has no influence
+_MIN_INFORMATION = 1.0
+#: relative to the largest; gives directions without information a large finite error
+_RIDGE = 1e-13
+
+
+def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.float64]:
+    """Return the least standard errors to expect of the parameters, in shares of their bounds' width.
+
+    Parameters
+    ----------
+    task : ExcitationTask
+    logs : sequence of Log
+        Simulated with what is believed, without noise.
+
+    Returns
+    -------
+    ndarray (f,)
+        Of the free parameters; infinite if the runs have no information on one.
+    """
+    windows = windows_for(task.predictor, task.coordinates.upper, logs, duration=WINDOW)
+    # measurements off by exactly their deviations: identification takes its weights from the residuals
+    off = replace(
+        windows, initial=windows.initial + task.deviations, measured=windows.measured + task.deviations
+    )
+    problem = Problem(
+        predictor=task.predictor,
+        windows=off,
+        coordinates=task.coordinates,
+        cost=Cost(reference=task.deviations**2),
+        executor=Threads(count=1),
+    )
+    H = linearize(problem, task.point, windows.initial).equations.normal.matrix
+    H = H[np.ix_(task.coordinates.free, task.coordinates.free)]
+    known = H.diagonal() > _MIN_INFORMATION
+    errors = np.full(len(H), np.inf)
+    if known.any():
+        scale = 1.0 / np.sqrt(H.diagonal()[known])
+        R = H[np.ix_(known, known)] * np.outer(scale, scale)
+        inverse = np.linalg.inv(R + _RIDGE * np.eye(len(R)))
+        errors[known] = scale * np.sqrt(np.maximum(inverse.diagonal(), 1.0))
+    return errors
+
+
+#: sines of each axis, from so many turns in the run (at least) and this frequency [Hz] on
+SINES, MIN_TURNS, SLOWEST = 5, 2.0, 0.08
+#: fastest frequencies that are tried [Hz]
+FASTEST = (0.4, 0.6, 0.9, 1.3, 2.0, 3.0)
+#: the axes' frequencies lie apart by this share, so that no two stay in step
+_DETUNED = 0.07
+#: the reference fades in and out over so long [s], a quarter of the run at most
+_FADE = 2.0
+#: no sine turns the reference's heading further than this [rad]
+_MAX_TURN = 1.0
+#: multiples of it, their whole part left out, spread evenly
+_GOLDEN = 0.6180339887498949
+#: places of x, y and psi in a state
+_AXES = (0, 1, 4)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Multisine:
+    """The sines of a reference."""
+
+    times: NDArray[np.float64]  #: (N,), the controller's samples [s]
+    frequencies: NDArray[np.float64]  #: (3, k), of x, y and psi [Hz]
+    amplitudes: NDArray[np.float64]  #: (3, k) [m, m, rad]
+    phases: NDArray[np.float64]  #: (3, k) [rad]
+
+    def poses(self) -> NDArray[np.float64]:
+        """Return x, y and psi at every sample (N, 3)."""
+        phases, end = self.phases[..., None], float(self.times[-1])
+        waves = np.sin(2.0 * np.pi * self.frequencies[..., None] * self.times + phases) - np.sin(phases)
+        fade = max(min(_FADE, 0.25 * end), 1e-9)
+        share = np.clip(np.minimum(self.times, end - self.times) / fade, 0.0, 1.0)
+        return ((0.5 - 0.5 * np.cos(np.pi * share)) * (self.amplitudes[..., None] * waves).sum(axis=1)).T
+
+
+def largest_sines(
+    robot: Robot, controller: Controller, *, limits: Extent, duration: float, fastest: float
+) -> Multisine:
+    """Return sines up to a frequency for a robot and its controller, each as large as it alone may be.
+
+    Raises
+    ------
+    InputError
+        If the duration is not at least a sample.
+    """
+    count = sample_count(duration, controller.sample_time)
+    slowest = max(SLOWEST, MIN_TURNS / duration)
+    fastest = min(max(fastest, 2.0 * slowest), 0.2 / controller.sample_time)
+    detuned = 1.0 + _DETUNED * np.arange(len(_AXES))
+    frequencies = detuned[:, None] * np.geomspace(slowest, fastest, SINES)
+    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
+    K, largest = controller.gain, np.empty(frequencies.shape)
+    for (row, column), frequency in np.ndenumerate(frequencies):
+        unit = np.eye(10)[_AXES[row]]
+        loop = 2j * np.pi * frequency * np.eye(10) - linear.A + linear.B @ K
+        G = np.linalg.solve(loop, linear.B @ (K @ unit))
+        torque, size = np.abs(K @ (unit - G)).max(), np.abs(G)
+        used = max(size[2:4].max() / limits.lean, size[:2].max() / limits.floor, torque / limits.torque, 1e-9)
+        largest[row, column] = min(1.0 / used, _MAX_TURN) if _AXES[row] == 4 else 1.0 / used
+    return Multisine(
+        times=controller.sample_time * np.arange(count, dtype=np.float64),
+        frequencies=frequencies,
+        amplitudes=largest,
+        # spread evenly over the turn
+        phases=2.0 * np.pi * np.modf(_GOLDEN * np.arange(frequencies.size))[0].reshape(frequencies.shape),
+    )
+
+
+#: on the model the limits are this share of those given: noise, rollers and a friction believed wrongly come on top
+MARGIN = 0.85
+#: levels tried for a reference, the share of the limits aimed at and the least that will do, and the highest level:
+#: friction eats some of the motion, so that amplitudes may be some times what the linear loop without it allows
+_LEVELS, _AIM, _CLOSE, _MAX_LEVEL = 4, 0.97, 0.92, 4.0
+#: share of the limits that a fall counts as
+_FALLS = 3.0
+_MAX_ERROR = 1e9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExcitationDesign:
+    """A reference and what is expected of it; errors are in shares of the width of each parameter's bounds."""
+
+    sines: Multisine
+    peaks: Extent  #: on the model, the worst over less and more friction too
+    errors: NDArray[np.float64]  #: (f,), expected
+
+    @property
+    def reference(self) -> Reference:
+        """What the controller is given."""
+        return sampled_reference(self.sines.times, self.sines.poses())
+
+
+def design(task: ExcitationTask) -> ExcitationDesign:
+    """Return the multisine, of those that keep within the limits on the model, whose log tells most.
+
+    Raises
+    ------
+    InputError
+        If none keeps within the limits, or none within them identifies every parameter.
+    """
+    limits = Extent(**{one.name: MARGIN * getattr(task.limits, one.name) for one in fields(Extent)})
+    tried = [_fitted(task, limits, fastest) for fastest in FASTEST]
+    kept = [(sines, run) for sines, run in tried if not run.fell and not run.peaks.exceeding(limits)]
+    if not kept:
+        _, gentlest = min(tried, key=lambda one: _used(one[1], limits))
+        if gentlest.fell:
+            raise InputError(
+                "With this controller the robot falls on every reference. Give a controller that balances the "
+                "robot, or lower the lean limit."
+            )
+        name = gentlest.peaks.exceeding(limits)[0]
+        raise InputError(
+            f"No reference stays within {MARGIN:g} of the limits: the {name} reaches "
+            f"{getattr(gentlest.peaks, name):.3g} of {getattr(limits, name):.3g} {_UNITS[name]}. Raise that limit."
+        )
+    made = [
+        ExcitationDesign(sines=sines, peaks=run.peaks, errors=expected_errors(task, [run.log]))
+        for sines, run in kept
+    ]
+    best = min(made, key=lambda one: criterion(one.errors))
+    if unknown := [label for label, error in zip(task.labels, best.errors, strict=True) if np.isinf(error)]:
+        raise InputError(
+            f"Within {task.limits.lean:.3g} rad of lean, {task.limits.floor:.3g} m of floor and "
+            f"{task.limits.torque:.3g} N m the robot hardly moves, and no reference makes {', '.join(unknown)} "
+            "identifiable. Raise the limits or the duration."
+        )
+    return best
+
+
+def criterion(errors: NDArray[np.float64]) -> float:
+    """Return what a design makes small, of scaled errors (f,): the geometric mean of the worst and of their mean."""
+    logs = np.log(np.clip(errors, 0.0, _MAX_ERROR))
+    return float(np.exp(0.5 * (logs.max() + logs.mean())))
+
+
+def _fitted(task: ExcitationTask, limits: Extent, fastest: float) -> tuple[Multisine, ReferenceRun]:
+    """Return sines at the highest level tried that keeps within limits, or at the gentlest if none does."""
+    largest = largest_sines(
+        task.robot, task.controller, limits=task.limits, duration=task.duration, fastest=fastest
+    )
+    level, found = 1.0, []
+    for _ in range(_LEVELS):
+        sines = replace(largest, amplitudes=level / largest.frequencies.size * largest.amplitudes)
+        run = run_on_model(task, sampled_reference(sines.times, sines.poses()))
+        used = _used(run, limits)
+        found.append((used, sines, run))
+        if _CLOSE <= used <= 1.0:
+            break
+        level = min(level * float(np.clip(_AIM / max(used, 1e-9), 0.4, 3.0)), _MAX_LEVEL)
+    # within the limits the fuller is better, beyond them the gentler
+    _, sines, run = max(found, key=lambda one: one[0] if one[0] <= 1.0 else -one[0])
+    return sines, run
+
+
+def _used(run: ReferenceRun, limits: Extent) -> float:
+    return _FALLS if run.fell else max(run.peaks.used_of(limits).values())
 
 
 def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
@@ -74,22 +461,12 @@ class LoopRuns:
     """Runs of a reference on the loop: each friction (factors) with each seed."""
 
     log: Log  #: of the first run, with its truth
-    peaks: RunPeaks  #: the worst of all runs: true lean and place, torques as commanded
+    peaks: Extent  #: the worst of all runs: true lean and place, torques as commanded
     ended: str | None  #: why a run ended early
 
 
-#: runs of each reference with each friction, by their seeds
-_SEEDS = (1, 2, 3)
-
-
 def _on_loop(
-    robot: Robot,
-    scenario: Scenario,
-    controller: Controller,
-    reference: Reference,
-    *,
-    duration: float,
-    run: Run,
+    robot: Robot, scenario: Scenario, controller: Controller, reference: Reference, duration: float, run: Run
 ) -> LoopRuns:
     made = run_comparison(
         [
@@ -113,104 +490,76 @@ def _on_loop(
     ).results
     log = made[0].log
     assert log is not None
-    peaks = np.max([one.measured for one in made], axis=0).tolist()
+    lean, floor, torque = np.max([one.measured for one in made], axis=0).tolist()
     ended = next((one.score.ended for one in made if one.score.ended), None)
-    return LoopRuns(log=log, peaks=RunPeaks(lean=peaks[0], floor=peaks[1], torque=peaks[2]), ended=ended)
+    return LoopRuns(log=log, peaks=Extent(lean=lean, floor=floor, torque=torque), ended=ended)
 
 
 def _peaks(log: Log) -> NDArray[np.float64]:
-    peaks = peaks_of(log.truth().states, log.torques)
+    peaks = Extent.of(log.truth().states, log.torques)
     return np.array([peaks.lean, peaks.floor, peaks.torque])
-
-
-#: the square that the design is compared with: its side [m], if the floor has room for it, and its period [s]
-_SIDE, _PERIOD = 0.5, 32.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlainSquare:
-    """The square, on the model."""
-
-    run: ReferenceRun
-    errors: NDArray[np.float64]  #: (f,), expected, scaled; infinite without information
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Excitation:
-    """A designed experiment with its expected errors and its runs on the loop."""
+    """A designed experiment with its expected errors and its runs on the loop, beside a square."""
 
     task: ExcitationTask
     design: ExcitationDesign
-    square: PlainSquare
-    on_loop: Mapping[str, LoopRuns]  #: "square" and "designed"
+    peaks: Mapping[str, Extent]  #: of "square" and "designed" on the model
+    errors: Mapping[str, NDArray[np.float64]]  #: (f,) of each, expected, scaled; infinite without information
+    on_loop: Mapping[str, LoopRuns]  #: of each
 
     @property
     def limits_held(self) -> bool:
         """Whether all runs on the loop kept within the limits along the design."""
         runs = self.on_loop["designed"]
-        return runs.ended is None and not self.task.limits.exceeded(runs.peaks)
+        return runs.ended is None and not runs.peaks.exceeding(self.task.limits)
 
     def results(self) -> dict[str, object]:
         """Return what results.json holds; SI units, and errors also in shares of the bounds' width ("scaled")."""
-        question, made = self.task.question, self.design
-        believed = question.coordinates.physical(question.point)[question.coordinates.free]
+        task, sines = self.task, self.design.sines
+
+        def by_label(values: NDArray[np.float64]) -> dict[str, float]:
+            return dict(zip(task.labels, values.tolist(), strict=True))
+
         return {
-            "limits": self.task.limits,
-            "duration": self.task.duration,
-            "believed": _by_label(question.labels, believed),
-            "deviations": question.deviations,
+            "limits": task.limits,
+            "duration": task.duration,
+            "believed": by_label(task.believed),
+            "deviations": task.deviations,
             "expected": {
-                "square": self._expected(self.square.errors),
-                "designed": self._expected(made.errors),
-            },
-            "peaks_on_model": {
-                "square": self.square.run.peaks,
-                "designed": made.peaks,
-            },
-            "on_loop": {
                 name: {
-                    "ended": one.ended,
-                    "peaks": one.peaks,
-                    "exceeded": self.task.limits.exceeded(one.peaks),
+                    "standard_errors": by_label(task.in_units(scaled)),
+                    "scaled": by_label(scaled),
+                    "worst": scaled.max(),
                 }
+                for name, scaled in self.errors.items()
+            },
+            "peaks_on_model": self.peaks,
+            "on_loop": {
+                name: {"ended": one.ended, "peaks": one.peaks, "exceeded": one.peaks.exceeding(task.limits)}
                 for name, one in self.on_loop.items()
             },
             "limits_held_on_loop": self.limits_held,
-            "criterion_after_each_generation": made.history,
             "sines": {
                 "axes": ["x", "y", "psi"],
-                "frequencies": made.frequencies,
-                "amplitudes": made.amplitudes,
-                "phases": made.phases,
+                "frequencies": sines.frequencies,
+                "amplitudes": sines.amplitudes,
+                "phases": sines.phases,
             },
         }
-
-    def _expected(self, scaled: NDArray[np.float64]) -> dict[str, object]:
-        question = self.task.question
-        return {
-            "standard_errors": _by_label(question.labels, question.in_units(scaled)),
-            "scaled": _by_label(question.labels, scaled),
-            "worst": scaled.max(),
-        }
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ExcitationOptions:
-    """How an experiment is designed."""
-
-    law: Law = "stribeck"  #: identification's
-    bounds: Bounds | None = None  #: identification's
-    effort: DesignEffort | None = None  #: of the search
 
 
 def excite(
     robot: RobotLike,
     controller: Controller,
     *,
-    limits: RunLimits,
+    limits: Extent,
     duration: float,
     scenario: Scenario,
-    options: ExcitationOptions | None = None,
+    law: Law = "stribeck",
+    bounds: Bounds | None = None,
     run: Run = DEFAULT_RUN,
 ) -> Excitation:
     """Design an experiment, compare it with a square of the same length, and run both on the loop with sensors.
@@ -218,29 +567,31 @@ def excite(
     Parameters
     ----------
     robot : Robot, preset or robot file
-        With the friction believed, or none.
+        With the friction believed, from an identification before; without any, that from which its search begins.
     controller : Controller
-    limits : RunLimits
+        That the robot will be run with.
+    limits : Extent
     duration : float
         [s]
     scenario : Scenario
         Of the loop, whose friction is the true one.
-    options : ExcitationOptions, optional
+    law : {"stribeck", "coulomb", "viscous"}
+        The law whose parameters are estimated.
+    bounds : Bounds, optional
+        Identification's; errors count in shares of their width.
     run : Run, optional
-        Its seed is that of the design.
+        Its progress is reported; its seed is not used.
 
     Raises
     ------
     InputError
-        If no reference keeps within the limits, none within them identifies every parameter, or a run cannot be made.
+        If a limit is not positive, no level keeps within the limits, none within them identifies every parameter, or a
+        run cannot be made.
     """
-    robot, options = as_robot(robot), options or ExcitationOptions()
+    robot = as_robot(robot)
+    check_limits(limits)
     plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
-
-    def follow(reference: Reference) -> LoopRuns:
-        return _on_loop(robot, scenario, controller, reference, duration=duration, run=run)
-
-    along_square = follow(plain)
+    along_square = _on_loop(robot, scenario, controller, plain, duration, run)
     true = robot.replace(friction=scenario.friction)
     asked = task(
         robot,
@@ -248,23 +599,18 @@ def excite(
         limits=limits,
         duration=duration,
         deviations=deviations_in(along_square.log.without_truth(), true),
-        law=options.law,
-        bounds=options.bounds,
+        law=law,
+        bounds=bounds,
     )
-
-    def of_design(now: Progress) -> None:
-        note = f"errors about {100.0 * now.cost:.1f} %" if np.isfinite(now.cost) else ""
-        run.progress(replace(now, note=note))
-
-    made = design(asked, effort=options.effort, run=replace(run, progress=of_design))
-    driven = run_on_model(asked, plain)
+    run.progress(Progress(stage="design"))
+    made, driven = design(asked), run_on_model(asked, plain)
     return Excitation(
         task=asked,
         design=made,
-        square=PlainSquare(run=driven, errors=expected_errors(asked.question, [driven.log])),
-        on_loop={"square": along_square, "designed": follow(made.reference)},
+        peaks={"square": driven.peaks, "designed": made.peaks},
+        errors={"square": expected_errors(asked, [driven.log]), "designed": made.errors},
+        on_loop={
+            "square": along_square,
+            "designed": _on_loop(robot, scenario, controller, made.reference, duration, run),
+        },
     )
-
-
-def _by_label(labels: Sequence[str], values: NDArray[np.float64]) -> dict[str, float]:
-    return dict(zip(labels, values.tolist(), strict=True))

@@ -7,7 +7,7 @@ outermost. The standings are means over the seeds, and every controller against 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,7 +36,7 @@ from ballbot.workflows.comparison import (
     write_result,
 )
 from ballbot.workflows.courses import Course
-from ballbot.workflows.metrics import Score, score_results, true_place
+from ballbot.workflows.metrics import Metric, Score, score_results, true_place
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -188,30 +188,15 @@ def _track(log: Log) -> NDArray[np.float64]:
     return np.round(np.array([place[name][::step] for name in _TRACKED]), _TRACK_DECIMALS)
 
 
-@dataclass(frozen=True)
-class Metric:
-    """A number of a score, as tables and figures show it."""
-
-    key: str  #: of `Score`
-    heading: str  #: of a table's column
-    words: str  #: that name it in a sentence
-    _: KW_ONLY
-    unit: str  #: that it is shown in
-    scale: float  #: from SI to that unit
-    decimals: int
-
-
 #: in the order of the tables; of all of them less is better
 METRICS = (
-    Metric("peak_position_error", "peak", "peak position error", unit="mm", scale=1e3, decimals=0),
-    Metric("rms_position_error", "RMS", "RMS position error", unit="mm", scale=1e3, decimals=0),
-    Metric(
-        "peak_heading_error", "heading", "peak heading error", unit="deg", scale=180.0 / np.pi, decimals=1
-    ),
-    Metric("settling_time", "settling", "settling time", unit="s", scale=1.0, decimals=1),
-    Metric("rms_torque", "torque", "RMS torque", unit="N m", scale=1.0, decimals=3),
-    Metric("high_frequency_torque", "above 10 Hz", "torque above 10 Hz", unit="N m", scale=1.0, decimals=3),
-    Metric("energy", "energy", "energy exchanged", unit="J", scale=1.0, decimals=1),
+    Metric("peak_position_error", "peak position error", "mm", 1e3, 0, "peak"),
+    Metric("rms_position_error", "RMS position error", "mm", 1e3, 0, "RMS"),
+    Metric("peak_heading_error", "peak heading error", "deg", 180.0 / np.pi, 1, "heading"),
+    Metric("settling_time", "settling time", "s", 1.0, 1, "settling"),
+    Metric("rms_torque", "RMS torque", "N m", 1.0, 3, "torque"),
+    Metric("high_frequency_torque", "torque above 10 Hz", "N m", 1.0, 3, "above 10 Hz"),
+    Metric("energy", "energy exchanged", "J", 1.0, 1, "energy"),
 )
 METRIC_BY_KEY = {metric.key: metric for metric in METRICS}
 #: that are never zero, so that their ratios are finite
@@ -313,8 +298,8 @@ def league_results(league: League) -> dict[str, object]:
     }
 
 
-def _values(scores: Sequence[Score], name: str) -> list[float]:
-    return [float(getattr(score, name)) if score.ended is None else np.nan for score in scores]
+def _values(scores: Sequence[Score], name: str) -> NDArray[np.float64]:
+    return np.array([getattr(score, name) if score.ended is None else np.nan for score in scores], np.float64)
 
 
 def _falls(scores: Sequence[Score]) -> int:

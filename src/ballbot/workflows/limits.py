@@ -24,7 +24,6 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
 from ballbot.results import left_out, reported
-from ballbot.robot import Robot
 from ballbot.simulation.imperfections import Push
 from ballbot.simulation.run import simulate
 from ballbot.summary import Summary, plotted, summarized
@@ -33,6 +32,7 @@ from ballbot.workflows.recovery_region import (
     DURATION,
     Loop,
     Region,
+    StartOf,
     map_region,
     reach,
 )
@@ -203,20 +203,27 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
     run : Run, optional
         Its progress is reported; the loop has its own seed.
     """
-    run.progress(Progress(stage="tilts"))
     unlimited = replace(loop, grip=np.inf)
     directions = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
-    lean = LimitBounds(lower=_lean_reach(loop, directions), upper=_lean_reach(unlimited, directions))
-    run.progress(Progress(stage="impulses"))
     heights = loop.robot.body.center_of_mass * np.array(HEIGHTS)
-    impulse = LimitBounds(
-        lower=_impulse_reach(loop, directions, heights), upper=_impulse_reach(unlimited, directions, heights)
+
+    def bounds(start_of: StartOf, shape: tuple[int, ...], end: float) -> LimitBounds:
+        lower, upper = (reach(one.recovers, start_of, shape=shape, end=end) for one in (loop, unlimited))
+        return LimitBounds(lower=lower, upper=upper)
+
+    run.progress(Progress(stage="tilts"))
+    lean = bounds(lambda sizes: leaning_state(directions, sizes), directions.shape, LARGEST_LEAN)
+    run.progress(Progress(stage="impulses"))
+    impulse = bounds(
+        lambda sizes: pushed_state(loop.model, directions, sizes, heights[:, None]),
+        (len(heights), len(directions)),
+        _FASTEST * (loop.robot.ball.mass + loop.robot.body.mass),
     )
+    run.progress(Progress(stage="tilts and tilt rates"))
     worst = float(directions[lean.lower.argmin()])
     widest = float(lean.upper[lean.lower.argmin()])
     growth = float(loop.model.linearize().poles().real.max())
     ends = (min(1.6 * widest, LARGEST_LEAN), 2.2 * growth * widest)
-    run.progress(Progress(stage="tilts and tilt rates"))
     lower, upper = (
         map_region(one.recovers, lambda a, b: leaning_state(worst, a, b), ends=ends)
         for one in (loop, unlimited)
@@ -227,27 +234,6 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
         lean=lean,
         impulse=impulse,
         plane=Plane(direction=worst, lower=lower, upper=upper),
-    )
-
-
-def _lean_reach(loop: Loop, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    return reach(
-        loop.recovers,
-        lambda sizes: leaning_state(directions, sizes),
-        shape=directions.shape,
-        end=LARGEST_LEAN,
-    )
-
-
-def _impulse_reach(
-    loop: Loop, directions: NDArray[np.float64], heights: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    robot = loop.robot
-    return reach(
-        loop.recovers,
-        lambda sizes: pushed_state(loop.model, directions, sizes, heights[:, None]),
-        shape=(len(heights), len(directions)),
-        end=_FASTEST * (robot.ball.mass + robot.body.mass),
     )
 
 
@@ -284,7 +270,10 @@ def twin_limits(
         if kind == "lean":
             start = leaning_state(direction, size)
         else:
-            pushes, duration = (_push(loop.robot, direction, size),), _PUSH_TIME + DURATION
+            force = size / PUSH_DURATION * np.array([math.cos(direction), math.sin(direction), 0.0])
+            height = loop.robot.body.center_of_mass
+            push = Push(time=_PUSH_TIME, duration=PUSH_DURATION, force=(*force.tolist(),), height=height)
+            pushes, duration = (push,), _PUSH_TIME + DURATION
         twin = Twin(loop.robot, replace(scenario, pushes=pushes), estimator=state)
         log = simulate(twin, loop.controller, hold(), duration=duration, initial_state=start, seed=run.seed)
         run.progress(Progress(stage="limits on the twin", done=next(runs), total=total))
@@ -302,13 +291,3 @@ def twin_limits(
                 low, high = (middle, high) if recovers(kind, direction, middle) else (low, middle)
             limits.append(TwinLimit(kind=kind, direction=direction, lower=lower, twin=low, upper=upper))
     return limits
-
-
-def _push(robot: Robot, direction: float, impulse: float) -> Push:
-    force = impulse / PUSH_DURATION
-    return Push(
-        time=_PUSH_TIME,
-        duration=PUSH_DURATION,
-        force=(force * math.cos(direction), force * math.sin(direction), 0.0),
-        height=robot.body.center_of_mass,
-    )

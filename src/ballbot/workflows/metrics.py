@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from functools import cache
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -72,26 +73,24 @@ def lean_of(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.
     return np.arccos(np.clip(np.cos(theta) * np.cos(phi), -1.0, 1.0))
 
 
-def settling_time(log: Log, *, band: float = BAND, disturbed: Sequence[float] = ()) -> tuple[float, bool]:
+def settling_time(log: Log, *, disturbed: Sequence[float] = ()) -> tuple[float, bool]:
     """Return how long the robot takes to arrive and stay, the longest of the run [s], and whether it always did.
 
     The start, each jump of the reference and each time in `disturbed` begin a stretch, which lasts until the next of
-    them. Its settling time runs from its begin to the last row at which the robot is farther than `band` from the
+    them. Its settling time runs from its begin to the last row at which the robot is farther than `BAND` from the
     reference; zero if it is never farther. A stretch at whose end the robot is outside counts with all its length, and
     the second value is then False: the time is a lower bound.
 
     Parameters
     ----------
     log : Log
-    band : float
-        [m]
     disturbed : sequence of float
         When something else than the reference sends the robot away, such as a push [s].
     """
     t = log.t
     begins = np.unique(np.concatenate([_jump_times(log), [s for s in disturbed if t[0] < s < t[-1]]]))
     starts = np.searchsorted(t, begins - _ROUNDING)
-    outside = position_error(log) > band
+    outside = position_error(log) > BAND
     longest, always = 0.0, True
     for first, end in zip(starts, [*starts[1:], len(t)], strict=True):
         rows = np.flatnonzero(outside[first:end])
@@ -119,10 +118,10 @@ def rms_torque_change(log: Log) -> float:
     return rms(np.diff(log.torques, axis=0)) if len(log) > 1 else 0.0
 
 
-def high_frequency_torque(log: Log, *, above: float = HIGH_FREQUENCY) -> float:
-    """Return the root mean square of what the torques hold above a frequency [N m]: the worry of Figure 5.5.
+def high_frequency_torque(log: Log) -> float:
+    """Return the root mean square of what the torques hold above 10 Hz [N m]: the worry of Figure 5.5.
 
-    A Butterworth high-pass of second order at `above` [Hz] runs over the torques forward and backward, so that a
+    A Butterworth high-pass of second order runs over the torques forward and backward, so that a
     sine at that frequency keeps half of its size, at twice of it 94 %, at half of it 6 %. All wheels, all rows.
 
     Raises
@@ -131,20 +130,20 @@ def high_frequency_torque(log: Log, *, above: float = HIGH_FREQUENCY) -> float:
         If half the log's sample rate is not above that frequency.
     """
     rate = 1.0 / log.sample_time
-    if above >= 0.5 * rate:
+    if 0.5 * rate <= HIGH_FREQUENCY:
         raise InputError(
             f"The torques are sampled at {rate:.4g} Hz, which shows nothing above {0.5 * rate:.4g} Hz; "
-            f"torque above {above:g} Hz cannot be computed."
+            f"torque above {HIGH_FREQUENCY:g} Hz cannot be computed."
         )
-    sections = _high_pass(above, rate)
-    rows_beyond = min(round(rate / above), len(log) - 1)  # a period of the slowest that passes
+    sections = _high_pass(rate)
+    rows_beyond = min(round(rate / HIGH_FREQUENCY), len(log) - 1)  # a period of the slowest that passes
     return rms(scipy.signal.sosfiltfilt(sections, log.torques, axis=0, padlen=rows_beyond))
 
 
 @cache
-def _high_pass(above: float, rate: float) -> NDArray[np.float64]:
+def _high_pass(rate: float) -> NDArray[np.float64]:
     """Return the sections of the filter, whose design takes as long as its use on a run."""
-    return scipy.signal.butter(_FILTER_ORDER, above, btype="highpass", fs=rate, output="sos")
+    return scipy.signal.butter(_FILTER_ORDER, HIGH_FREQUENCY, btype="highpass", fs=rate, output="sos")
 
 
 def energy(log: Log) -> float:
@@ -194,7 +193,13 @@ def score_results(one: Score) -> dict[str, object]:
     return results
 
 
-def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Sequence[float] = ()) -> Score:
+def score(
+    log: Log,
+    *,
+    settle: float = SETTLE,
+    disturbed: Sequence[float] = (),
+    unsettled: bool = False,
+) -> Score:
     """Score a run by how far it was from the reference once it had settled, and by what that took.
 
     Parameters
@@ -203,27 +208,24 @@ def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Se
         With reference, torques and wheel angles; the true position counts where the log has it.
     settle : float
         See `ballbot.workflows.metrics.settled` [s].
-    band, disturbed
+    disturbed : sequence of float
         See `ballbot.workflows.metrics.settling_time`.
+    unsettled : bool
+        Whether a run that did not end early may have no row that counts.
 
     Raises
     ------
     InputError
-        If a run that did not end early has no row that counts.
+        If a run that did not end early has no row that counts, and that is not allowed.
     """
-    if not settled(log, settle).any() and log.ended is None:
+    log, counted = true_place(log), settled(log, settle)
+    if not counted.any() and log.ended is None and not unsettled:
         raise InputError(
             f"No sample of the run is {settle:g} s after the start and after every jump of the reference. "
             "Use a longer run or a shorter settling time."
         )
-    return _scored(log, settle=settle, band=band, disturbed=disturbed)
-
-
-def _scored(log: Log, *, settle: float, band: float, disturbed: Sequence[float]) -> Score:
-    log = true_place(log)
-    counted = settled(log, settle)
     position, heading = position_error(log)[counted], heading_error(log)[counted]
-    arriving, arrived = settling_time(log, band=band, disturbed=disturbed)
+    arriving, arrived = settling_time(log, disturbed=disturbed)
     return Score(
         peak_position_error=float(position.max()) if counted.any() else np.nan,
         rms_position_error=rms(position) if counted.any() else np.nan,
@@ -238,26 +240,16 @@ def _scored(log: Log, *, settle: float, band: float, disturbed: Sequence[float])
     )
 
 
-#: of a score, what a run has no value of that never settled
-_ONCE_SETTLED = (
-    "peak_position_error",
-    "rms_position_error",
-    "peak_heading_error",
-    "settling_time",
-    "settling_time_at_least",
-    "arrived",
-)
-
-
 def run_results(log: Log) -> dict[str, object]:
     """Return one balancing run in numbers, as results.json holds it.
 
     The keys of a `Score` mean what they mean there. Those that count once the robot has settled are absent if it never
     had the time, and so is what has no value. Further keys are of the whole run, SI units.
     """
-    scores = score_results(_scored(log, settle=SETTLE, band=BAND, disturbed=()))
+    scores = score_results(score(log, unsettled=True))
     if not settled(log, SETTLE).any():
-        scores = {name: one for name, one in scores.items() if name not in _ONCE_SETTLED}
+        late = ("settling_time", "settling_time_at_least", "arrived")
+        scores = {name: one for name, one in scores.items() if name not in late}
     error = position_error(log)
     return {
         "rows": len(log),
@@ -340,3 +332,20 @@ QUANTITIES = tuple(field.name for field in fields(Performance))
 def performance_of(log: Log, controller: Controller) -> Performance:
     """Return the numbers of a run with that controller."""
     return Performance.of(log, torque_limit=controller.torque_limit)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number of a run, as tables, figures and sentences show it."""
+
+    key: str  #: of `Score` or `Performance`
+    words: str  #: that name it in a sentence
+    unit: str  #: that it is shown in
+    scale: float  #: from SI to that unit
+    decimals: int
+    heading: str = ""  #: of a table's column
+    better: Literal["below", "above"] = "below"
+
+    def shown(self, value: float) -> str:
+        """Return a value in the unit, without it."""
+        return f"{self.scale * value:.{self.decimals}f}" if np.isfinite(value) else "–"

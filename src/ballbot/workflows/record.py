@@ -12,7 +12,6 @@ The files appear together (`ballbot.result_folder`), so that a folder that has t
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -53,9 +52,6 @@ _FILES = (
     PAGE,
     *_SETTINGS,
 )
-
-#: what record.toml has of a balancing run beside what it has of any
-_OF_BALANCE = ("reference", "compensation", "estimator")
 
 _HEADER = (
     "# How this run of the twin was made. The command, run in this folder, repeats the run bit for bit.\n"
@@ -186,9 +182,10 @@ def record_runs(
 
 def _made_from(job: RecordJob) -> dict[str, str]:
     """Return what all runs of a job depend on, whatever their seeds."""
-    texts = settings(job, 0)
-    run = tomllib.loads(texts.pop("record.toml"))["run"]
-    options = {name: run[name] for name in ("experiment", "duration", "format", *_OF_BALANCE) if name in run}
+    texts = {name: text for name, text in settings(job, 0).items() if name != "record.toml"}
+    options = {"experiment": job.experiment, "duration": job.duration, "format": job.log_format}
+    if job.experiment == "balance":
+        options["reference"] = "reference.csv" if "reference.csv" in texts else job.reference
     return identity({name: [without_format(text)] for name, text in texts.items()}, options)
 
 

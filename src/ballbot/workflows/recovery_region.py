@@ -44,8 +44,6 @@ from ballbot.workflows.comparison import LoopRobot
 #: a robot that has not fallen after this time [s] has recovered: a fall grows e times in a fifth of a second. Of 3840
 #: runs of three controllers with sensors none ended differently after 5 s
 DURATION = 3.0
-#: runs of one call, which bounds the memory
-CALL = 65536
 
 _FRACTION = 0.4  # of torque limit and speed limit that a settled robot will need at most
 _LEAN = 0.15  # [rad] that it will lean at most
@@ -103,43 +101,35 @@ class Loop:
             grip=self.grip,
         )
 
-    def recovers(
-        self, starts: NDArray[np.float64], *, threads: int | None = None, cut_short: bool = True
-    ) -> NDArray[np.bool_]:
+    def recovers(self, starts: NDArray[np.float64], *, cut_short: bool = True) -> NDArray[np.bool_]:
         """Return from which starts (runs, 10) the robot recovers, with the origin as its reference.
 
         Parameters
         ----------
         starts : ndarray (runs, 10)
-        threads : int, optional
-            All cores by default; the result does not depend on it.
         cut_short : bool
             End runs whose outcome is known.
         """
-        kept = np.empty(len(starts), np.bool_)
-        possible = np.abs(starts[:, 2:4]).max(axis=1) <= LARGEST_LEAN
-        kept[~possible] = False
-        places = np.flatnonzero(possible)
-        for first in range(0, len(places), CALL):
-            chosen = places[first : first + CALL]
-            kept[chosen] = simulate_batch(
+        whole = replace(self.verdict, settled=np.zeros((0, 10)), lost=LARGEST_LEAN)
+        kept = np.abs(starts[:, 2:4]).max(axis=1) <= LARGEST_LEAN
+        if kept.any():
+            kept[kept] = simulate_batch(
                 self.model,
                 self.controller,
                 hold(),
                 duration=DURATION,
-                initial_states=starts[chosen],
+                initial_states=starts[kept],
                 imperfections=self.imperfections,
-                verdict=self.verdict
-                if cut_short
-                else replace(self.verdict, settled=np.zeros((0, 10)), lost=LARGEST_LEAN),
+                verdict=self.verdict if cut_short else whole,
                 every=0,
-                threads=threads,
             ).survived
         return kept
 
 
 #: from starts (runs, 10) to whether the robot recovers (runs,)
 Recovers = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+#: from sizes (k, *shape) along each of some rays to starts (k, *shape, 10)
+StartOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 def top_speed(robot: Robot) -> float:
@@ -191,7 +181,7 @@ POINTS = 81
 
 def reach(
     recovers: Recovers,
-    start_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    start_of: StartOf,
     *,
     shape: tuple[int, ...],
     end: float,

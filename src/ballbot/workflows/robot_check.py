@@ -192,30 +192,6 @@ def follow_reference(robot: Robot, source: str, controller: str) -> ReferenceMar
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckedLoop:
-    """The margins of a robot's loop with a controller."""
-
-    controller: str  #: "nominal", "precise" or the file
-    margins: Margins | None  #: None if there is no such loop, or it is unstable
-    refusal: str = ""  #: why there are no margins
-
-    def results(self) -> dict[str, object]:
-        """Return this as results.json holds it."""
-        stated = self.margins.results() if self.margins else {"refusal": self.refusal}
-        return {"controller": self.controller, **stated}
-
-
-def loop_of(robot: Robot, controller: str) -> CheckedLoop:
-    """Return the margins of a robot's loop with a ready-made controller or a file's."""
-    try:
-        return CheckedLoop(controller=controller, margins=loop_margins(named_controller(controller, robot)))
-    except InputError as error:
-        if controller not in PRESETS:
-            raise
-        return CheckedLoop(controller=controller, margins=None, refusal=str(error))
-
-
-@dataclass(frozen=True, kw_only=True)
 class CheckedRobot:
     """A robot with everything that `ballbot check` states about it."""
 
@@ -226,7 +202,9 @@ class CheckedRobot:
     poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
     spread: PoleSpread | None  #: None if no value has a standard deviation
     findings: tuple[Finding, ...]  #: of the robot
-    loop: CheckedLoop
+    controller: str  #: "nominal", "precise" or the file
+    margins: Margins | None  #: of its loop; None if there is no such loop, or it is unstable
+    refusal: str  #: why there are no margins
     swing: CheckedSwing | None
     following: ReferenceMargins | None
 
@@ -244,7 +222,10 @@ class CheckedRobot:
             "unstable_pole": float(self.poles[0].real),
             "standard_deviations": self.robot.standard_deviations,
             "unstable_pole_uncertainty": self.spread,
-            "loop_margins": self.loop.results(),
+            "loop_margins": {
+                "controller": self.controller,
+                **(self.margins.results() if self.margins else {"refusal": self.refusal}),
+            },
             "findings": finding_results(self.findings),
             "swing": self.swing.results() if self.swing else None,
             "reference": margin_results(self.following) if self.following else None,
@@ -271,13 +252,21 @@ def check_robot(
     swing : CheckedSwing, optional
     following : CheckedReference, optional
     """
-    found, linear = transforms(robot), Model(robot).linearize()
+    found, linear, margins, refusal = transforms(robot), Model(robot).linearize(), None, ""
+    try:
+        margins = loop_margins(named_controller(controller, robot))
+    except InputError as error:
+        if controller not in PRESETS:
+            raise
+        refusal = str(error)
     poles = np.asarray(linear.poles(), dtype=np.complex128)
     return CheckedRobot(
         robot=robot,
         spread=pole_spread(robot) if uncertain(robot) else None,
         findings=by_severity(findings),
-        loop=loop_of(robot, controller),
+        controller=controller,
+        margins=margins,
+        refusal=refusal,
         swing=swing,
         following=following,
         derived=derived_quantities(robot),

@@ -19,12 +19,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
 
 from ballbot.arrays import MOST_TRIALS
 from ballbot.control.controller import Compensation, Controller
@@ -33,6 +34,7 @@ from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import hold
 from ballbot.errors import InputError
+from ballbot.files import parse_toml
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.progress import Progress
@@ -40,6 +42,7 @@ from ballbot.results import key, left_out
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.rounding import percent
+from ballbot.schema import validate_table
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import MAX_DELAY, MAX_SLOPE
 from ballbot.summary import Summary, listed, plotted, summarized
@@ -64,37 +67,24 @@ _EVERY = 10  # samples between two that are looked at for the error
 _NO_GAIN = 100.0  # the cost of weights that have none
 
 
+_Share = Annotated[float, Field(ge=0.0, lt=1.0)]
+_STEEPEST = math.degrees(math.atan(MAX_SLOPE))
+
+
 @dataclass(frozen=True, kw_only=True)
 class PerturbationRanges:
-    """How far robots may be from the one described. Each is uniform, and independent of the others.
+    """How far robots may be from the one described. Each is uniform, and independent of the others."""
 
-    Raises
-    ------
-    InputError
-        If a range is not possible.
-    """
+    __pydantic_config__ = ConfigDict(extra="forbid")
 
     #: of the body, either way, as a share; its inertia about its centre of mass goes with it
-    mass: float = 0.2
-    height: float = 0.2  #: of the centre of mass, either way, as a share
-    friction: float = 0.2  #: of each wheel's and of the rolling friction, either way, as a share
-    delay: int = 2  #: most samples by which torques come late
-    tilt: float = 1.0  #: most of the floor, in any direction [degrees]
-
-    def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(f"The perturbed {one.name} is {value!r}; it must be zero or more.")
-            if one.name in ("mass", "height", "friction") and value >= 1.0:
-                raise InputError(
-                    f"The perturbed {one.name} is {value:g}; it is a fraction and must be below 1."
-                )
-        if math.tan(math.radians(self.tilt)) > MAX_SLOPE:
-            raise InputError(
-                f"The floor's tilt is {self.tilt:g} degrees; it must be at most "
-                f"{math.degrees(math.atan(MAX_SLOPE)):.1f}."
-            )
+    mass: _Share = 0.2
+    height: _Share = 0.2  #: of the centre of mass, either way, as a share
+    friction: _Share = 0.2  #: of each wheel's and of the rolling friction, either way, as a share
+    delay: Annotated[int, Field(ge=0)] = 2  #: most samples by which torques come late
+    tilt: Annotated[float, Field(ge=0.0, le=_STEEPEST)] = (
+        1.0  #: most of the floor, in any direction [degrees]
+    )
 
     @staticmethod
     def parse(text: str) -> PerturbationRanges:
@@ -105,20 +95,11 @@ class PerturbationRanges:
         InputError
             If a name or a number is not valid.
         """
-        names = [one.name for one in fields(PerturbationRanges)]
-        given: dict[str, float | int] = {}
-        for part in filter(None, text.split(",")):
-            name, _, number = part.partition("=")
-            if name not in names:
-                raise InputError(
-                    f"--perturb has no {name!r}; it has {', '.join(names)}, such as mass=0.2,delay=2."
-                )
-            try:
-                given[name] = int(number) if name == "delay" else float(number)
-            except ValueError:
-                kind = "a whole number" if name == "delay" else "a number"
-                raise InputError(f"--perturb gives {name} as {number!r}; it must be {kind}.") from None
-        return replace(PerturbationRanges(), **given)
+        try:
+            tree = parse_toml(text.replace(",", "\n"), source="the text")
+            return validate_table(PerturbationRanges, tree, of="perturbed robots")
+        except InputError as error:
+            raise InputError(f"--perturb {text!r}: {error}") from None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -295,7 +276,7 @@ class RobustDesign:
     spread: PerturbationRanges = field(metadata=key("perturbed"))
     scenario: str  #: its name
 
-    @cached_property
+    @property
     def loop_margins(self) -> Margins:
         """The margins of the loop."""
         return loop_margins(self.controller)
@@ -363,30 +344,43 @@ def robust_design(
         costs = np.full(len(candidates), _NO_GAIN)
         made: dict[int, Controller] = {}
         for place, candidate in enumerate(candidates):
-            try:
+            # weights may be so far apart that the equations have no solution in these digits
+            with suppress(InputError):
                 made[place] = controller_of(weights_of(candidate))
-            except InputError:
-                continue  # weights so far apart that the equations have no solution in these digits
         if made:
-            marks = measure_runs(list(made.values()), perturbed)
-            costs[list(made)] = worst_tenth(units.costs(marks))
+            costs[list(made)] = worst_tenth(units.costs(measure_runs(list(made.values()), perturbed)))
         return costs
-
-    def report(now: Progress) -> None:
-        run.progress(replace(now, note=f"worst tenth {now.cost:.2f}"))
 
     found = evolve(
         cost_of,
         size=len(GROUPS),
         generations=effort.generations,
         population=effort.population,
-        run=replace(run, progress=report),
+        run=run,
     )
     weights = weights_of(found.best)
     run.progress(Progress(stage="comparison"))
     fresh = draw_perturbed(robot, effort.fresh, spread=spread, scenario=scenario, seed=run.seed + 1_000_003)
     controllers = {"robust": controller_of(weights), "nominal": nominal}
     marks = measure_runs(list(controllers.values()), fresh)
+    costs = units.costs(marks)
+
+    def compared(controller: Controller, place: int) -> ComparedDesign:
+        stood = ~marks.fell[place]
+        error, roughness = (
+            float(worst_tenth(values[place, stood])) if stood.any() else math.nan
+            for values in (marks.error, marks.roughness)
+        )
+        return ComparedDesign(
+            gain=controller.gain,
+            worst_tenth=float(worst_tenth(costs[place])),
+            mean=float(costs[place].mean()),
+            worst_error=error,
+            worst_roughness=roughness,
+            falls=int((~stood).sum()),
+            costs=costs[place],
+        )
+
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controllers["robust"],
@@ -394,10 +388,7 @@ def robust_design(
         torque_weight=NOMINAL_TORQUE_WEIGHT,
         units=units,
         history=found.history,
-        compared={
-            name: _compared_design(controller, marks, units, place)
-            for place, (name, controller) in enumerate(controllers.items())
-        },
+        compared={name: compared(one, place) for place, (name, one) in enumerate(controllers.items())},
         fresh=effort.fresh,
         spread=spread,
         scenario=scenario.name,
@@ -410,18 +401,3 @@ def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:
     for group, place in zip(GROUPS, candidate, strict=True):
         weights[list(group)] *= 10.0 ** (DECADES * (2.0 * float(place) - 1.0))
     return tuple(weights.tolist())
-
-
-def _compared_design(
-    controller: Controller, marks: RunMeasures, units: CostUnits, place: int
-) -> ComparedDesign:
-    stood, costs = ~marks.fell[place], units.costs(marks)[place]
-    return ComparedDesign(
-        gain=controller.gain,
-        worst_tenth=float(worst_tenth(costs)),
-        mean=float(costs.mean()),
-        worst_error=float(worst_tenth(marks.error[place, stood])) if stood.any() else float("nan"),
-        worst_roughness=float(worst_tenth(marks.roughness[place, stood])) if stood.any() else float("nan"),
-        falls=int((~stood).sum()),
-        costs=costs,
-    )

@@ -210,13 +210,19 @@ def study(
     tried = sampled_at(given, sample_time)
     _ = PlantDraw(robot=robot, known=robot, scenario=tried, seed=0).on_loop  # refused before the work begins
     confirmed = options.confirm and find_spec("mujoco") is not None
-    found = _identify(robot, checked, options, _named(run, "identifying friction"))
+    fitting = IdentificationOptions(excluded_states=tuple(options.excluded_states), back_emf=options.back_emf)
+    identifying = _named(run, "identifying friction")
+    found = identify(robot, checked, bounds=options.bounds, options=fitting, run=identifying)
     if not found.verdict.usable:
         raise InputError(
             f"{found.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
             "identify` shows the fit."
         )
-    by_log = _validate(found.robot, studied, run)
+    models = ModelPair.by_friction(Model(found.robot))
+    by_log = tuple(
+        validate_pair(models, one.log, holdout=one.held_out, run=_named(run, f"validating on {one.name}"))
+        for one in studied
+    )
     choice = choose_controller(
         candidates(found, sample_time=sample_time),
         draw_plants(found, scenario=tried, count=options.draws, seed=run.seed),
@@ -266,29 +272,3 @@ def _complete(name: str, log: Log, robot: Robot) -> Log:
         return log.complete(*torque_names(robot.wheel_count), *STATE_NAMES)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-
-
-def _identify(
-    robot: Robot,
-    checked: CheckedLogs,
-    options: StudyOptions,
-    run: Run,
-) -> Identification:
-    return identify(
-        robot,
-        checked,
-        bounds=options.bounds,
-        options=IdentificationOptions(
-            excluded_states=tuple(options.excluded_states),
-            back_emf=options.back_emf,
-        ),
-        run=run,
-    )
-
-
-def _validate(robot: Robot, logs: Sequence[StudiedLog], run: Run) -> tuple[Validation, ...]:
-    validations, models = [], ModelPair.by_friction(Model(robot))
-    for studied in logs:
-        one = _named(run, f"validating on {studied.name}")
-        validations.append(validate_pair(models, studied.log, holdout=studied.held_out, run=one))
-    return tuple(validations)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import get_args, get_type_hints
 
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
@@ -62,8 +62,3 @@ def _kinds() -> dict[str, type[Part]]:
 
 #: every part by its name in `Parts`
 KINDS: dict[str, type[Part]] = _kinds()
-
-
-def example_parts(wheel_count: int) -> Parts:
-    """Return every part with the examples of its settings, for tests."""
-    return replace(Parts(), **{name: kind.example(wheel_count) for name, kind in KINDS.items()})

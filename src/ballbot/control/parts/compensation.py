@@ -65,7 +65,7 @@ class CompensationRecord:
 def compensation_record(settings: LawSettings) -> CompensationRecord:
     """Return the friction of a controller's robot as compiled code reads it."""
     robot, friction = settings.robot, settings.robot.friction
-    terms = friction_terms(friction)
+    d, e, mu = friction_terms(friction).T
     return CompensationRecord(
         inv_rb=1.0 / robot.ball.radius,
         inv_vs=1.0 / friction.stribeck_speed,
@@ -80,9 +80,9 @@ def compensation_record(settings: LawSettings) -> CompensationRecord:
         coulomb=np.asarray(friction.coulomb),
         stribeck=np.asarray(friction.stribeck),
         directed=float(not friction.is_plain),
-        coulomb_asymmetry=terms.coulomb_asymmetry,
-        stribeck_asymmetry=terms.stribeck_asymmetry,
-        load=terms.load,
+        coulomb_asymmetry=d,
+        stribeck_asymmetry=e,
+        load=mu,
         for_rolling=rolling_torques(robot),
     )
 

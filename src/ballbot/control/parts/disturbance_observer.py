@@ -125,8 +125,8 @@ class DisturbanceObserver(Part):
     record = ObserverRecord
     state = ObserverState
 
-    frequency: Annotated[float, Setting("rad/s", "w of the lag", above=0.0, example=3.0)] = 10.0
-    limit: Annotated[float, Setting("N m", "largest torque added to a wheel", above=0.0, example=0.4)] = 0.5
+    frequency: Annotated[float, Setting("rad/s", "w of the lag", above=0.0)] = 10.0
+    limit: Annotated[float, Setting("N m", "largest torque added to a wheel", above=0.0)] = 0.5
 
     def numbers(self, settings: LawSettings) -> ObserverRecord:
         """Return the sampled observer for the robot."""

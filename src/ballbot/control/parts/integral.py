@@ -94,19 +94,14 @@ class IntegralAction(Part):
 
     gain: Annotated[
         NDArray[np.float64],
-        Setting("N m/(m s)", "K_I for the integrals of x, y and psi", columns=3, example=(0.5, 0.3, 0.2)),
+        Setting("N m/(m s)", "K_I for the integrals of x, y and psi", columns=3),
     ]
-    limit: Annotated[float, Setting("m s", "of the integral of x, and of y", above=0.0, example=0.2)] = 0.3
-    yaw_limit: Annotated[float, Setting("rad s", "of the integral of psi", above=0.0, example=0.4)] = 0.5
-    memory: Annotated[float, Setting("s", "time T over which it forgets", above=0.0, example=40.0)] = 60.0
+    limit: Annotated[float, Setting("m s", "of the integral of x, and of y", above=0.0)] = 0.3
+    yaw_limit: Annotated[float, Setting("rad s", "of the integral of psi", above=0.0)] = 0.5
+    memory: Annotated[float, Setting("s", "time T over which it forgets", above=0.0)] = 60.0
     dead_band: Annotated[
         float,
-        Setting(
-            "m, rad",
-            "error of x and y, and of psi, below which the integrals rest",
-            at_least=0.0,
-            example=0.001,
-        ),
+        Setting("m, rad", "error of x and y, and of psi, below which the integrals rest", at_least=0.0),
     ] = 0.0
 
     def numbers(self, settings: LawSettings) -> IntegralRecord:

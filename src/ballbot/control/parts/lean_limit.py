@@ -90,10 +90,10 @@ class LeanLimit(Part):
     )
     record = LeanLimitRecord
 
-    lean: Annotated[float, Setting("rad", "largest commanded lean", above=0.0, example=0.6)] = 0.1
+    lean: Annotated[float, Setting("rad", "largest commanded lean", above=0.0)] = 0.1
     turn: Annotated[
         float,
-        Setting("rad", "largest commanded turn, with the contribution of its rate", above=0.0, example=2.0),
+        Setting("rad", "largest commanded turn, with the contribution of its rate", above=0.0),
     ] = 0.5
 
     def numbers(self, settings: LawSettings) -> LeanLimitRecord:

@@ -71,12 +71,10 @@ class Notch(Part):
     record = NotchRecord
     state = NotchState
 
-    frequency: Annotated[
-        float, Setting("Hz", "centre of the band, such as a resonance", above=0.0, example=33.0)
-    ]
-    width: Annotated[float, Setting("1", "of the band, over its frequency", above=0.0, example=0.5)] = 1.4
+    frequency: Annotated[float, Setting("Hz", "centre of the band, such as a resonance", above=0.0)]
+    width: Annotated[float, Setting("1", "of the band, over its frequency", above=0.0)] = 1.4
     depth: Annotated[
-        float, Setting("1", "fraction of the torque left at its centre", at_least=0.0, below=1.0, example=0.2)
+        float, Setting("1", "fraction of the torque left at its centre", at_least=0.0, below=1.0)
     ] = 0.15
 
     def numbers(self, settings: LawSettings) -> NotchRecord:

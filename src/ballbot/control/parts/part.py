@@ -10,9 +10,9 @@ A part is one file with
 and joins the law by a line in `ballbot.control.parts.Parts` and the calls of its steps in `ballbot.control.law`. In
 compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being its field in `Parts`. To add a part:
 
-1. Copy `notch.py`. Give each field of the settings its `Setting`: unit, meaning, range and an example. `eq=False` only
-   if a setting is a matrix; records and states always have it. A constant of the robot's hardware is no setting: take
-   it from `settings.robot` in `numbers`.
+1. Copy `notch.py`. Give each field of the settings its `Setting`: unit, meaning and range. `eq=False` only if a
+   setting is a matrix; records and states always have it. A constant of the robot's hardware is no setting: take it
+   from `settings.robot` in `numbers`.
 2. Begin the record with `on`. If the controller lacks the part, its record is all zeros, so that `on` is 0. Every step
    must then do nothing, or return its value unchanged: because it asks for `on`, or because it only adds products with
    numbers of the record or the state.
@@ -29,7 +29,8 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
    filtered and limited; the prediction takes it less both compensations.
 8. Write the part in C: the recipe is in `docs/architecture.md`, the test that asks for it `tests/firmware/test_law.py`.
 9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
-   missing samples, and the fuzzing of controller files, run with its `example`.
+   missing samples, and the fuzzing of controller files, run with `example_parts` of
+   `tests/support/control_examples.py`.
 """
 
 from __future__ import annotations
@@ -38,13 +39,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import frictionless_model
-from ballbot.control.records import MAX_WHEELS, check_settings, example_settings, number
+from ballbot.control.records import MAX_WHEELS, check_settings, number
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.model import LinearModel
 from ballbot.robot import Robot
@@ -141,11 +142,6 @@ class Part(ABC):
     record: ClassVar[type]
     state: ClassVar[type] = NoState
     needs: ClassVar[Mapping[str, str]] = {}  #: parts that it cannot work without, and why
-
-    @classmethod
-    def example(cls, wheel_count: int) -> Self:
-        """Return the part with the examples of its settings, none of which is a default."""
-        return cls(**example_settings(cls, wheel_count))
 
     def __post_init__(self) -> None:
         check_settings(self, self.label)

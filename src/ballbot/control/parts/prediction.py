@@ -166,9 +166,7 @@ class DelayPrediction(Part):
     record = PredictionRecord
     state = PredictionState
 
-    delay: Annotated[
-        float, Setting("s", "from a measurement to the action of its torque", above=0.0, example=0.012)
-    ]
+    delay: Annotated[float, Setting("s", "from a measurement to the action of its torque", above=0.0)]
 
     def numbers(self, settings: LawSettings) -> PredictionRecord:
         """Return the prediction for the robot."""

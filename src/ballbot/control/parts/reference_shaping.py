@@ -31,8 +31,12 @@ from ballbot.control.parts.part import LawSettings, Part, Smooth
 from ballbot.control.records import Setting, number, whole
 from ballbot.mechanics.engine.compiled import inlined
 
-#: settings of a shaping beyond which its derivatives are lost in rounding or overflow
-_LEAST, _MOST = 1e-12, 1e12
+
+def _setting(unit: str, text: str) -> Setting:
+    """Return a setting within the limits beyond which derivatives are lost in rounding or overflow."""
+    return Setting(unit, text, at_least=1e-12, at_most=1e12)
+
+
 #: lag of the bends [s]
 _BEND_LAG = 0.05
 
@@ -207,35 +211,14 @@ class ReferenceShaping(Part):
     record = ShapingRecord
     state = ShapingState
 
-    frequency: Annotated[
-        float,
-        Setting(
-            "rad/s", "w of each of the four lags of x and y", at_least=_LEAST, at_most=_MOST, example=4.0
-        ),
-    ] = 3.0
-    speed_limit: Annotated[
-        float, Setting("m/s", "speed of a jump over the floor", at_least=_LEAST, at_most=_MOST, example=0.4)
-    ] = 0.5
-    yaw_frequency: Annotated[
-        float,
-        Setting("rad/s", "w of each of the four lags of psi", at_least=_LEAST, at_most=_MOST, example=2.5),
-    ] = 3.0
-    yaw_rate_limit: Annotated[
-        float, Setting("rad/s", "rate of a turn", at_least=_LEAST, at_most=_MOST, example=0.8)
-    ] = 1.0
+    frequency: Annotated[float, _setting("rad/s", "w of each of the four lags of x and y")] = 3.0
+    speed_limit: Annotated[float, _setting("m/s", "speed of a jump over the floor")] = 0.5
+    yaw_frequency: Annotated[float, _setting("rad/s", "w of each of the four lags of psi")] = 3.0
+    yaw_rate_limit: Annotated[float, _setting("rad/s", "rate of a turn")] = 1.0
     acceleration_limit: Annotated[
-        float,
-        Setting(
-            "m/s^2",
-            "beyond which a change of the reference's speed counts ever less as a bend",
-            at_least=_LEAST,
-            at_most=_MOST,
-            example=0.25,
-        ),
+        float, _setting("m/s^2", "beyond which a change of the reference's speed counts ever less as a bend")
     ] = 0.2
-    yaw_acceleration_limit: Annotated[
-        float, Setting("rad/s^2", "the same of a turn", at_least=_LEAST, at_most=_MOST, example=0.5)
-    ] = 0.4
+    yaw_acceleration_limit: Annotated[float, _setting("rad/s^2", "the same of a turn")] = 0.4
 
     def numbers(self, settings: LawSettings) -> ShapingRecord:
         """Return the sampled shaping; the lead makes up for a delay that is predicted over."""

@@ -64,13 +64,6 @@ def wheel_rows(selected, P, a):
 
 
 @traced
-def box_rows(selected, P, a):
-    """Return the rows that give the wheel speeds, and the spin where the ball pivots."""
-    rows = wheel_rows(selected, P, a)
-    return (*rows, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)) if isinstance(selected, Pivoting) else rows
-
-
-@traced
 def angle_accelerations(selected, a, rates, w_dot):
     """Return the Euler angles' accelerations from the derivative of the formulation's body rates.
 

@@ -1,18 +1,9 @@
-"""The convex step of `stick_slip` for many robots side by side: the same minimiser, found without branches.
-
-The unknowns are the friction forces lambda: one in each box (wheels, and the spin where the ball pivots) and the two
-of the disc. With G = C M^-1 C^T, b = C nu_free and any kappa > 0 the optimality conditions are
-
-    lambda = P(s),   s = lambda + kappa (b - h G lambda),   P the projection on boxes and disc,
-
-solved by a semi-smooth Newton method (L. Qi and J. Sun, A nonsmooth version of Newton's method, 1993): with T the
-derivative of P, each round solves (I - T + T kappa h G) lambda = T kappa b + P(s) - T s. Full stick is tried first, and
-then rest is exactly zero. At most five rounds follow, none with a branch, so that a loop over robots is vector code.
-They do not suffice in some steps of a thousand, nor with four wheels, where G is singular: `stick_slip.minimiser` takes
-these.
+"""The convex step of `stick_slip` for many robots side by side.
 
 `convex_block` takes the step for the robots of a block, in loops over lanes: the problem, Newton rounds, the problem
-with the forces half way (`contacts.corrected_ahead`), Newton rounds, the end.
+with the forces half way (`contacts.corrected_ahead`), Newton rounds, the end. Full stick is tried first, and then rest
+is exactly zero. At most five rounds are taken of all lanes together. They do not suffice in some steps of a thousand,
+nor with four wheels, where G is singular: `stick_slip.found_forces` takes these lanes one by one.
 """
 
 from typing import NamedTuple
@@ -41,69 +32,29 @@ from ballbot.mechanics.engine.lanes import (
     TORQUE,
     TRIAL,
     entry,
+    load,
     put,
     restored,
+    state_like,
     stored,
 )
-from ballbot.mechanics.engine.loading import load, state_like
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, rest_speeds
-from ballbot.mechanics.engine.tracing import both, either, greatest, lanes, least, root, traced, where
-from ballbot.mechanics.engine.vector import each, inner, scale, solve_dense
+from ballbot.mechanics.engine.tracing import both, either, greatest, lanes, root, traced, where
+from ballbot.mechanics.engine.vector import each, scale, solve_dense
 from ballbot.mechanics.equations import attitude_of, sines
 from ballbot.mechanics.floor import REST, rolling_brake
 from ballbot.mechanics.friction import sign
+from ballbot.mechanics.stick_slip import (
+    all_rest,
+    found_forces,
+    less_response,
+    newton_round,
+    scaled_matrix,
+    still_where_held,
+)
 
 #: Newton rounds at most
 ROUNDS = 5
-
-_DISC_TOLERANCE = 1e-13  # of the disc's force, change in the last round
-
-
-def _disc_derivative(s_x, s_y, limit):
-    """Return T of the disc (xx, yy, xy): the unit matrix inside, else limit/|s| (1 - s s^T/|s|^2)."""
-    size2 = s_x * s_x + s_y * s_y
-    inside = size2 < limit * limit
-    inverse = 1.0 / greatest(size2, 1e-300)
-    share = limit * root(inverse)
-    n_xx, n_yy, n_xy = s_x * s_x * inverse, s_y * s_y * inverse, s_x * s_y * inverse
-    return where(inside, (1.0, 1.0, 0.0), (share * (1.0 - n_xx), share * (1.0 - n_yy), -share * n_xy))
-
-
-def _disc_projection(s_x, s_y, limit):
-    size2 = s_x * s_x + s_y * s_y
-    share = where(size2 < limit * limit, 1.0, limit / root(greatest(size2, 1e-300)))
-    return s_x * share, s_y * share
-
-
-def newton_round(s, G, b, limits, rolling_force):
-    """Return (forces, their probe s, settled): one round from a probe, and 1 where it left every contact's state.
-
-    G and b are those of the module's head, each row multiplied by kappa h and kappa.
-    """
-    k, m = len(limits), len(s)
-    x, y = k, k + 1
-    T = [[0.0] * m for _ in range(m)]
-    P = []
-    for i, limit in enumerate(limits):
-        T[i][i] = where(abs(s[i]) < limit, 1.0, 0.0)  # 1 inside, where the contact sticks
-        P.append(least(greatest(s[i], -limit), limit))
-    T[x][x], T[y][y], T[x][y] = _disc_derivative(s[x], s[y], rolling_force)
-    T[y][x] = T[x][y]
-    P += _disc_projection(s[x], s[y], rolling_force)
-    rows, right = [], []
-    for i in range(m):
-        coupled = (i,) if i < k else (i, x + y - i)
-        row = [inner([T[i][j] for j in coupled], [G[j][column] for j in coupled]) for column in range(m)]
-        for j in coupled:
-            row[j] = row[j] + (1.0 - T[i][j] if i == j else -T[i][j])
-        rows.append(row)
-        right.append(inner([T[i][j] for j in coupled], [b[j] - s[j] for j in coupled]) + P[i])
-    found = solve_dense(rows, right)
-    after = tuple(found[i] + b[i] - inner(G[i], found) for i in range(m))
-    same = _disc_agrees(s[x], s[y], after[x], after[y], found[x], found[y], rolling_force)
-    for i, limit in enumerate(limits):
-        same = both(same, _agrees(s[i], after[i], limit))
-    return found, after, where(same, 1.0, 0.0)
 
 
 def first_probe(speeds, held, rests, limits, rolling_force):
@@ -121,29 +72,6 @@ def first_probe(speeds, held, rests, limits, rolling_force):
     return (*slides, *where(speed > REST, (size * v_x, size * v_y), held[-2:]))
 
 
-def _agrees(s, after, limit):
-    """Return whether a box's contact is in the same state before and after a round."""
-    inside = abs(s) < limit
-    stays = either(inside, s * after > 0.0, limit == 0.0)
-    return both((abs(after) < limit) == inside, stays)
-
-
-def _disc_agrees(s_x, s_y, after_x, after_y, r_x, r_y, limit):
-    """Return whether the disc's state is the same and its force is the projection to rounding."""
-    p_x, p_y = _disc_projection(after_x, after_y, limit)
-    error = abs(p_x - r_x) + abs(p_y - r_y)
-    same = (s_x * s_x + s_y * s_y < limit * limit) == (after_x * after_x + after_y * after_y < limit * limit)
-    return both(same, error <= _DISC_TOLERANCE * limit)
-
-
-def scaled_matrix(G, h):
-    """Return (kappa h G, kappa) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
-    stiffest = greatest(G[-2][-2], G[-1][-1])
-    inverses = [1.0 / G[i][i] for i in range(len(G) - 2)] + [1.0 / stiffest] * 2
-    rate = 1.0 / h
-    return tuple(scale(row, one) for row, one in zip(G, inverses, strict=True)), scale(inverses, rate)
-
-
 def all_stick(forces, limits, rolling_force):
     """Return 1 where the forces are inside every limit: the whole robot is held, else 0."""
     r_x, r_y = forces[-2:]
@@ -151,17 +79,6 @@ def all_stick(forces, limits, rolling_force):
     for force, limit in zip(forces[:-2], limits, strict=True):
         held = both(held, abs(force) <= limit)
     return where(held, 1.0, 0.0)
-
-
-def still_where_held(v, s, limits, rolling_force):
-    """Return v with zero, to the bit, where the floor holds the ball's path or its spin.
-
-    The probe decides, not the force: a sliding contact's force is at its limit but for rounding, its probe beyond.
-    """
-    path = where(s[-2] * s[-2] + s[-1] * s[-1] < rolling_force * rolling_force, 0.0, 1.0)
-    if len(v) == 2:
-        return v[0] * path, v[1] * path
-    return v[0] * path, v[1] * path, v[2] * where(abs(s[-3]) < limits[-1], 0.0, 1.0)
 
 
 class ConvexProblem(NamedTuple):
@@ -172,7 +89,6 @@ class ConvexProblem(NamedTuple):
     rates: tuple  #: kappa of each contact
     before: tuple  #: sines of the attitude before the step, and half way through it
     middle: tuple
-    rests: float  #: 1 where friction holds the whole robot
 
 
 class ConvexPass(NamedTuple):
@@ -185,20 +101,23 @@ class ConvexPass(NamedTuple):
 
 
 def convex_problem(selected, P, state, u, h):
-    """Return the `ConvexProblem` of a step from a state, its first `ConvexPass`, and the first probe."""
+    """Return the `ConvexProblem` of a step from a state, its first `ConvexPass`, the first probe and if all rests."""
     start = step_start(selected, state, h)
     a, free = start.middle, free_motion(selected, P, start.middle, start.v, start.w, u)
     ahead = first_ahead(selected, P, start, free, h)
     Y = responses(selected, P, a, free.system, len(ahead.speeds))
     G, rates = scaled_matrix(contact_matrix(selected, P, a, Y), h)
     b = each(_product, rates, ahead.speeds)
-    held = solve_dense(G, b)
-    rests = all_stick(held, free.limits, P.rolling_force)
+    if len(selected.wheels) == 4:  # G is singular
+        held, rests = scale(b, 0.0), 0.0
+    else:
+        held = solve_dense(G, b)
+        rests = all_stick(held, free.limits, P.rolling_force)
     rests_below = of_boxes(selected, rest_speeds(P, h), REST)
     speeds = contact_speeds(selected, P, start.before, start.v, start.w)
     s = first_probe(speeds, held, rests_below, free.limits, P.rolling_force)
-    problem = ConvexProblem(Y, G, rates, sines(start.before), sines(a), rests)
-    return problem, ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force), s
+    problem = ConvexProblem(Y, G, rates, sines(start.before), sines(a))
+    return problem, ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force), s, rests
 
 
 def second_pass(selected, P, state, u, problem, one, forces, s, h):
@@ -212,43 +131,37 @@ def second_pass(selected, P, state, u, problem, one, forces, s, h):
     return ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force)
 
 
-def less_response(free, Y, forces, h):
-    """Return nu_free - h Y^T lambda."""
-    return tuple(free[j] - h * inner([row[j] for row in Y], forces) for j in range(len(free)))
-
-
 def _product(a, factor):
     return a * factor
 
 
-# Scratch rows: the problem, a pass, its forces and their probe, whether the lane has settled, and did in both passes
+# Scratch rows: the problem, a pass, its forces and their probe, and whether the lane has settled; the largest robot has
+# seven contacts and six velocities
 _PROBLEM = SCRATCH
-_PASS = _PROBLEM + 6 * 6 + 6 * 6 + 6 + 6 + 6 + 1
-_PROBE = _PASS + 6 + 6 + 4 + 1
-_FORCES = _PROBE + 6
-_SETTLED = _FORCES + 6
-_SETTLED_FIRST = _SETTLED + 1
-assert _SETTLED_FIRST < ROWS  # compiled code does not look whether a row is in the array
+_RESTS = _PROBLEM + 7 * 6 + 7 * 7 + 7 + 6 + 6
+_PASS = _RESTS + 1
+_PROBE = _PASS + 6 + 7 + 5 + 1
+_FORCES = _PROBE + 7
+_SETTLED = _FORCES + 7
+assert _SETTLED < ROWS  # compiled code does not look whether a row is in the array
 _SIX = (0.0,) * 6
 
 
 def _zeros(selected):
-    """Return zeros, one for each box and one for each contact; with three wheels those are as many as velocities."""
+    """Return zeros, one for each box and one for each contact."""
     boxes = of_boxes(selected, (0.0,) * len(selected.wheels), 0.0)
     return boxes, (*boxes, 0.0, 0.0)
 
 
-def _problem_in(selected, work, lane):
+@traced
+def problem_in(selected, work, lane):
     """Return a lane's problem, pass, probe and forces."""
     boxes, contacts = _zeros(selected)
-    matrix = (contacts,) * len(contacts)
-    shapes = (
-        (_PROBLEM, ConvexProblem(matrix, matrix, contacts, _SIX, _SIX, 0.0)),
-        (_PASS, ConvexPass(contacts, contacts, boxes, 0.0)),
-        (_PROBE, contacts),
-        (_FORCES, contacts),
-    )
-    return tuple(restored(shape, work, row, lane) for row, shape in shapes)
+    velocities = state_like(selected)[5:]
+    Y, G = (velocities,) * len(contacts), (contacts,) * len(contacts)
+    problem = restored(ConvexProblem(Y, G, contacts, _SIX, _SIX), work, _PROBLEM, lane)
+    one = restored(ConvexPass(velocities, contacts, boxes, 0.0), work, _PASS, lane)
+    return problem, one, restored(contacts, work, _PROBE, lane), restored(contacts, work, _FORCES, lane)
 
 
 @traced
@@ -261,44 +174,40 @@ def robot_in_lane(selected, work, lane):
     return load(selected, work, lane), state, u, entry(work, STEP, lane)
 
 
-def _lanes(selected, first, last):
-    """Return `lanes`, but none with four wheels: they can strain against each other, and G is singular."""
-    return () if len(selected.wheels) == 4 else lanes(first, last)
+def _asks_for_none(work, lane):
+    """Return whether a lane asks for no rounds: its trial counts, it rests or it does not move."""
+    rests = entry(work, _RESTS, lane) > 0.0
+    return either(entry(work, MARGIN, lane) > 0.0, rests, ~(entry(work, STEP, lane) > 0.0))
 
 
 @traced
 def _problems(selected, work, first, last):
-    for lane in _lanes(selected, first, last):
+    for lane in lanes(first, last):
         P, state, u, h = robot_in_lane(selected, work, lane)
-        problem, first_pass, s = convex_problem(selected, P, state, u, h)
+        problem, first_pass, s, rests = convex_problem(selected, P, state, u, h)
         stored(work, _PROBLEM, lane, problem)
         stored(work, _PASS, lane, first_pass)
         stored(work, _PROBE, lane, s)
         stored(work, _FORCES, lane, _zeros(selected)[1])  # zero if the lane takes no round
-        # a lane whose trial counts, or that does not move, asks for no rounds
-        counts = entry(work, MARGIN, lane) > 0.0
-        none = either(counts, problem.rests > 0.0, ~(h > 0.0))
-        put(work, _SETTLED, lane, where(none, 1.0, 0.0))
+        put(work, _RESTS, lane, rests)
+        put(work, _SETTLED, lane, where(_asks_for_none(work, lane), 1.0, 0.0))
 
 
 @traced
 def _second_passes(selected, work, first, last):
-    for lane in _lanes(selected, first, last):
+    for lane in lanes(first, last):
         P, state, u, h = robot_in_lane(selected, work, lane)
-        problem, one, s, forces = _problem_in(selected, work, lane)
-        settled = entry(work, _SETTLED, lane)
+        problem, one, s, forces = problem_in(selected, work, lane)
         stored(work, _PASS, lane, second_pass(selected, P, state, u, problem, one, forces, s, h))
-        put(work, _SETTLED_FIRST, lane, settled)
-        still = either(entry(work, MARGIN, lane) > 0.0, problem.rests > 0.0, ~(h > 0.0))
-        put(work, _SETTLED, lane, where(either(still, settled == 0.0), 1.0, 0.0))
+        put(work, _SETTLED, lane, where(_asks_for_none(work, lane), 1.0, 0.0))
 
 
 @traced
 def _round(selected, work, first, last):
     """Take one Newton round; lanes that have settled stay as they are."""
-    for lane in _lanes(selected, first, last):
+    for lane in lanes(first, last):
         settled = entry(work, _SETTLED, lane)
-        problem, one, s, forces = _problem_in(selected, work, lane)
+        problem, one, s, forces = problem_in(selected, work, lane)
         new_forces, new_s, agrees = newton_round(s, problem.G, one.b, one.limits, one.rolling_force)
         stored(work, _FORCES, lane, where(settled > 0.0, forces, new_forces))
         stored(work, _PROBE, lane, where(settled > 0.0, s, new_s))
@@ -307,34 +216,40 @@ def _round(selected, work, first, last):
 
 @called
 def _rounds(selected, work, first, last):
-    for _ in range(ROUNDS):
+    """Find the forces of a pass: in rounds of all lanes, but with four wheels; then one by one what has not settled."""
+    for _ in range(ROUNDS if len(selected.wheels) != 4 else 0):
         least_settled = 1.0
         for lane in range(first, last):
             least_settled = min(least_settled, entry(work, _SETTLED, lane))
         if least_settled > 0.0:
-            break
+            return
         _round(selected, work, first, last)
+    for lane in range(first, last):
+        if entry(work, _SETTLED, lane) == 0.0:
+            problem, one, _, _ = problem_in(selected, work, lane)
+            forces, s = found_forces(problem.G, one.b, problem.rates, one.limits, one.rolling_force)
+            stored(work, _FORCES, lane, forces)
+            stored(work, _PROBE, lane, s)
+            put(work, _RESTS, lane, all_rest(forces, s, one.b))
 
 
 @traced
 def _ends(selected, work, first, last):
-    for lane in _lanes(selected, first, last):
+    for lane in lanes(first, last):
         state, h = restored(state_like(selected), work, STATE, lane), entry(work, STEP, lane)
-        problem, one, s, forces = _problem_in(selected, work, lane)
-        moves = 1.0 - problem.rests
+        problem, one, s, forces = problem_in(selected, work, lane)
+        moves = 1.0 - entry(work, _RESTS, lane)
         v, w = parted(scale(less_response(one.free, problem.Y, forces, h), moves))
         v = still_where_held(v, s, one.limits, one.rolling_force)
         end = finished(selected, state, attitude_of(problem.middle), v, w, h)
         counts = entry(work, MARGIN, lane) > 0.0
         trial = restored(state_like(selected), work, TRIAL, lane)
         stored(work, TRIAL, lane, where(counts, trial, end))
-        settled = least(entry(work, _SETTLED, lane), entry(work, _SETTLED_FIRST, lane))
-        put(work, MARGIN, lane, where(counts, 1.0, settled))
 
 
 @called
 def convex_block(selected, work, first, last):
-    """Take the convex step of lanes first .. last - 1 whose trial does not count; margins then say which settled."""
+    """Take the convex step of lanes first .. last - 1 whose trial does not count."""
     _problems(selected, work, first, last)
     _rounds(selected, work, first, last)
     _second_passes(selected, work, first, last)

@@ -1,4 +1,4 @@
-"""Sine, cosine, powers and logarithms without branches, so that loops over robots become vector code.
+"""Sine, cosine, powers of two and their logarithm without branches, so that loops over robots become vector code.
 
 The library functions are calls, and a loop with a call in it stays scalar. Ranges are reduced in the
 usual way (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980); the rest is a polynomial,
@@ -11,9 +11,7 @@ tests/mechanics/test_elementary.py.
 from ballbot.mechanics.engine.tracing import (
     bits_of,
     float_of,
-    greatest,
     in_order,
-    least,
     traced,
     where,
     whole,
@@ -23,10 +21,6 @@ from ballbot.mechanics.engine.tracing import (
 _HALF_PI_1 = 1.5707963267341256
 _HALF_PI_2 = 6.0771005063039070e-11
 _HALF_PI_3 = 2.0222662487959506e-21
-_LN2 = 0.6931471805599453
-_LN2_HIGH = 0.6931471803691238
-_LN2_LOW = 1.9082149292705877e-10
-_LOG2_E = 1.4426950408889634
 _SHIFT = 6755399441055744.0  # 1.5 * 2^52: adding it leaves the nearest integer in the low bits
 _BITS_OF_SHIFT = 0x4338000000000000
 _BITS_OF_ONE = 0x3FF0000000000000
@@ -136,54 +130,23 @@ def sine_cosine_of_lean(angle):
     return sine, 1.0 + square * polynomial(square, _COSINE_OF_LEAN)
 
 
+@traced
 @in_order
-def _scaled_power(shifted, r):
-    """Return 2^(k + r) for |r| < 1/2 and `shifted` = k + _SHIFT."""
+def power_of_two(x):
+    """Return 2^x for |x| < 1022."""
+    shifted = x + _SHIFT
+    r = x - (shifted - _SHIFT)
     scale = float_of((bits_of(shifted) << 52) + _BITS_OF_ONE)
     return scale + (scale * r) * polynomial(r, _POWER)
 
 
 @traced
 @in_order
-def power_of_two(x):
-    """Return 2^x for |x| < 1022."""
-    shifted = x + _SHIFT
-    return _scaled_power(shifted, x - (shifted - _SHIFT))
-
-
-@traced
-@in_order
-def exponential(x):
-    """Return e^x; arguments beyond +-708 are taken as +-708."""
-    x = least(greatest(x, -708.0), 708.0)
-    shifted = x * _LOG2_E + _SHIFT
-    k = shifted - _SHIFT
-    return _scaled_power(shifted, ((x - k * _LN2_HIGH) - k * _LN2_LOW) * _LOG2_E)
-
-
-@in_order
-def _exponent_and_rest(x) -> tuple[float, float]:
-    """Return k and log2(x / 2^k) with x / 2^k from sqrt(1/2) to sqrt(2)."""
-    bits = bits_of(x)
-    k = (bits - _BITS_OF_SQRT_HALF) >> 52
-    m = float_of(bits - (k << 52))
-    f = (m - 1.0) / (m + 1.0)
-    # k as a float, which few processors can do to eight integers at once
-    exponent = float_of(k + _BITS_OF_SHIFT) - _SHIFT
-    return exponent, f * polynomial(f * f, _LOGARITHM)
-
-
-@traced
-@in_order
 def binary_logarithm(x):
     """Return log2 x for a normal positive x; of zero, infinity and NaN it makes -1023, 1024 and 1024.6."""
-    k, rest = _exponent_and_rest(x)
-    return k + rest
-
-
-@traced
-@in_order
-def logarithm(x):
-    """Return ln x for a normal positive x; zero gives about -709 instead of minus infinity."""
-    k, rest = _exponent_and_rest(x)
-    return k * _LN2_HIGH + (rest * _LN2 + k * _LN2_LOW)
+    bits = bits_of(x)
+    k = (bits - _BITS_OF_SQRT_HALF) >> 52
+    m = float_of(bits - (k << 52))  # x / 2^k, from sqrt(1/2) to sqrt(2)
+    f = (m - 1.0) / (m + 1.0)
+    # k as a float, which few processors can do to eight integers at once
+    return (float_of(k + _BITS_OF_SHIFT) - _SHIFT) + f * polynomial(f * f, _LOGARITHM)

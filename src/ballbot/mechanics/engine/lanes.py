@@ -3,6 +3,8 @@
 Row i of a block's flat array begins at i * LANES, and a robot is a column. A step is a chain of operations that wait
 for each other; it is therefore taken in short loops over all lanes, one for each part, that leave their results in the
 scratch rows: while one lane's numbers wait, the next lane's are on their way.
+
+`load` returns one robot's numbers with their names, the `Parameters` of a lane.
 """
 
 from collections.abc import Iterator
@@ -12,7 +14,16 @@ import numpy as np
 
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.tracing import traced
-from ballbot.mechanics.parameters import LARGEST_ROW
+from ballbot.mechanics.engine.vector import each
+from ballbot.mechanics.friction import under_load
+from ballbot.mechanics.parameters import (
+    LARGEST_ROW,
+    RIGID_SHAPE,
+    WHEEL_SHAPE,
+    Parameters,
+    Pivoting,
+    Wheel,
+)
 
 #: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling. An odd
 #: number of cache lines: with 32 lanes the rows of one robot alone fell into a quarter of the cache's sets
@@ -110,3 +121,38 @@ def _flat(value: float | tuple) -> Iterator:
             yield from _flat(one)
     else:
         yield value
+
+
+_DECAY = Parameters._fields.index("decay")
+
+
+def unpacked(selected, at):
+    """Return the `Parameters` of a robot whose numbers are at(0), at(1), .., without a motor's load."""
+    n, places = len(selected.wheels), count()
+    rigid = shaped(RIGID_SHAPE, map(at, places))
+    wheels = [Wheel(*shaped(WHEEL_SHAPE, map(at, places)), *rigid[_DECAY]) for _ in range(n)]
+    return Parameters(*rigid, tuple(wheels))  # pyright: ignore[reportCallIssue] (as many as `RIGID_SHAPE`)
+
+
+@traced
+def load_parameters(selected, work, lane):
+    """Return the `Parameters` of one lane without a motor's load."""
+    return unpacked(selected, lambda place: entry(work, place, lane))
+
+
+@traced
+def under_torque(P, u):
+    """Return the `Parameters` with the friction that the drives have under the motors' torques u."""
+    return P._replace(wheels=each(under_load, P.wheels, u))
+
+
+@traced
+def load(selected, work, lane):
+    """Return the `Parameters` of one lane of a whole block's work array, under the torques in the lane."""
+    P = load_parameters(selected, work, lane)
+    return under_torque(P, restored(selected.wheels, work, TORQUE, lane))
+
+
+def state_like(selected):
+    """Return zeros, as many as a state has numbers: ten, and the spin where the ball pivots."""
+    return (0.0,) * (11 if isinstance(selected, Pivoting) else 10)

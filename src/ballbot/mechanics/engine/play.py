@@ -19,7 +19,6 @@ over its contacts, the end. A lane that has settled stays as it is while its nei
 
 from functools import cache
 
-from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.contacts import (
     contact_matrix,
     contact_speeds,
@@ -47,15 +46,16 @@ from ballbot.mechanics.engine.lanes import (
     STEP,
     TORQUE,
     entry,
+    load,
     put,
     restored,
+    state_like,
     stored,
 )
-from ballbot.mechanics.engine.loading import load, state_like
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, is_upright
 from ballbot.mechanics.engine.tracing import greatest, lanes, least, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, advanced, inner, scale, subtract
-from ballbot.mechanics.equations import balancing_attitude
+from ballbot.mechanics.equations import balancing_attitude, solve
 from ballbot.mechanics.friction import NO_TERMS, dry_friction, friction_shift
 from ballbot.mechanics.parameters import MAX_WHEELS, Exact, Pivoting, Thesis, Wheel
 

@@ -2,7 +2,7 @@
 
 Robots are stepped in blocks of `LANES`, side by side, in loops that become vector instructions; a single robot is a
 block of one. Where no contact is at rest, a step is first tried as RK4 with known signs of friction (`smooth`); robots
-in which a sign may have changed take the convex step instead (`convex`, and `stick_slip` where that does not settle).
+in which a sign may have changed take the convex step instead (`convex`).
 The lanes are kept sorted, moving robots first, so that neither method is spent on the other's robots. But for
 rounding, a robot's step depends on nothing but the robot.
 """
@@ -14,24 +14,13 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import index_array, positive_number, real_array, whole_number
-from ballbot.mechanics.contacts import (
-    Found,
-    corrected_ahead,
-    finished,
-    first_ahead,
-    free_motion,
-    parted,
-    step_start,
-)
-from ballbot.mechanics.engine.arrays import box_rows, in_order, mass_rows
 from ballbot.mechanics.engine.compiled import c_code, called, compiled, inlined
-from ballbot.mechanics.engine.convex import convex_block, robot_in_lane
+from ballbot.mechanics.engine.convex import convex_block
 from ballbot.mechanics.engine.lanes import (
     GROUP,
     LANES,
@@ -47,20 +36,18 @@ from ballbot.mechanics.engine.lanes import (
     put_robot,
     restored,
     robot_in,
+    state_like,
     stored,
     swap,
 )
-from ballbot.mechanics.engine.loading import row_count, state_like
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, is_upright, smooth_block
-from ballbot.mechanics.engine.tracing import both, greatest, lanes, outside, traced, where
-from ballbot.mechanics.engine.vector import scale
+from ballbot.mechanics.engine.tracing import both, lanes, outside, traced, where
 from ballbot.mechanics.equations import (
     attitude,
     rates_from_angles,
     rates_of_angles,
 )
-from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
-from ballbot.mechanics.stick_slip import mobility, moving_minimiser, rest_is_held
+from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, Exact, Pivoting, Thesis, row_size
 
 
 @traced
@@ -75,83 +62,19 @@ def load_torques(selected, work, lane):
     return restored(selected.wheels, work, TORQUE, lane)
 
 
-@inlined
-def robust_lane(selected, work, lane):
-    """Take the convex step of one lane by `stick_slip`, which always finds the minimiser."""
-    P, state, u, h = robot_in_lane(selected, work, lane)
-    start = step_start(selected, state, h)
-    ahead, M, contacts = _problem_of(selected, P, start, u, h)
-    nu, guess = in_order(ahead.v, ahead.w), in_order(start.v, start.w)
-    if rest_is_held(M, nu, contacts[0], ahead.limits, P.rolling_force, h):
-        nu = scale(nu, 0.0)
-    else:
-        nu, forces, speeds = moving_minimiser(
-            M, nu, contacts, ahead.speeds, ahead.limits, P.rolling_force, h, guess
-        )
-        found = found_of(forces, speeds, contacts[2], h, ahead.limits)
-        ahead = corrected_ahead(selected, P, start, _in_parts(nu), found, u, h)
-        free = in_order(ahead.v, ahead.w)
-        nu, _, _ = moving_minimiser(M, free, contacts, ahead.speeds, ahead.limits, ahead.rolling_force, h, nu)
-    _put_trial(selected, work, lane, state, start, nu, h)
+def code_of(selected: Exact | Thesis | Pivoting) -> int:
+    """Return the address of a kind of robot's code for `take_steps`; the first call compiles, or reads what is kept.
 
-
-@traced
-def _problem_of(selected, P, start, u, h):
-    """Return the first `Ahead` of a step, the mass matrix and the contacts."""
-    free = free_motion(selected, P, start.middle, start.v, start.w, u)
-    M, C = mass_rows(free.system), box_rows(selected, P, start.middle)
-    return first_ahead(selected, P, start, free, h), M, (C, *mobility(M, C))
-
-
-@traced
-def _put_trial(selected, work, lane, state, start, nu, h):
-    v, w = parted(_in_parts(nu))
-    stored(work, TRIAL, lane, finished(selected, state, start.middle, v, w, h))
-
-
-@traced
-def _in_parts(nu):
-    """Return velocities v + w out of those in the order of `rows`."""
-    return nu[:2] + nu[5:] + nu[2:5]
-
-
-@traced
-def found_of(forces, speeds, G, h, limits):
-    """Return the `Found` of forces and speeds of the contacts and their mobility G."""
-    m = len(forces)
-    stiffest = greatest(G[-1][-1], G[-2][-2])
-    rates = tuple(1.0 / (h * (G[i][i] if i < m - 2 else stiffest)) for i in range(m))
-    rows = tuple(scale(row, rate * h) for row, rate in zip(G, rates, strict=True))
-    probes = tuple(force + rate * speed for force, rate, speed in zip(forces, rates, speeds, strict=True))
-    return Found(forces, probes, rows, rates, limits)
-
-
-class Code(NamedTuple):
-    """Addresses of what a step is made of, compiled by itself for each kind of robot, for `tracing.outside`.
-
-    Within the loops that call it, each would be optimised and assembled again with every one of them.
+    Within the loops that call it, it would be optimised and assembled again with every one of them.
     """
-
-    take_steps: (
-        int  #: (work, width, steps, robust_lane): advances every lane by so many steps with torques held
-    )
-    robust_lane: int  #: (work, lane)
-
-
-def code_of(selected: Exact | Thesis | Pivoting) -> Code:
-    """Return the code for a kind of robot; the first call compiles, or reads what an earlier process has compiled."""
     return _code_of(selected, type(selected))
 
 
 @cache
-def _code_of(selected: Exact | Thesis | Pivoting, kind: type) -> Code:
+def _code_of(selected: Exact | Thesis | Pivoting, kind: type) -> int:
     # tuples with the same numbers are equal, whatever their kind
-    @c_code("void(CPointer(float64), int64)")
-    def robust(work, lane):
-        robust_lane(selected, work, lane)
-
-    @c_code("void(CPointer(float64), int64, int64, int64)")
-    def take(work, width, steps, robust_lane):
+    @c_code("void(CPointer(float64), int64, int64)")
+    def address(work, width, steps):
         for _ in range(steps):
             begin_steps(selected, work, width)
             resting = _count_open(work, 0, width)
@@ -163,23 +86,15 @@ def _code_of(selected: Exact | Thesis | Pivoting, kind: type) -> Code:
                 last = min(first + GROUP, width)
                 if _count_open(work, first, last) > 0:
                     convex_block(selected, work, first, last)
-                    for lane in range(first, last):
-                        if _is_open(work, lane):  # it has not settled
-                            _call_robust_lane(robust_lane, work, lane)
             _accept(selected, work, width)
 
-    return Code(take, robust)  # pyright: ignore[reportArgumentType] (addresses)
+    return address
 
 
 @traced
 def take_steps(code, work, width, steps):
     """Advance every lane of a block by `steps` steps with torques held."""
-    outside(code.take_steps, work, width, steps, code.robust_lane)
-
-
-@traced
-def _call_robust_lane(address, work, lane):
-    outside(address, work, lane)
+    outside(code, work, width, steps)
 
 
 @inlined
@@ -216,7 +131,7 @@ def _sort(selected, work, width):
 
 @inlined
 def _swap_lanes(selected, work, first, second):
-    for row in range(row_count(selected)):
+    for row in range(RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)):
         swap(work, row, first, second)
     for row in range(STATE, STATE + 11):
         swap(work, row, first, second)

@@ -5,13 +5,12 @@ start, and no speed whose friction matters has crossed zero at any stage; otherw
 takes the step. (A sign that changes between the last stage and the end, which differ by h^5, is found by the next
 step.) A ball that does not spin stays so while pivoting friction can hold it, and that is smooth as well.
 
-`runge_kutta_step` takes the step in one piece, for one robot; `smooth_block` takes it for the lanes of a
-block, part by part: attitudes, dry friction, forces, accelerations. A processor looks a few hundred instructions
-ahead. Of a short loop these are several turns, which it works on together while each waits for its own results; of a
-long one a single turn, and it stands still. So a part is a loop of its own wherever it passes on few numbers.
+`smooth_block` takes the step for the lanes of a block, part by part: attitudes, dry friction, forces, accelerations. A
+processor looks a few hundred instructions ahead. Of a short loop these are several turns, which it works on together
+while each waits for its own results; of a long one a single turn, and it stands still. So a part is a loop of its own
+wherever it passes on few numbers.
 """
 
-from ballbot.mechanics.accelerations import accelerated, forces_in, system_like, with_forces
 from ballbot.mechanics.engine.compiled import called
 from ballbot.mechanics.engine.elementary import power_of_two, sine_cosine, sine_cosine_of_lean
 from ballbot.mechanics.engine.lanes import (
@@ -23,25 +22,30 @@ from ballbot.mechanics.engine.lanes import (
     TORQUE,
     TRIAL,
     entry,
+    load,
     put,
     restored,
+    state_like,
     stored,
 )
-from ballbot.mechanics.engine.loading import load, state_like
 from ballbot.mechanics.engine.tracing import both, greatest, lanes, least, traced, where
 from ballbot.mechanics.engine.vector import add, advanced, each, smallest
 from ballbot.mechanics.equations import (
     LARGEST_LEAN,
+    accelerated,
     attitude_of,
     balancing_attitude,
     ball_torque,
+    forces_in,
     rates_of_angles,
+    system_like,
     terms,
     wheel_force,
     wheel_speeds,
+    with_forces,
 )
 from ballbot.mechanics.floor import floor_friction, floor_margin, rolling_margin
-from ballbot.mechanics.friction import decay_exponent, directed_friction, sign, with_decay
+from ballbot.mechanics.friction import decay_exponent, sign, with_decay
 
 _MOMENT = 0.01  # of a step: a wheel that friction stops in so short a time is at rest
 
@@ -123,54 +127,10 @@ def acceleration(selected, P, a, v, w, torques, floor):
 
 
 @traced
-def rate_of_change(selected, P, a, state, torques):
-    """Return the state's rate of change under the wheels' net torques."""
-    v, w = ball_velocity(state), body_velocity(state)
-    v_dot, w_dot = acceleration(selected, P, a, v, w, torques, floor_friction(P, v))
-    return in_state_order((v[0], v[1]), rates_of_angles(selected, a, w), v_dot, w_dot)
-
-
-@traced
-def derivative(selected, P, state, u, signs):
-    """Return the state's rate of change, and the wheel speeds."""
-    a, speeds = pose(selected, P, state)
-    dry = each(directed_friction, P.wheels, speeds, signs)
-    return rate_of_change(selected, P, a, state, net_torques(P, u, speeds, signs, dry)), speeds
-
-
-@traced
 def pose(selected, P, state):
     """Return the attitude and the wheel speeds of a state."""
     a = balancing_attitude((state[2], state[3], state[4]))
     return a, wheel_speeds(selected, P, a, ball_velocity(state), body_velocity(state))
-
-
-@traced
-def runge_kutta_step(selected, P, state, u, h):
-    """Take one RK4 step with the friction's signs of its start, in one piece.
-
-    A block of lanes takes the same step in parts (`smooth_block`).
-
-    Returns
-    -------
-    state : tuple of 10 or 11
-    margin : float
-        Positive where no friction changed its sign within the step, so that the step counts.
-    """
-    signs = each(sign, pose(selected, P, state)[1])
-    k1, speeds1 = derivative(selected, P, state, u, signs)
-    second = advanced(state, k1, 0.5 * h)
-    k2, speeds2 = derivative(selected, P, second, u, signs)
-    third = advanced(state, k2, 0.5 * h)
-    k3, speeds3 = derivative(selected, P, third, u, signs)
-    fourth = advanced(state, k3, h)
-    k4, speeds4 = derivative(selected, P, fourth, u, signs)
-    end = advanced(advanced(state, add(k1, k4), h / 6.0), add(k2, k3), h / 3.0)
-
-    wheels = [smallest_margin(P, signs, one) for one in (speeds1, speeds2, speeds3, speeds4)]
-    floor = [floor_margin(P, state, one) for one in (state, second, third, fourth, end)]
-    margins = (*wheels, *floor, moving_margin(P, ball_velocity(state), speeds1, h))
-    return end, smallest(margins)
 
 
 # Scratch rows: results of a stage's loops, the stage's state, and the weighted mean of the slopes

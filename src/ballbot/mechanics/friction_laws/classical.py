@@ -29,7 +29,6 @@ from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.friction import (
     NO_TERMS,
     WheelTerms,
-    asymmetry,
     directed_friction,
     friction_shift,
     sign,
@@ -105,7 +104,7 @@ class Classical:
             stribeck_exponent=self.stribeck_exponent,
         )
         E = stribeck_decay(w / self.stribeck_speed, self.stribeck_exponent)
-        return curve + np.abs(np.sign(w)) * asymmetry(self.terms, E)
+        return curve + np.abs(np.sign(w)) * (self.terms.coulomb_asymmetry + self.terms.stribeck_asymmetry * E)
 
     def explicit_slope(self) -> float:
         """Return a bound [N m s/rad] of the slope, but for an infinitely steep start if delta is below 1."""

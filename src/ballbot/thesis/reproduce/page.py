@@ -1,38 +1,22 @@
-"""The page of the reproduction, one self-contained file, and results.json."""
+"""The page of the reproduction, and what results.json holds."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 
 from markupsafe import Markup
 
-from ballbot.file_formats import results_text
-from ballbot.files import write_text
 from ballbot.report.blocks import Paragraph, Report, Section, Sheet, section
-from ballbot.report.page import page_of
-from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_powers, with_symbols
-from ballbot.results import to_results
 from ballbot.thesis.reproduce.campaign import Reproduction
 from ballbot.thesis.reproduce.item import RUNS, VERDICTS, Check, Item, Mistake
 
-REPRODUCTION_FILES = ("report.html", "results.json")
 CHECK_HEADINGS = ("claim", "quantity", "value", "criterion", "agrees")
 
 
-def write_reproduction(made: Reproduction, folder: Path, *, provenance: Provenance) -> Path:
-    """Write results.json and report.html into a folder and return the page's path."""
-    results = reproduction_results(made) | {"provenance": to_results(provenance)}
-    write_text(folder / "results.json", results_text(results))
-    page = folder / "report.html"
-    write_text(page, page_of(reproduction_report(made, provenance)))
-    return page
-
-
-def reproduction_report(made: Reproduction, provenance: Provenance) -> Report:
+def reproduction_report(made: Reproduction) -> Report:
     """Return what the page shows."""
     counts = ", ".join(f"{count} {VERDICTS[verdict]}" for verdict, count in made.counts.items())
     proven = sum(mistake.proven for mistake in made.mistakes)
@@ -58,7 +42,6 @@ def reproduction_report(made: Reproduction, provenance: Provenance) -> Report:
             "Sizes that depend on the thesis's gain and friction, which it does not print: shapes and ratios must "
             "agree, and such sizes only roughly.",
         ),
-        made=provenance,
     )
 
 
