@@ -79,7 +79,7 @@ def test_better_controller_is_kept_and_its_gain_has_an_interval(study, tmp_path,
     assert found["recommendation"] == "keep"
     assert [one["recommendation"] for one in found["verdicts"]] == ["keep", "keep"]
     gain = found["gains"]["peak_error"]
-    low, high = gain["interval"]
+    low, high = gain["low"], gain["high"]
     assert low < gain["factor"] < high
     # the nominal gain leaves friction uncompensated and wanders by tenths of a metre, the precise one by millimetres
     assert gain["factor"] < 0.2
