@@ -364,23 +364,6 @@ def robust_design(
     controllers = {"robust": controller_of(weights), "nominal": nominal}
     marks = measure_runs(list(controllers.values()), fresh)
     costs = units.costs(marks)
-
-    def compared(controller: Controller, place: int) -> ComparedDesign:
-        stood = ~marks.fell[place]
-        error, roughness = (
-            float(worst_tenth(values[place, stood])) if stood.any() else math.nan
-            for values in (marks.error, marks.roughness)
-        )
-        return ComparedDesign(
-            gain=controller.gain,
-            worst_tenth=float(worst_tenth(costs[place])),
-            mean=float(costs[place].mean()),
-            worst_error=error,
-            worst_roughness=roughness,
-            falls=int((~stood).sum()),
-            costs=costs[place],
-        )
-
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controllers["robust"],
@@ -388,10 +371,33 @@ def robust_design(
         torque_weight=NOMINAL_TORQUE_WEIGHT,
         units=units,
         history=found.history,
-        compared={name: compared(one, place) for place, (name, one) in enumerate(controllers.items())},
+        compared={
+            name: _compared(one, marks, costs[place], place)
+            for place, (name, one) in enumerate(controllers.items())
+        },
         fresh=effort.fresh,
         spread=spread,
         scenario=scenario.name,
+    )
+
+
+def _compared(
+    controller: Controller, marks: RunMeasures, costs: NDArray[np.float64], place: int
+) -> ComparedDesign:
+    """Return what a controller did on the fresh robots, at its costs (robots,)."""
+    stood = ~marks.fell[place]
+    error, roughness = (
+        float(worst_tenth(values[place, stood])) if stood.any() else math.nan
+        for values in (marks.error, marks.roughness)
+    )
+    return ComparedDesign(
+        gain=controller.gain,
+        worst_tenth=float(worst_tenth(costs)),
+        mean=float(costs.mean()),
+        worst_error=error,
+        worst_roughness=roughness,
+        falls=int((~stood).sum()),
+        costs=costs,
     )
 
 
