@@ -8,9 +8,9 @@ SHAPE = """
 import sys
 sys.stderr.isatty = lambda: True
 from ballbot.mechanics.friction_laws import Classical
-from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.driveline import Driveline, simulate_driveline
 law = Classical(viscous=0.01, coulomb=0.1, stribeck=0.05, stribeck_speed=0.6)
-print(simulate_drivelines(Driveline(inertia=1e-3, friction=law), [0.3], sample_time=0.01).speeds)
+print(simulate_driveline(Driveline(inertia=1e-3, friction=law), [0.3], sample_time=0.01).speeds)
 """
 
 
