@@ -201,7 +201,7 @@ def test_command_writes_its_documented_files(plain, tmp_path, capsys):
         (["--circle", "20,20,60"], "is not inside the picture"),
         (["--circle", "100,80"], "must be x,y,radius"),
         (["--circle", "100,80,3"], "at least 8"),
-        (["--circle", "nan,80,66"], "three numbers"),
+        (["--circle", "nan,80,66"], "x,y,radius"),
         (["--forward", "nan"], "an angle in degrees"),
         (["--colour", "1,2,300"], "red,green,blue"),
         (["--colour", "255,0,255"], "stands out"),

@@ -31,7 +31,7 @@ Range = tuple[float, float]
 class _Check:
     """What a number that follows from a robot's parameters is on robots."""
 
-    code: str  #: of its findings, after "robot-"
+    code: str  #: of its findings
     names: str  #: of the parameters that the sentence shows, with blanks between
     usual: Range
     possible: Range  #: a value beyond is an error
@@ -41,22 +41,26 @@ class _Check:
 _ANY = (-math.inf, math.inf)
 _CHECKS = {
     # from the equator to the poles with a margin; from the Moon to Jupiter
-    "gravity": _Check("gravity", "gravity", (9.7, 9.9), (1.5, 26.0)),
+    "gravity": _Check("robot-gravity", "gravity", (9.7, 9.9), (1.5, 26.0)),
     # a basketball has 84 kg/m^3, a bowling ball 1300; an inflated film and solid steel are possible
     "density": _Check(
-        "ball", "ball.radius ball.mass", (30.0, 2500.0), (5.0, 9000.0), "a mean density of {} kg/m^3"
+        "robot-ball", "ball.radius ball.mass", (30.0, 2500.0), (5.0, 9000.0), "a mean density of {} kg/m^3"
     ),
-    "ball.radius": _Check("ball", "ball.radius", (0.03, 0.5), (0.01, 1.0)),
+    "ball.radius": _Check("robot-ball", "ball.radius", (0.03, 0.5), (0.01, 1.0)),
     "body_over_ball": _Check(
-        "ball", "ball.mass body.mass", (0.7, 100.0), (0.1, 1000.0), "the body weighs {} times the ball"
+        "robot-ball", "ball.mass body.mass", (0.7, 100.0), (0.1, 1000.0), "the body weighs {} times the ball"
     ),
     "height": _Check(
-        "body", "body.center_of_mass ball.radius", (1.2, 10.0), (1.0, 25.0), "{} ball radii above its centre"
+        "robot-body",
+        "body.center_of_mass ball.radius",
+        (1.2, 10.0),
+        (1.0, 25.0),
+        "{} ball radii above its centre",
     ),
     # a body of rods and plates rocks about its centre of mass like a mass at this fraction of l from it
     **{
         f"gyration_{axis}": _Check(
-            "body",
+            "robot-body",
             f"body.mass body.center_of_mass body.inertia.{axis}",
             (0.15, 1.2),
             (0.04, 2.5),
@@ -65,137 +69,151 @@ _CHECKS = {
         for axis in ("xx", "yy")
     },
     "gyration_zz": _Check(
-        "body",
+        "robot-body",
         "body.inertia.zz body.mass ball.radius",
         (0.2, 4.0),
         (0.05, 12.0),
         "the body's mass lies {} ball radii from its vertical axis",
     ),
     "inequality": _Check(
-        "body",
+        "robot-body",
         "body.inertia.xx body.inertia.yy",
         (1.0, 3.0),
         (1.0, 40.0),
         "about the centre of mass they differ {} times; check that xx, yy and zz are in their order",
     ),
     "product": _Check(
-        "body",
+        "robot-body",
         "body.inertia.xy body.inertia.xz body.inertia.yz",
         (0.0, 0.5),
         _ANY,
         "one is {} of the largest that the moments allow",
     ),
     "wheel_over_ball": _Check(
-        "wheels",
+        "robot-wheels",
         "wheels.radius ball.radius",
         (0.15, 0.9),
         (0.03, 1.5),
         "a wheel has {} times the ball's radius",
     ),
-    "tilt": _Check("wheels", "wheels.tilt", (25.0, 65.0), (10.0, 80.0), "{} deg from the ball's zenith"),
+    "tilt": _Check(
+        "robot-wheels", "wheels.tilt", (25.0, 65.0), (10.0, 80.0), "{} deg from the ball's zenith"
+    ),
     "gap": _Check(
-        "wheels", "wheels.azimuths", (0.6, 1.01), (0.25, 1.01), "two wheels are {} of an even spacing apart"
+        "robot-wheels",
+        "wheels.azimuths",
+        (0.6, 1.01),
+        (0.25, 1.01),
+        "two wheels are {} of an even spacing apart",
     ),
     "crowding": _Check(
-        "wheels",
+        "robot-wheels",
         "wheels.radius wheels.tilt wheels.azimuths ball.radius",
         (0.0, 1.0),
         (0.0, 1.0),
         "neighbouring wheels cut into each other, with {} times the radius at which they touch",
     ),
     "roller": _Check(
-        "wheels", "wheels.rollers.radius wheels.radius", (0.0, 0.35), (0.0, 0.525), "{} of the wheel's radius"
+        "robot-wheels",
+        "wheels.rollers.radius wheels.radius",
+        (0.0, 0.35),
+        (0.0, 0.525),
+        "{} of the wheel's radius",
     ),
     "spacing": _Check(
-        "wheels",
+        "robot-wheels",
         "wheels.rollers.row_spacing wheels.radius",
         (0.0, 1.0),
         (0.0, 1.5),
         "{} of the wheel's radius",
     ),
-    "wheels.rollers.per_row": _Check("wheels", "wheels.rollers.per_row", (4.0, 60.0), (3.0, 1000.0)),
+    "wheels.rollers.per_row": _Check("robot-wheels", "wheels.rollers.per_row", (4.0, 60.0), (3.0, 1000.0)),
     "rims": _Check(
-        "wheels",
+        "robot-wheels",
         "wheels.inertia wheels.radius body.mass",
         (1e-4, 1.0),
         (0.0, 2.0),
         "even with all their mass at the rim, the wheels would weigh {} times the body with its wheels",
     ),
     "drive.gear_ratio": _Check(
-        "drive", "drive.gear_ratio", (1.0, 200.0), (0.8, 600.0), "{} motor turns for a wheel turn"
+        "robot-drive", "drive.gear_ratio", (1.0, 200.0), (0.8, 600.0), "{} motor turns for a wheel turn"
     ),
     "rotor": _Check(
-        "drive",
+        "robot-drive",
         "drive.gear_ratio drive.motor_inertia drive.gear_inertia wheels.inertia",
         (0.0, 0.5),
         (0.0, 3.0),
         "on the ball, a rotor and its wheel have {} times the body's inertia",
     ),
     "rim_speed": _Check(
-        "drive",
+        "robot-drive",
         "drive.supply_voltage drive.speed_constant drive.gear_ratio wheels.radius",
         (0.2, 25.0),
         (0.05, 100.0),
         "the wheels reach {} m/s at their rim",
     ),
     "current": _Check(
-        "drive",
+        "robot-drive",
         "drive.torque_limit drive.torque_constant drive.gear_ratio",
         (0.2, 120.0),
         (0.02, 600.0),
         "takes {} A",
     ),
-    "drive.supply_voltage": _Check("drive", "drive.supply_voltage", (3.0, 120.0), (0.5, 800.0)),
-    "play": _Check("drive", "drive.backlash", (0.0, 5.0), _ANY, "{} deg at the wheel"),
+    "drive.supply_voltage": _Check("robot-drive", "drive.supply_voltage", (3.0, 120.0), (0.5, 800.0)),
+    "play": _Check("robot-drive", "drive.backlash", (0.0, 5.0), _ANY, "{} deg at the wheel"),
     "lean": _Check(
-        "balance",
+        "robot-balance",
         "drive.torque_limit body.mass body.center_of_mass",
         (2.0, 90.0),
         (0.5, 90.0),
         "holds a lean of {} deg",
     ),
     "fall": _Check(
-        "balance",
+        "robot-balance",
         "sensors.sample_time",
         (0.0, 0.15),
         (0.0, 0.5),
         "{} of the time in which the body falls e-fold",
     ),
-    "sensors.sample_time": _Check("sensors", "sensors.sample_time", (2e-4, 1.0), (2e-5, 1.0)),
+    "sensors.sample_time": _Check("robot-sensors", "sensors.sample_time", (2e-4, 1.0), (2e-5, 1.0)),
     "encoder_step": _Check(
-        "sensors",
+        "robot-sensors",
         "sensors.encoder_counts drive.gear_ratio",
         (1e-7, 0.05),
         (1e-12, 1.0),
         "{} rad of the wheel a count",
     ),
     # of poor sensors; more was meant in degrees
-    "sensors.gyro_noise": _Check("sensors", "sensors.gyro_noise", (0.0, 0.1), _ANY, "was it meant in deg/s?"),
-    "sensors.attitude_noise": _Check("sensors", "sensors.attitude_noise", (0.0, 0.03), _ANY, "in degrees?"),
-    "sensors.heading_drift": _Check("sensors", "sensors.heading_drift", (-0.1, 0.1), _ANY, "in deg/s?"),
+    "sensors.gyro_noise": _Check(
+        "robot-sensors", "sensors.gyro_noise", (0.0, 0.1), _ANY, "was it meant in deg/s?"
+    ),
+    "sensors.attitude_noise": _Check(
+        "robot-sensors", "sensors.attitude_noise", (0.0, 0.03), _ANY, "in degrees?"
+    ),
+    "sensors.heading_drift": _Check("robot-sensors", "sensors.heading_drift", (-0.1, 0.1), _ANY, "in deg/s?"),
     "dry_friction": _Check(
-        "friction",
+        "robot-friction",
         "friction.coulomb friction.stribeck drive.torque_limit",
         (0.0, 0.5),
         (0.0, 0.999),
         "a wheel's dry friction c + s takes {} of the motor's largest torque",
     ),
     "viscous_speed": _Check(
-        "friction",
+        "robot-friction",
         "friction.viscous drive.torque_limit",
         (0.3, math.inf),
         (0.03, math.inf),
         "against viscous friction alone a wheel's rim reaches {} m/s",
     ),
     "friction.rolling": _Check(
-        "friction",
+        "robot-friction",
         "friction.rolling",
         BY_NAME["friction.rolling"].usual,
         (0.0, 0.6),
         "it brakes as a floor that rises by {} in 1",
     ),
     **{
-        name: _Check("friction", name, BY_NAME[name].usual, (1e-9, math.inf))
+        name: _Check("robot-friction", name, BY_NAME[name].usual, (1e-9, math.inf))
         for name in ("friction.stribeck_speed", "friction.stribeck_exponent")
     },
 }
@@ -284,7 +302,7 @@ def _of_table(robot: Robot) -> Iterator[Finding]:
         meaning = f": {check.meaning.format(f'{value:.3g}')}" if check.meaning else ""
         usual = f"{least:g} to {most:g}" if math.isfinite(most) else f"{least:g} or more"
         found = warning if check.possible[0] <= value <= check.possible[1] else error
-        yield found(f"robot-{check.code}", f"{said}{meaning} (usual: {usual}).", *names)
+        yield found(check.code, f"{said}{meaning} (usual: {usual}).", *names)
 
 
 def robot_findings(robot: Robot, *, file: str = "") -> tuple[Finding, ...]:

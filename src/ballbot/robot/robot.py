@@ -211,8 +211,10 @@ def _stated(robot: Robot, table: str) -> str:
         if one.table == table:
             values = np.atleast_1d(value_of(robot, one)) / to_si(1.0, one.written_in, one.unit)
             said.append(f"{one.key} {listed(values, one.written_in.removesuffix('1'), digits=4)}")
-    about = f", about the {robot.body.inertia_about}" if table == "body.inertia" else ""
-    return ", ".join(said) + about.replace("_", " ")
+    if table == "body.inertia":
+        centre = "ball's centre" if robot.body.inertia_about == "ball_center" else "centre of mass"
+        said.append(f"about the {centre}")
+    return ", ".join(said)
 
 
 def friction_rows(friction: Friction) -> tuple[tuple[str, str], ...]:

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback, estimator_of
@@ -136,9 +136,9 @@ class Paired:
 
     @staticmethod
     def of(
-        values: Sequence[float] | NDArray[np.float64], others: Sequence[float] | NDArray[np.float64]
+        values: Sequence[ArrayLike] | NDArray[np.float64], others: Sequence[ArrayLike] | NDArray[np.float64]
     ) -> Paired:
-        """Return the pairs of two sequences of numbers."""
+        """Return the pairs of two sequences of numbers, or of rows of them."""
         return Paired(np.asarray(values, dtype=np.float64), np.asarray(others, dtype=np.float64))
 
     @property

@@ -116,10 +116,12 @@ def _fields_of(message: object) -> dict[str, object]:
 
         angles = roll_pitch_yaw(*(float(getattr(message, name)) for name in "wxyz"))
         return dict(zip(("roll", "pitch", "yaw"), angles.tolist(), strict=True))
-    names = found.pop("name") if isinstance(found.get("name"), list) else []
-    for key, value in found.items():  # arrays that have names, as those of JointState
-        if isinstance(value, list) and names and len(value) == len(names):
-            found[key] = dict(zip(names, value, strict=True))
+    names = found.get("name")
+    if isinstance(names, list) and names:  # those of arrays, as JointState's
+        del found["name"]
+        for key, value in found.items():
+            if isinstance(value, list) and len(value) == len(names):
+                found[key] = dict(zip(map(str, names), value, strict=True))
     return found
 
 

@@ -201,7 +201,8 @@ def _parse_rows(
     )
     # of words, by what the table is used for, or by most cells with something in them
     most = 2 * words.sum(axis=0) > (words | ~np.isnan(table)).sum(axis=0)
-    left_out = words.any(axis=0) & (most if used is None else [name not in used for name in names])
+    unused = most if used is None else np.array([name not in used for name in names], dtype=np.bool_)
+    left_out = np.asarray(words.any(axis=0)) & unused
     for i in np.flatnonzero(left_out):
         example = rows[int(np.argmax(words[:, i]))][i]
         notes.append(f"The column {names[i]} is left out: it has words, such as {example!r}.")
