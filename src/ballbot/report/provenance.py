@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from ballbot.errors import InputError
-from ballbot.files import sha256_of
+from ballbot.files import check_regular, sha256_of
 
 _PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
 
@@ -45,6 +45,7 @@ def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Prove
     """
     sources = []
     for path in _single_files(files):
+        check_regular(path)  # reading a pipe would never end
         try:
             sources.append(SourceFile(name=str(path), sha256=sha256_of(path)))
         except OSError as error:
