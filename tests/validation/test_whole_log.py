@@ -47,7 +47,6 @@ def _beside_own_model(*, logs: int, duration: float) -> list[WholeLog]:
                 Controller(robot, recovered.gain, sample_time=log.sample_time),
                 delay=recovered.delay,
                 covariance=predict(models, log, stretches(log)).start_covariance,
-                floor=None,
                 seed=seed,
             )
         )
