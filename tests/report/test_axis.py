@@ -20,7 +20,6 @@ from ballbot.report.axis import (
     parameter_rows,
 )
 from ballbot.report.page import page_of
-from ballbot.report.provenance import provenance
 from tests.support.report_pages import shown_text
 from tests.support.screen import assert_fits_a_screen
 
@@ -69,7 +68,7 @@ def test_the_friction_found_is_drawn(found: AxisIdentification) -> None:
 @pytest.mark.slow
 def test_the_verdict_has_mass_and_friction_and_is_not_said_again(found: AxisIdentification) -> None:
     notes = tuple(note(f"code-{k}", f"Sentence {k}.") for k in range(3))
-    made = axis_report(replace(found, findings=notes), records()[0], provenance(command="", files=(), seed=0))
+    made = axis_report(replace(found, findings=notes), records()[0])
     (heading, values), *others = made.verdict
     assert heading == "Mass and friction"
     number = r"[.\d]+ ± [.\d]+"

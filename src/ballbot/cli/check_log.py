@@ -126,7 +126,7 @@ def _column_names(columns: str | None) -> list[str] | None:
 def _check(file: Path, robot: Robot | None, mapping: Path | None, result: CommandResult) -> None:
     """Show a log and its problems; raise InputError if one is an error."""
     checked = CheckedLog.of(file, Log.read(file, mapping=mapping), robot)
-    result.write(checked.results(), log_check_report(checked, robot, result.origin))
+    result.write(checked.results(), log_check_report(checked, robot))
     print_parts(checked_log_parts(checked), result.console)
     if result.folder:
         result.show((), PAGE)
@@ -156,7 +156,7 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
     files = texts if found.log is None else texts | {"log.csv": found.log.write}
     results: dict[str, object] = {"files": [proposal_results(one) for one in evaluated]}
     results |= {} if result.folder else {"mapping_file": found.text}
-    result.write(results, proposal_report(found, robot, result.origin), files=files)
+    result.write(results, proposal_report(found, robot), files=files)
     if result.folder is None:
         console.print(Text("\n" + found.text), soft_wrap=True)
     else:

@@ -161,14 +161,14 @@ class CommandResult:
         page: Report,
         *,
         findings: Collection[Finding] | None = None,  # part of results.json, if they are given
-        # A text, bytes, or what writes the file at a path
         files: Mapping[str, Content] = MappingProxyType({}),
     ) -> None:
         """Write results.json, report.html and other files by their names; all of them, or none."""
         whole = dict(results)
         if findings is not None:
             whole["findings"] = finding_results(findings)
-        text = results_text(whole if "provenance" in whole else whole | {"provenance": self.origin})
+        whole.setdefault("provenance", self.origin)
+        text = results_text(whole)
         if self.folder is None:
             OUTPUT.get().results = text
             return

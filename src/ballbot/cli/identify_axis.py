@@ -81,13 +81,13 @@ def identify_axis(
         ],
         accept=accept,
     )
-    with open_result(out, command="identify-axis", doing="inverse model", inputs=[paths]) as result:
+    with open_result(out, command="identify-axis", doing="identifying the axis", inputs=[paths]) as result:
         found = identify_record(
             read[: len(fitted)],
             options=options,
             validation_records=read[len(fitted) :],
             run=Run(progress=result.report),
         )
-        page = axis_report(found, read[0], result.origin, findings)
+        page = axis_report(found, read[0], findings)
         result.write(found.to_dict(), page, findings=[*findings, *found.findings])
     result.show(axis_parts(found), PAGE)

@@ -63,7 +63,7 @@ def identify_driveline(
         findings = by_severity([*findings, *file_findings(described, estimate)])
         source = f"identified: sweep of the free wheels, {log.name}"
         identified = robot_with_friction(described, estimate, source=source)
-        page = driveline_report(described.name, sweeps, fits, result.origin, findings)
-        results = driveline_results(fits, result.origin, findings)
+        page = driveline_report(described.name, sweeps, fits, findings)
+        results = driveline_results(fits, findings)
         result.write(results, page, files={"robot.toml": robot_text(identified)})
     result.show(driveline_parts(fits), PAGE)

@@ -93,6 +93,6 @@ def identify_geometry(
                 f"robot file: {error}"
             )
             of_geometry.append(note("no-robot-file", text))
-        page = geometry_report(found, of_geometry, robot=described, made=result.origin, log_findings=findings)
+        page = geometry_report(found, of_geometry, robot=described, log_findings=findings)
         result.write(found.to_dict(), page, findings=[*findings, *of_geometry], files=files)
     result.show(geometry_parts(found, of_geometry), PAGE)

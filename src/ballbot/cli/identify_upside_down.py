@@ -70,7 +70,7 @@ def identify_upside_down(
             described, list(named.values()), window=window, run=Run(seed=seed, progress=result.report)
         )
         usable = found.verdict.usable
-        page = upside_down_report(found, described, named, made=result.origin, findings=findings)
+        page = upside_down_report(found, described, named, findings=findings)
         result.write(
             found.to_dict(),
             page,

@@ -30,9 +30,7 @@ def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> Non
     from ballbot.thesis.reproduce.page import reproduction_report, reproduction_results
 
     items_named(only)
-    with open_result(
-        out, command="reproduce", doing="reproducing the thesis", writes=(PAGE, "results.json"), seed=seed
-    ) as result:
+    with open_result(out, command="reproduce", doing="reproducing the thesis", seed=seed) as result:
         found = remake(seed=seed, only=only, progress=result.report)
         result.write(reproduction_results(found), reproduction_report(found))
     rows = [[item.name, item.title, item.verdict] for item in found.items]

@@ -17,7 +17,6 @@ from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
 from ballbot.identification.axis.motion import motion_of
 from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section, table
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_error
@@ -110,9 +109,7 @@ def laws_figure(found: AxisIdentification) -> Figure:
     return figure
 
 
-def axis_report(
-    found: AxisIdentification, record: AxisRecord, made: Provenance, findings: Sequence[Finding] = ()
-) -> Report:
+def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequence[Finding] = ()) -> Report:
     """Return the page."""
     count, shown = len(found.records), found.findings[:_IN_VERDICT]
     records = "" if count == 1 else f"{count} records fitted together, the first of "
@@ -131,7 +128,6 @@ def axis_report(
         ],
         sections=list(_sections(found, record)),
         undecided=undecided,
-        made=made,
         findings=findings,
     )
 

@@ -24,7 +24,6 @@ from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Report, Sheet, section, table
 from ballbot.report.palette import BLUE, INK, ORANGE, PALE, SHADE
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
     MEASURED,
@@ -160,7 +159,6 @@ def upside_down_report(
     described: Robot,
     logs: Mapping[str, Log],
     *,
-    made: Provenance,
     findings: Sequence[Finding],
 ) -> Report:
     """Return the page of friction identified upside down."""
@@ -198,7 +196,6 @@ def upside_down_report(
             "The friction while the robot balances: its weight then rests on the contacts, and the ball rolls on a "
             "floor.",
         ],
-        made=made,
         findings=findings,
     )
 
@@ -253,7 +250,6 @@ def geometry_report(
     findings: Sequence[Finding],
     *,
     robot: Robot,
-    made: Provenance,
     log_findings: Sequence[Finding],
 ) -> Report:
     """Return the page of a geometry identified from logs."""
@@ -276,7 +272,6 @@ def geometry_report(
             "Ratios stand for lengths: the wheels show r_b / r_w, and only motion capture shows a length itself.",
             "The shape of single rollers, and a ball that is not round.",
         ],
-        made=made,
         findings=log_findings,
     )
 

@@ -16,7 +16,6 @@ from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sw
 from ballbot.mechanics.friction import stribeck_gradient
 from ballbot.report.blocks import Cell, Paragraph, Report, Sheet, section, table
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, LineStyle, drawn_picture, thinned
 from ballbot.rounding import between, digits
@@ -108,7 +107,6 @@ def driveline_report(
     robot: str,
     sweeps: Sequence[Sweep],
     fits: Sequence[DrivelineFit],
-    made: Provenance,
     findings: Sequence[Finding] = (),
 ) -> Report:
     """Return the page."""
@@ -168,7 +166,6 @@ def driveline_report(
             ),
         ],
         undecided=[*texts([one for fit in fits for one in fit.findings]), _CLOSING],
-        made=made,
         findings=findings,
     )
 
@@ -212,9 +209,7 @@ def error_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
     return [(f"wheel {fit.wheel}", digits(fit.rmse), digits(fit.rmse_without)) for fit in fits]
 
 
-def driveline_results(
-    fits: Sequence[DrivelineFit], made: Provenance, findings: Sequence[Finding] = ()
-) -> dict[str, object]:
+def driveline_results(fits: Sequence[DrivelineFit], findings: Sequence[Finding] = ()) -> dict[str, object]:
     """Return what results.json holds."""
     return {
         "parameters": {name: [float(fit.values[i]) for fit in fits] for i, name in enumerate(NAMES)},
@@ -228,7 +223,6 @@ def driveline_results(
         "rmse": [fit.rmse for fit in fits],
         "rmse_without_friction": [fit.rmse_without for fit in fits],
         "findings": finding_results([*findings, *(one for fit in fits for one in fit.findings)]),
-        "provenance": made,
     }
 
 

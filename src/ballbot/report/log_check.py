@@ -21,7 +21,6 @@ from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lin
 from ballbot.log.pose import with_position, with_rates
 from ballbot.report.blocks import Report, Sheet, Verbatim, section, table
 from ballbot.report.console import finding_line
-from ballbot.report.provenance import Provenance
 from ballbot.report.run import over_time
 from ballbot.robot import Robot
 from ballbot.summary import counted
@@ -153,7 +152,7 @@ def _wheel_table(wheels: WheelAgreement) -> Sheet:
     return table("Wheels, compared with the robot's kinematics.", headings, rows)
 
 
-def log_check_report(checked: CheckedLog, robot: Robot | None, made: Provenance) -> Report:
+def log_check_report(checked: CheckedLog, robot: Robot | None) -> Report:
     """Return the page of a checked log."""
     log, findings = checked.log, checked.findings
     rate = f" at {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
@@ -172,7 +171,6 @@ def log_check_report(checked: CheckedLog, robot: Robot | None, made: Provenance)
             *(one.text for one in findings if one.code in ("use", "physics")),
             "Errors that a robot of other masses, gains or friction would make as well.",
         ],
-        made=made,
         findings=findings,
         accepted=False,
     )
@@ -190,7 +188,7 @@ def _log_verdict(findings: Sequence[Finding]) -> str:
     return "No problems were found."
 
 
-def proposal_report(found: Evaluation, robot: Robot, made: Provenance) -> Report:
+def proposal_report(found: Evaluation, robot: Robot) -> Report:
     """Return the page of a mapping proposed for a foreign file."""
     file, proposal = found.proposal.file, found.proposal
     verdict = found.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
@@ -205,7 +203,6 @@ def proposal_report(found: Evaluation, robot: Robot, made: Provenance) -> Report
             *([section("The log that it makes", *over_time(found.log, robot))] if found.log else []),
         ],
         undecided=[f"{one.text[0].upper()}{one.text[1:]}." for one in proposal.questions],
-        made=made,
         findings=found.findings,
         accepted=False,
     )

@@ -148,6 +148,7 @@ def over_time(log: Log, robot: Robot | None) -> list[Block]:
 
 
 def pose_panels(log: Log) -> list[Panel]:
+    """Return a panel each for position and heading: the reference, the truth and what the robot measures."""
     panels = []
     for name, label, unit in (("x", "x [m]", 1.0), ("y", "y [m]", 1.0), ("psi", "heading ψ [deg]", _DEGREES)):
         reference, true = f"ref_{name}", TRUE_PREFIX + name

@@ -6,16 +6,19 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ballbot.control.controller import torque_limit_words
 from ballbot.errors import InputError, every
 from ballbot.findings import texts
-from ballbot.report.blocks import Bullets, Film, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Bullets, Film, Paragraph, Picture, Report, Section, Sheet, section
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
 from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, log_blocks, open_labels, parameter_blocks
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_rows
-from ballbot.report.style import drawn_picture
+from ballbot.report.style import drawn_picture, plain_log_ticks
 from ballbot.report.validation import undecided_by, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
 from ballbot.rounding import digits
@@ -242,7 +245,7 @@ def _controller_sections(study: Study) -> Iterator[Section]:
         yield section(
             "Where friction matters for this robot",
             Paragraph(text=stiffness_sentences(study.stiffness)),
-            _stiffness_sheet(study.stiffness),
+            _stiffness_picture(study.stiffness),
         )
     if study.prediction is not None:
         words = (
@@ -388,29 +391,52 @@ def _gain(one: Stiffness) -> str:
     return f"{digits(one.position_gain, 2)} N m/m"
 
 
-def _stiffness_sheet(found: FrictionByStiffness) -> Sheet:
-    """Return the peak error of each gain, softest first, with and without compensation and observer."""
-
-    def cell(trial: Trial) -> str:
-        peaks = 1e3 * trial.peaks[np.isfinite(trial.peaks)]
-        if not len(peaks):
-            return "falls"
-        low, middle, high = np.quantile(peaks, (0.1, 0.5, 0.9)).tolist()
-        fell = f", {trial.falls} fell" if trial.falls else ""
-        return f"{digits(middle)} ({digits(low, 2)} – {digits(high, 2)}){fell}"
-
-    names = [
-        f"{'full' if one.compensation else 'no'} compensation{', observer' if one.observer else ''}"
-        for one in VARIANTS
-    ]
+def _stiffness_picture(found: FrictionByStiffness) -> Picture:
+    """Return the peak error of each gain, with and without compensation and observer."""
+    runs = len(found.gains[0].trials[_PLAIN].scores)
     caption = (
-        f"Peak error [mm] on {found.course.duration:g} s of the {found.course.name} by the torque that a metre of "
-        f"error asks of the wheels: medians over {len(found.gains[0].trials[_PLAIN].scores)} of the simulated robots, "
-        "in brackets eight of ten. All have the Kalman filter, shaped references with feed-forward and the lean limit; "
-        f"with the observer, integral action. The precise controller has {digits(found.precise_gain)} N m/m."
+        f"Peak error on {found.course.duration:g} s of the {found.course.name} over the torque that a metre of error "
+        f"asks of the wheels. Lines: medians over {runs} of the simulated robots; bands: eight of ten robots; crosses "
+        "at the top: gains with which a run fell. All have the Kalman filter, shaped references with feed-forward and "
+        "the lean limit; with the observer, integral action."
     )
-    rows = [
-        (digits(one.position_gain), *(cell(one.trials[variant]) for variant in VARIANTS))
-        for one in found.gains
-    ]
-    return Sheet(headings=("position gain [N m/m]", *names), rows=rows, caption=caption)
+    return drawn_picture("stiffness", partial(stiffness_figure, found), caption)
+
+
+def stiffness_figure(found: FrictionByStiffness) -> Figure:
+    """Draw the peak error over the position gain, a line and a band for each variant."""
+    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for variant in VARIANTS:
+        _draw(axes, found, variant)
+    axes.set(xscale="log", yscale="log")
+    for name, gain in (("soft", found.gains[0].position_gain), ("precise", found.precise_gain)):
+        axes.axvline(gain, color=MUTED, linestyle=":", linewidth=0.9)
+        place = axes.get_xaxis_transform()
+        axes.text(gain, 0.99, f" {name}", transform=place, va="top", color=INK, fontsize=7)
+    for axis in (axes.xaxis, axes.yaxis):
+        plain_log_ticks(axis)
+    axes.set_xlabel("position gain [N m/m]")
+    axes.set_ylabel("peak error [mm]")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
+    return figure
+
+
+def _draw(axes: Axes, found: FrictionByStiffness, variant: Variant) -> None:
+    color, dash = BLUE if variant.compensation else ORANGE, "-" if variant.observer else "--"
+    label = (
+        f"{'full' if variant.compensation else 'no'} compensation, "
+        f"{'observer' if variant.observer else 'no observer'}"
+    )
+    gains = np.array([one.position_gain for one in found.gains])
+    trials = [one.trials[variant] for one in found.gains]
+    peaks = [1e3 * trial.peaks[np.isfinite(trial.peaks)] for trial in trials]
+    low, middle, high = np.array(
+        [np.quantile(one, (0.1, 0.5, 0.9)) if len(one) else [np.nan] * 3 for one in peaks]
+    ).T
+    axes.fill_between(gains, low, high, color=color, alpha=0.13, linewidth=0)
+    axes.plot(gains, middle, color=color, linestyle=dash, marker="o", markersize=3, label=label)
+    fell = gains[[trial.falls > 0 for trial in trials]]
+    height = 0.96 - 0.04 * VARIANTS.index(variant)
+    mark = {"color": color, "marker": "x", "linestyle": "", "transform": axes.get_xaxis_transform()}
+    axes.plot(fell, np.full(len(fell), height), **mark)
