@@ -6,7 +6,8 @@ on the way leaves the old result, or STAGED with its MANIFEST, from which the ne
 finishes the move: never files of two results side by side. By the MANIFEST files of the user's are known from the
 result's, and are neither replaced nor deleted.
 
-One process at a time holds the folder's lock; the system gives it back when that process ends or dies.
+One process at a time holds the folder's lock; the system releases it when that process ends or dies. On Windows, and
+on network drives without locks, two commands at work in one folder are not noticed.
 """
 
 from __future__ import annotations
@@ -95,7 +96,8 @@ class ResultFolder:
     def replaced(self) -> Iterator[Path]:
         """Give a folder to write the new result into, which replaces the old one as a whole when the block ends well.
 
-        InputError if the new result cannot take the old one's place; the old one is then as it was.
+        InputError if the new result cannot be written; the old one is then as it was. A move that fails half way is
+        finished by the next command that opens the folder.
         """
         staged = self.path / STAGED
         _delete(staged)
@@ -109,14 +111,14 @@ class ResultFolder:
             checksums = {path.relative_to(staged).as_posix(): sha256_of(path) for path in files}
             undeclared = set(checksums) - self.names
             assert not undeclared, f"written but not declared: {undeclared}"
+            manifest = {"format": _FORMAT, "command": self.command, "files": checksums}
+            write_text(staged / MANIFEST, json.dumps(manifest, indent=2) + "\n")
         except BaseException as error:
             _delete(staged)
             if isinstance(error, InputError):  # the user knows of no folder but the result's
                 error.args = (str(error).replace(str(staged), str(self.path)),)
             raise
         with uninterrupted():
-            manifest = {"format": _FORMAT, "command": self.command, "files": checksums}
-            write_text(staged / MANIFEST, json.dumps(manifest, indent=2) + "\n")
             _finish_move(self.path)
             _delete(self.runs)
 

@@ -192,6 +192,7 @@ def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
         case "literal_error" if len(mistakes) == 1:
             return _choice(place, given, _allowed(mistake))
     wanted = list(dict.fromkeys(one for each in mistakes for one in _wanted(each)))
+    wanted = [one for one in wanted if one != "a whole number" or "a number" not in wanted]
     below = f": write its keys below a line [{place}]" if wanted == ["a table"] else ""
     return f"{place} is {format_value(given)}; it must be {either(wanted)}{below}."
 

@@ -85,7 +85,7 @@ def check(
         Folder for report.html and results.json.
     """
     hung = Robot.load(robot)
-    stop_or_show(robot_findings(hung), accept=accept, show=False)
+    of_robot = stop_or_show(robot_findings(hung), accept=accept, show=False)
     if figure is not None:
         check_file(figure)
     # compiled code, once the robot has passed its checks
@@ -94,8 +94,7 @@ def check(
     from ballbot.twin.recording import twin_findings
     from ballbot.workflows.robot_check import check_robot, follow_reference
 
-    findings = stop_or_show([*robot_findings(hung), *twin_findings(hung)], accept=accept, show=False)
-
+    findings = stop_or_show([*of_robot, *twin_findings(hung)], accept=accept, show=False)
     inputs = [robot, reference, controller, swinging.swing]
     with open_result(out, command="check", doing="checking the robot", inputs=inputs) as result:
         checked = check_robot(

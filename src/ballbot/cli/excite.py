@@ -18,7 +18,7 @@ from ballbot.identification import read_bounds
 from ballbot.report.excitation import excitation_report
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.excite import Extent, Law, check_limits
+from ballbot.workflows.excite import Extent, Law
 from ballbot.workflows.excite import excite as find
 
 _WRITTEN = ("reference.csv", "controller.toml")
@@ -92,7 +92,6 @@ def excite(
         floor=within.floor,
         torque=0.5 * described.drive.torque_limit if within.torque is None else within.torque,
     )
-    check_limits(limits)
     chosen = named_controller(controller, described)
     conditions = load_scenario(scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None

@@ -29,7 +29,7 @@ from ballbot.report.blocks import Sheet
 from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
-#: the last stage of a command, which is no news to who has heard of no other
+#: the last stage of a command, which is not printed if no stage before it was
 WRITING = "writing the report"
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 

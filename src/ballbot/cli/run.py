@@ -125,8 +125,8 @@ def balance(
             _finish(connection, made)
             suggest_page()
             return
-        inputs = [chosen.controller]
-        _record(connection, commander, duration=duration, ramp=ramp, out=out, inputs=inputs)
+        file = chosen.controller
+        _record(connection, commander, duration=duration, ramp=ramp, out=out, controller=file)
 
 
 @run.command
@@ -174,12 +174,12 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
         check = check_turns(turns, robot.ball_from_wheels)
         verdict = "The wiring is right." if check.passed else "The wiring is not right."
         print_parts([Text(verdict), wiring_sheet(check), *map(finding_line, check.findings)], console)
+        with open_result(out, command="run wiring", inputs=[link.robot, link.scenario]) as result:
+            page = wiring_report(check, about=connection.words)
+            result.write(wiring_results(check), page, findings=check.findings)
         if check.passed:
             robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
-    with open_result(out, command="run wiring", inputs=[link.robot, link.scenario]) as result:
-        page = wiring_report(check, about=connection.words)
-        result.write(wiring_results(check), page, findings=check.findings)
     if out is not None:
         result.show((), PAGE)
     if not check.passed:
@@ -383,12 +383,12 @@ def _record(
     duration: float,
     ramp: float = 0.0,
     out: Path,
-    inputs: list[Path | None] | None = None,
+    controller: Path | None = None,
 ) -> None:
     """Make a run, and write its log and results into a folder; the log until then if the link is lost."""
     recording, link = out / f"log{SUFFIX}", connection.link
     check_no_recording(recording)
-    files = [link.robot, *(inputs or ()), link.scenario]
+    files = [link.robot, controller, link.scenario]
     with open_result(out, command="run", writes=["log.csv"], inputs=files, seed=link.seed) as result:
         made = _made(connection, commander, duration=duration, ramp=ramp, recording=recording)
         log, held = made.whole_log(), isinstance(commander, TorqueProgram)

@@ -172,7 +172,7 @@ def doubts_sentence(study: Study) -> str:
 
 def too_few(robots: int) -> str:
     """Return that these are too few for an interval of 95 %."""
-    return f"{counted(robots, 'robot')} {'is' if robots == 1 else 'are'} too few to tell"
+    return f"{counted(robots, 'robot')} {'is' if robots == 1 else 'are'} too few to show"
 
 
 def interval_words(estimate: MedianEstimate) -> str:
@@ -321,7 +321,7 @@ def effect_of(before: Trial, after: Trial) -> str:
     if before.falls != after.falls:
         return "needed: falls without" if before.falls > after.falls else "falls with it"
     if ratio.runs < MIN_RUNS:
-        return "too few robots to tell"
+        return "too few robots"
     if ratio.low > 1.0:
         return "lowers the error"
     return "raises the error" if ratio.high < 1.0 else "no clear difference"

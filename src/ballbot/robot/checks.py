@@ -41,7 +41,7 @@ _WEAKEST_AXIS = 0.01
 
 
 def check_robot(robot: RobotValues) -> None:
-    """Raise InputError if a robot cannot exist; InputError if a value is wrong: one sentence about the first one."""
+    """Raise InputError, about the first wrong value, if a robot cannot exist."""
     _check_texts(robot)
     for parameter in PARAMETERS:
         for label, value in _numbers(robot, parameter):

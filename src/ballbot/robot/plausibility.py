@@ -188,9 +188,11 @@ _CHECKS = {
         "robot-sensors", "sensors.gyro_noise", (0.0, 0.1), _ANY, "was it meant in deg/s?"
     ),
     "sensors.attitude_noise": _Check(
-        "robot-sensors", "sensors.attitude_noise", (0.0, 0.03), _ANY, "in degrees?"
+        "robot-sensors", "sensors.attitude_noise", (0.0, 0.03), _ANY, "was it meant in degrees?"
     ),
-    "sensors.heading_drift": _Check("robot-sensors", "sensors.heading_drift", (-0.1, 0.1), _ANY, "in deg/s?"),
+    "sensors.heading_drift": _Check(
+        "robot-sensors", "sensors.heading_drift", (-0.1, 0.1), _ANY, "was it meant in deg/s?"
+    ),
     "dry_friction": _Check(
         "robot-friction",
         "friction.coulomb friction.stribeck drive.torque_limit",
@@ -376,7 +378,7 @@ def _of_deviations(robot: Robot) -> Iterator[Finding]:
             yield warning("robot-deviation", text, name)
 
 
-#: slip together: who has one of them in another unit has all of them in it
+#: rescaled together: a file with one of them in another unit has all of them in it
 _INERTIA = tuple(one.name for one in PARAMETERS if one.table == "body.inertia")
 
 

@@ -17,7 +17,8 @@ class Mine:
     def reset(self) -> None: ...
     def update(self, t, state, reference): return torques
 
-Modules beside the file can be imported; each controller gets its own, and only the file itself is watched for changes.
+Modules beside the file can be imported, after Python's own and installed ones. Only the file itself is watched for
+changes.
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ from ballbot.printable import shell_line
 from ballbot.robot import Robot, RobotLike, as_robot
 
 _Result = TypeVar("_Result")
+#: begins the names of users' files as modules
+_OWN = "ballbot_own_"
 
 
 class UserController:
@@ -127,37 +130,46 @@ def _remake(path: str, made_by: str, robot: Robot, estimator: EstimatorName, che
 
 
 def _attribute(path: str, name: str) -> Callable[[Robot], object]:
-    """Return what a Python file has under a name; it is run once in each process, until it changes."""
+    """Return what a Python file has under a name; the file is run once in each process, until it changes."""
     file = Path(path)
     if not file.is_file():
         raise InputError(f"there is no Python file {path!r}.")
-    module_name = f"ballbot_own_{file.stat().st_mtime_ns}_{file.resolve()}"
+    module_name = f"{_OWN}{file.stat().st_mtime_ns}_{file.resolve()}"
     if module_name not in sys.modules:
         spec = importlib.util.spec_from_file_location(module_name, file)
         assert spec is not None  # its name ends in .py
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
-        known, folder = set(sys.modules), str(file.resolve().parent)
         sys.modules[module_name] = module  # dataclasses look their module up
-        sys.path.insert(0, folder)
+        folder = str(file.resolve().parent)
+        if folder not in sys.path:
+            sys.path.append(folder)
         try:
             spec.loader.exec_module(module)
         except (Exception, SystemExit) as error:  # sys.exit ends nothing but this call
             del sys.modules[module_name]
             raise InputError(f"{path} cannot be run: {_error_text(error, file)}.") from error
-        finally:
-            sys.path.remove(folder)
-            sys.path.append(folder)  # for what it imports while it runs
-            # another controller's modules may have the same names
-            for other in set(sys.modules) - known - {module_name}:
-                if str(getattr(sys.modules[other], "__file__", None)).startswith(folder):
-                    del sys.modules[other]
+    _check_modules(file.resolve())
     make = getattr(sys.modules[module_name], name, None)
     if not callable(make):
         raise InputError(
             f"{path} has no {name!r} to call; it must be a class or a function that takes the robot."
         )
     return make
+
+
+def _check_modules(file: Path) -> None:
+    """Raise InputError if a module beside a file is not the one that another controller has imported under its name."""
+    files = {name: getattr(module, "__file__", None) for name, module in list(sys.modules.items())}
+    own = {Path(used).resolve().parent for name, used in files.items() if used and name.startswith(_OWN)}
+    for name, used in files.items():
+        beside = (file.parent / f"{name}.py", file.parent / name / "__init__.py")
+        taken = used and any(Path(used).is_relative_to(one) for one in own - {file.parent})
+        if taken and any(one.is_file() for one in beside):
+            raise InputError(
+                f"The module {name} beside {file} has the name of {used}, which another controller imports; give one "
+                "of them another name."
+            )
 
 
 def _error_text(error: BaseException, file: Path) -> str:

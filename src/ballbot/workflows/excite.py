@@ -366,7 +366,7 @@ class ExcitationDesign:
 
 
 def design(task: ExcitationTask) -> ExcitationDesign:
-    """Return the multisine, of those that keep within the limits on the model, whose log tells most.
+    """Return the most informative multisine that stays within the limits on the model.
 
     Raises
     ------

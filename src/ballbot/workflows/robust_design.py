@@ -34,7 +34,6 @@ from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import hold
 from ballbot.errors import InputError
-from ballbot.files import parse_toml
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.progress import Progress
@@ -95,8 +94,17 @@ class PerturbationRanges:
         InputError
             If a name or a number is not valid.
         """
+        tree: dict[str, object] = {}
         try:
-            tree = parse_toml(text.replace(",", "\n"), source="the text")
+            for part in text.split(","):
+                name, _, number = (word.strip() for word in part.partition("="))
+                if name in tree:
+                    raise InputError(f"{name} is there twice.")
+                try:
+                    value = float(number)
+                except ValueError:
+                    raise InputError(f"{part!r} must be a name and a number, such as mass=0.2.") from None
+                tree[name] = int(value) if value.is_integer() else value
             return validate_table(PerturbationRanges, tree, of="perturbed robots")
         except InputError as error:
             raise InputError(f"--perturb {text!r}: {error}") from None
