@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
@@ -62,7 +62,7 @@ class PlantDraw:
     scenario: Scenario  #: its friction is not used
     seed: int  #: of noise, start and all else that is random in a run
 
-    @property
+    @cached_property
     def on_loop(self) -> LoopRobot:
         """The robot on the compiled loop."""
         scenario = with_identified(self.scenario, self.robot.friction)
