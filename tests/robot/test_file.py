@@ -235,13 +235,13 @@ MISTAKES = [
     (
         RADIUS,
         RADIUS.replace("0.11", '"0.11"'),
-        r"ball\.radius: value is '0\.11'; it must be a whole number",
+        r"ball\.radius: value is '0\.11'; it must be a number or a list",
     ),
     (RADIUS, RADIUS.replace("0.11", "[0.11]"), r"has the value \[0\.11\]; it must be one number"),
     (
         RADIUS,
         RADIUS.replace("0.11", "true"),
-        r"ball\.radius: value is true; it must be a whole number",
+        r"ball\.radius: value is true; it must be a number or a list",
     ),
     (RADIUS, RADIUS.replace("0.11", "nan"), r"ball\.radius is nan m; it must be finite"),
     (RADIUS, RADIUS.replace("0.11", "9" * 400), r"ball\.radius\.value is a whole number too large"),

@@ -137,7 +137,11 @@ class TestFile:
                 '0.393, unit = "m", standard_deviation = nan',
                 "it must be zero or more",
             ),
-            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = "1"', "it must be a whole number"),
+            (
+                '0.393, unit = "m"',
+                '0.393, unit = "m", standard_deviation = "1"',
+                "it must be a number or a list",
+            ),
             ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = [1]', "it must be one number"),
             (
                 '0.393, unit = "m"',

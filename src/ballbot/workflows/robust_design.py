@@ -96,7 +96,7 @@ class PerturbationRanges:
         """
         tree: dict[str, object] = {}
         try:
-            for part in text.split(","):
+            for part in filter(None, text.split(",")):
                 name, _, number = (word.strip() for word in part.partition("="))
                 if name in tree:
                     raise InputError(f"{name} is there twice.")
