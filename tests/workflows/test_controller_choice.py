@@ -167,7 +167,7 @@ def effect(ratio: float, low: float, high: float, draws: int) -> str:
     return effect_of(trial(*(run(0.01 * one) for one in ratios)), trial(*(run(0.01) for _ in ratios)))
 
 
-def test_four_robots_are_too_few_to_tell_and_twenty_are_not():
+def test_four_robots_are_too_few_and_twenty_are_not():
     assert effect(3.75, 3.0, 4.59, 4) == "too few robots"
     assert effect(3.75, 3.0, 4.59, 20) == "lowers the error"
     assert effect(1.0, 0.8, 1.3, 20) == "no clear difference"
