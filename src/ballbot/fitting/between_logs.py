@@ -31,8 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import logsumexp
-from scipy.stats import chi2
+from scipy.special import chdtrc, logsumexp
 
 from ballbot.fitting.intervals import HALF_WIDTH
 
@@ -90,7 +89,7 @@ def spread(
         factor=float(np.sqrt(weights @ _TAU**2)),
         covariance=V * back,
         added=(V - alike.covariances[0]) * back,
-        p_value=float(chi2.sf(alike.squares[0], apart)) if apart else 1.0,
+        p_value=float(chdtrc(apart, alike.squares[0])) if apart else 1.0,
     )
 
 

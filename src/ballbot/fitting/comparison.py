@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy import special
 
 from ballbot.fitting.uncertainty import block_length, resampled_means
 
@@ -73,9 +73,7 @@ def ratio_interval(
     means = resampled_means(np.hstack([numerator, denominator]), block=block, repeats=_REPEATS, seed=seed)
     logs = np.log(means[:, : len(above)] / means[:, len(above) :])
     blocks = runs / block
-    half = (
-        scipy.stats.t.ppf(0.975, blocks - 1.0) * np.sqrt(blocks / (blocks - 1.0)) * logs.std(axis=0, ddof=1)
-    )
+    half = special.stdtrit(blocks - 1.0, 0.975) * np.sqrt(blocks / (blocks - 1.0)) * logs.std(axis=0, ddof=1)
     return np.exp(power * (np.log(above / below) + np.array([-half, half])))
 
 

@@ -21,8 +21,8 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy import special
 
 from ballbot.fitting.parameter import ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -376,7 +376,7 @@ def _errors(
 
 
 def _quantile(windows: int, parameters: int) -> float:
-    return float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(windows - parameters, 1)))
+    return float(special.stdtrit(max(windows - parameters, 1), 0.5 + 0.5 * CONFIDENCE))
 
 
 def _intervals_at_bounds(
@@ -417,4 +417,4 @@ def truncated_reach(beyond: float) -> float:
     """
     if beyond > _EXPONENTIAL:
         return -math.log(1.0 - CONFIDENCE) / beyond
-    return float(scipy.stats.norm.isf((1.0 - CONFIDENCE) * scipy.stats.norm.sf(beyond))) - beyond
+    return -float(special.ndtri((1.0 - CONFIDENCE) * special.ndtr(-beyond))) - beyond

@@ -25,8 +25,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
@@ -127,7 +127,7 @@ class LinearFit:
     @property
     def half_widths(self) -> NDArray[np.float64]:
         """Half widths of the 95 % intervals (p,)."""
-        return scipy.stats.t.ppf(0.975, np.maximum(self.blocks - 1, 1)) * self.errors
+        return special.stdtrit(np.maximum(self.blocks - 1, 1), 0.975) * self.errors
 
     def p_value(self, places: Sequence[int]) -> float:
         """Return the p-value of the parameters at `places`, for the hypothesis that all are zero.
@@ -140,7 +140,7 @@ class LinearFit:
             return float("nan")
         part, covariance = self.values[list(places)], self.covariance[np.ix_(places, places)]
         wald = float(part @ np.linalg.pinv(covariance, hermitian=True) @ part)
-        return float(scipy.stats.f.sf(wald * freedom / (count * (blocks - 1)), count, freedom))
+        return float(special.fdtrc(count, freedom, wald * freedom / (count * (blocks - 1))))
 
 
 def fit_linear(

@@ -25,8 +25,8 @@ from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy import special
 
 from ballbot.fitting.intervals import RepeatableFit
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -285,7 +285,7 @@ def _clearly_present(fit: RepeatableFit, through: NDArray[np.bool_], dependent: 
 
 def _limit(through: NDArray[np.bool_], dependent: NDArray[np.bool_]) -> float:
     """Return the chi-squared quantile of as many parameters as the fit with the effect has more."""
-    return float(scipy.stats.chi2.ppf(EFFECT_CONFIDENCE, int(through.sum() + dependent.sum())))
+    return float(special.chdtri(int(through.sum() + dependent.sum()), 1.0 - EFFECT_CONFIDENCE))
 
 
 def _spread(fit: RepeatableFit, through: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:

@@ -20,8 +20,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from ballbot.control.overcompensation import stated_covariance
 from ballbot.findings import Finding, warning
@@ -75,7 +75,7 @@ def agreement_findings(first: StageEstimate, second: StageEstimate) -> list[Find
     deviations = difference / errors
     inverse = np.linalg.pinv(covariance / np.outer(errors, errors), hermitian=True)
     chi_squared = float(deviations @ inverse @ deviations)
-    if scipy.stats.chi2.sf(chi_squared, len(both)) > LEAST_P_VALUE:
+    if chdtrc(len(both), chi_squared) > LEAST_P_VALUE:
         return []
     named = ", ".join(
         f"{both[i]} {x.values[i]:.3g} and {y.values[i]:.3g} ({abs(deviations[i]):.1f} standard errors)"

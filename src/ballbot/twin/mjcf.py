@@ -76,48 +76,33 @@ _IMPEDANCE_RATIO = 100.0  # of friction to normal force; 10 elsewhere
 _LARGEST_STEP = 1.0  # k d h^2 and b h at most: beyond, the contact jumps from step to step
 
 
-def add_soft_contacts(root: ET.Element, scenario: Scenario, hard: str) -> None:
-    """Make every contact of a roller with the ball a soft one.
-
-    Parameters
-    ----------
-    root : Element
-        The document; its ball and rollers must not touch by themselves.
-    scenario : Scenario
-        Has softness.
-    hard : str
-        The same document without softness, from which MuJoCo computes the bodies' inverse weights.
+def add_roller_contacts(root: ET.Element, scenario: Scenario) -> None:
+    """Add the contacts of the rollers with the ball, each by itself: MuJoCo need not seek who touches.
 
     Raises
     ------
     InputError
-        If the contacts are too stiff for the timestep, or MuJoCo is not installed.
+        If soft contacts are too stiff for the timestep, or MuJoCo is not installed.
     """
-    softness = scenario.softness
-    if softness is None:
-        return
-    option = root.find("option")
-    if option is not None:
+    softness, grip = scenario.softness, scenario.roller_grip
+    # made without these contacts; it gives the inverse weights of the bodies
+    engine = Engine(ET.tostring(root, encoding="unicode")) if softness else None
+    option, pairs = root.find("option"), root.find("contact")
+    if softness and option is not None:
         option.set("impratio", number_text(_IMPEDANCE_RATIO))
-    pairs = root.find("contact")
     if pairs is None:
         pairs = add(root, "contact")
-    engine = Engine(hard)
-    ball = engine.mobility("ball")
-    grip = scenario.roller_grip
-    names = [body.get("name", "") for body in root.iter("body")]
-    for name in (name for name in names if name.startswith("roller ")):
-        add(
-            pairs,
-            "pair",
-            geom1="ball",
-            geom2=name,
-            condim="3",
-            friction=(grip, grip, 0.0, 0.0, 0.0),
-            solref=_contact_reference(softness, ball + engine.mobility(name), scenario.timestep),
-            solreffriction=(-1.0, -0.5 * _IMPEDANCE / scenario.timestep),
-            solimp=(_IMPEDANCE, _IMPEDANCE, 0.001),
-        )
+    for name in (body.get("name", "") for body in root.iter("body")):
+        if not name.startswith("roller "):
+            continue
+        pair = add(pairs, "pair", geom1="ball", geom2=name, condim="3", friction=(grip, grip, 0.0, 0.0, 0.0))
+        if softness is None or engine is None:
+            pair.set("solref", number_text((scenario.contact_time, 1.0)))
+            continue
+        mobility = engine.mobility("ball") + engine.mobility(name)
+        pair.set("solref", _contact_reference(softness, mobility, scenario.timestep))
+        pair.set("solreffriction", number_text((-1.0, -0.5 * _IMPEDANCE / scenario.timestep)))
+        pair.set("solimp", number_text((_IMPEDANCE, _IMPEDANCE, 0.001)))
 
 
 def _contact_reference(softness: Softness, mobility: float, step: float) -> str:
@@ -235,11 +220,6 @@ def _roller(
         name=name,
         type="ellipsoid" if scenario.wheel_contact == "rollers" else "sphere",
         size=(scenario.rollers.radius, parts.roller_half_length, scenario.rollers.radius),
-        conaffinity="1",
-        condim="3",
-        friction=(scenario.roller_grip, 0.0, 0.0),
-        priority="1",  # the rollers' grip and softness, not the ball's
-        solref=(scenario.contact_time, 1.0),
         rgba="0.1 0.1 0.1 1",
     )
 
@@ -276,9 +256,8 @@ def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor")
     check_scenario(scenario, robot)
     _check_friction(scenario.friction)
     root = _document(robot, scenario, mounting)
-    if scenario.softness and mounting != "stand":
-        hard = _document(robot, replace(scenario, softness=None), mounting)
-        add_soft_contacts(root, scenario, ET.tostring(hard, encoding="unicode"))
+    if mounting != "stand":
+        add_roller_contacts(root, scenario)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode")
 
@@ -329,9 +308,8 @@ def _options(root: ET.Element, robot: Robot, scenario: Scenario, mounting: Mount
         # fixed in 4.0.1); tests/twin/test_physics.py shows that this robot is not affected
         jacobian="sparse",
     )
-    # without "autoreset" off, MuJoCo silently replaces a state that is not finite by the upright one; the
-    # midphase sorts the geoms within a body, of which every body here has one, and takes a sixth of the step
-    add(option, "flag", autoreset="disable", midphase="disable")
+    # else MuJoCo silently replaces a state that is not finite by the upright one
+    add(option, "flag", autoreset="disable")
     default = add(root, "default")
     add(default, "joint", solimpfriction=_HARD, solreffriction="0.002 1", solreflimit="0.002 1")
     add(default, "geom", contype="0", conaffinity="0")
@@ -350,14 +328,12 @@ def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mountin
     add(element, "freejoint", name="ball")
     inertia = (ball.inertia,) * 3
     add(element, "inertial", pos="0 0 0", mass=ball.mass, diaginertia=inertia)
-    # bit 1: the rollers have it in their conaffinity, nothing else has
     add(
         element,
         "geom",
         name="ball",
         type="sphere",
         size=ball.radius,
-        contype="0" if scenario.softness else "1",
         rgba="0.2 0.3 0.7 1",
     )
 

@@ -37,9 +37,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
-from scipy import linalg
+from scipy import linalg, special
 
 
 def slices(lengths: Sequence[int]) -> Iterator[slice]:
@@ -135,7 +134,7 @@ def correlations(
     pairs = np.triu_indices(len(matrix), 1)
     r, count = matrix[pairs], counts[pairs]
     t = r * np.sqrt(np.maximum(count - 2.0, 0.0) / np.maximum(1.0 - r**2, 1e-15))
-    p = 2.0 * scipy.stats.t.sf(np.abs(t), np.maximum(count - 2.0, 1.0))
+    p = 2.0 * special.stdtr(np.maximum(count - 2.0, 1.0), -np.abs(t))
     p[count < _LEAST_COUNT] = np.nan
     significant = np.zeros(matrix.shape, dtype=np.bool_)
     significant[pairs] = holm(p, level=CORRELATION_LEVEL)
@@ -214,7 +213,7 @@ def whiteness(residuals: NDArray[np.float64], segments: Sequence[int]) -> Whiten
         together = np.nanmean(squares * lagged(squares, segments, lag=lag), axis=0)
         scale = np.where(together > 0.0, together, 1.0)
         statistic += (count + 2.0) / (count - lag) * count * covariance[lag] ** 2 / scale
-    p_value = scipy.stats.chi2.sf(statistic, LAGS)
+    p_value = special.chdtrc(LAGS, statistic)
     return Whiteness(
         autocorrelation=covariance / variance,
         statistic=statistic,
@@ -299,14 +298,19 @@ def _windows(
 
 def _log_density(part: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
     """Return the logarithm of a window's density (f, k), its mean over noise that of the true density's."""
-    _, density = scipy.signal.periodogram(part, rate, window="hann", detrend="linear", axis=0)
-    return np.log(density + np.finfo(float).tiny) + np.euler_gamma
+    rows = len(part)
+    line = np.vander(np.arange(rows), 2)
+    part = part - line @ np.linalg.lstsq(line, part, rcond=None)[0]
+    hann = np.sin(np.pi * np.arange(rows) / rows)[:, None] ** 2
+    power = np.abs(np.fft.rfft(hann * part, axis=0)) ** 2 / (rate * (hann**2).sum())
+    power[1 : (rows + 1) // 2] *= 2.0  # those of negative frequencies, which 0 and half the rate have not
+    return np.log(power + np.finfo(float).tiny) + np.euler_gamma
 
 
 def _peaks(frequencies: NDArray[np.float64], logs: NDArray[np.float64], windows: int) -> tuple[Peak, ...]:
     above = logs - _surroundings(logs)
     error = np.pi / np.sqrt(6.0) * np.sqrt(1.056 / windows)
-    limit = max(np.log(_LEAST_RATIO), scipy.stats.norm.isf(PEAK_LEVEL / logs.size) * error)
+    limit = max(np.log(_LEAST_RATIO), -special.ndtri(PEAK_LEVEL / logs.size) * error)
     found = []
     for state, place in np.argwhere(limit < above.T):
         near = logs[max(0, place - _GUARD) : place + _GUARD + 1, state]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +20,14 @@ from ballbot.control.interface import Feedback
 from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, warning
-from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
 from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import logs_among
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, in_stage
+from ballbot.progress import Progress
 from ballbot.robot import RobotLike, as_robot
 from ballbot.validation.closed_loop import (
     ClosedLoop,
@@ -172,7 +173,12 @@ def _report(run: Run, done: int) -> None:
 
 
 def validate_logs(
-    models: ModelPair, logs: Mapping[str, Log], *, controller: Feedback | None = None, run: Run = DEFAULT_RUN
+    models: ModelPair,
+    logs: Mapping[str, Log],
+    *,
+    controller: Feedback | None = None,
+    holdouts: Mapping[str, Sequence[Interval]] | None = None,
+    run: Run = DEFAULT_RUN,
 ) -> dict[str, Validation]:
     """Return the validation on each log, by the logs' names; an error names its log.
 
@@ -181,23 +187,36 @@ def validate_logs(
     models, controller, run
         As for `validate_pair`.
     logs : mapping of str to Log
+        Validated side by side.
+    holdouts : mapping of str to sequence of (start, end), optional
+        What counts of each log, as for `validate_pair`.
 
     Raises
     ------
     InputError
         As `validate_pair`.
     """
-    parts: dict[str, Validation] = {}
-    several = len(logs) > 1
-    for name, log in logs.items():
-        of_log = in_stage(run.progress, f"validating {name}") if name else run.progress
+    stages = count(1)
+
+    def report(now: Progress) -> None:
+        stage = "validating" if len(logs) > 1 else now.stage
+        run.progress(Progress(stage=stage, done=next(stages), total=len(logs) * (1 + len(_STAGES))))
+
+    def validated(holdouts: Mapping[str, Sequence[Interval]], name: str) -> Validation:
         try:
-            part = validate_pair(models, log, controller=controller, run=replace(run, progress=of_log))
-            named = several and part.no_evidence
-            parts[name] = replace(part, no_evidence=f"{name}: {part.no_evidence}") if named else part
+            part = validate_pair(
+                models,
+                logs[name],
+                controller=controller,
+                holdout=holdouts.get(name),
+                run=replace(run, progress=report),
+            )
         except InputError as error:
             raise (InputError(f"{name}: {error}") if name else error) from None
-    return parts
+        named = len(logs) > 1 and part.no_evidence
+        return replace(part, no_evidence=f"{name}: {part.no_evidence}") if named else part
+
+    return dict(zip(logs, Threads()(validated, holdouts or {}, list(logs)), strict=True))
 
 
 def join_validations(parts: Sequence[Validation]) -> Validation:

@@ -39,7 +39,7 @@ from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, first_texts, listed, plotted, summarized
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
+from ballbot.validation import ModelPair, Validation, join_validations, validate_logs
 from ballbot.validation.models import Interval
 from ballbot.workflows.controller_choice import (
     SQUARE,
@@ -220,8 +220,12 @@ def study(
         )
     models = ModelPair.by_friction(Model(found.robot))
     by_log = tuple(
-        validate_pair(models, one.log, holdout=one.held_out, run=_named(run, f"validating on {one.name}"))
-        for one in studied
+        validate_logs(
+            models,
+            {one.name: one.log for one in studied},
+            holdouts={one.name: one.held_out for one in studied},
+            run=_named(run, "validating"),
+        ).values()
     )
     choice = choose_controller(
         candidates(found, sample_time=sample_time),

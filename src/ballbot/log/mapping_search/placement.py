@@ -54,8 +54,7 @@ from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtr
 
 from ballbot.log.checks.lean import block_sums, clarity
 from ballbot.log.mapping_search.evidence import (
@@ -337,7 +336,7 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
     gained = (other - one)[used] / float((one + other)[used].mean())
     if len(gained) < 3:
         return 0.0
-    repeated = float(norm.isf(student.sf(abs(clarity(gained)), len(gained) - 1)))
+    repeated = -float(ndtri(stdtr(len(gained) - 1, -abs(clarity(gained)))))
     ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
     odds = behind(repeated, abs(ratio), len(gained), least_ratio=LEAST_RATIO, each_second=0.5)
     return math.copysign(math.sqrt(2.0 * odds) / ERRORS_WEIGHT, ratio)
