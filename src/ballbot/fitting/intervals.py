@@ -51,9 +51,18 @@ class Repeated(Protocol):
         ...
 
     def repeated(
-        self, *, moved: NDArray[np.float64], free: NDArray[np.bool_], most_steps: int, run: Run = DEFAULT_RUN
+        self,
+        *,
+        moved: NDArray[np.float64],
+        free: NDArray[np.bool_],
+        most_steps: int,
+        target: float = np.inf,
+        run: Run = DEFAULT_RUN,
     ) -> Repeated:
-        """Fit again from here, after moving the parameters by `moved` (p,), those marked in `free` (p,)."""
+        """Fit again from here, after moving the parameters by `moved` (p,), those marked in `free` (p,).
+
+        It may end early where the cost will clearly not come below `target`.
+        """
         ...
 
 

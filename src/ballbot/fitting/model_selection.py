@@ -209,8 +209,6 @@ def _error_ratio(squares: NDArray[np.float64], others: NDArray[np.float64]) -> N
 EFFECT_CONFIDENCE = 0.999
 #: the fit without the effect is left out if the errors alone put it this many times past the limit
 CLEARLY_PRESENT = 4.0
-#: and it ends after so many steps if they leave it so many times past the limit
-_FEW_STEPS, _STILL_PRESENT = 6, 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,11 +267,7 @@ def _has_effect(
     moved, spread = _spread(fit, through)
     limit = _limit(through, dependent) * _dependence(fit, moved, through, spread)
     limit = fit.cost + limit / (2.0 * fit.residual_count)
-    without = fit.repeated(moved=-amounts, free=free, most_steps=min(_FEW_STEPS, most_steps), run=run)
-    # further steps only lower the cost
-    if limit < without.cost <= fit.cost + _STILL_PRESENT * (limit - fit.cost):
-        without = without.repeated(moved=np.zeros(len(amounts)), free=free, most_steps=most_steps, run=run)
-    return without.cost > limit
+    return fit.repeated(moved=-amounts, free=free, most_steps=most_steps, target=limit, run=run).cost > limit
 
 
 def _clearly_present(fit: RepeatableFit, through: NDArray[np.bool_], dependent: NDArray[np.bool_]) -> bool:

@@ -53,11 +53,13 @@ _NARROW, _WIDE = (1e-6, 1e-4), (DIFFERENCE, 0.5)
 #: half the width of the trust region at first, in scaled parameters; a step that gains less than a quarter of what was
 #: expected leaves this share of the step, one that gains more than three quarters gives room for so many of it
 _RADIUS, _NARROWER, _WIDER = 0.3, 0.3, 2.5
+#: a descent ends early where so many gains as the last would not reach what it is for: its gains shrink by two or more
+_MORE_GAINS = 5.0
 #: curvature in the flattest direction, of the steepest one's
 _FLATTEST = 1e-12
 #: where so many steps one after another gain less than the first, and promise no more or are shorter than the last,
 #: windows are begun again; then the descent ends by the second
-_PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-5, 5e-7, 1e-3
+_PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-4, 5e-7, 1e-3
 #: until that gains less of the cost, but not more often: a level valley is left by one better start of a window
 MOST_RENEWALS, _WORTH = 8, 1e-6
 #: a start has settled where a step promises less, in squares of a residual's deviation; steps at most
@@ -120,11 +122,24 @@ class Descended:
     cost: float  #: there, the starts' residuals among the others
 
     def repeated(
-        self, *, moved: NDArray[np.float64], free: NDArray[np.bool_], most_steps: int, run: Run = DEFAULT_RUN
+        self,
+        *,
+        moved: NDArray[np.float64],
+        free: NDArray[np.bool_],
+        most_steps: int,
+        target: float = np.inf,
+        run: Run = DEFAULT_RUN,
     ) -> Descended:
         """Descend again from here; see `ballbot.fitting.intervals.Repeated`."""
         point, starts, history = descend(
-            self.problem, self.point, self.starts, free=free, most_steps=most_steps, moved=moved, run=run
+            self.problem,
+            self.point,
+            self.starts,
+            free=free,
+            most_steps=most_steps,
+            moved=moved,
+            target=target,
+            run=run,
         )
         return Descended(problem=self.problem, point=point, starts=starts, cost=history[-1])
 
@@ -155,16 +170,23 @@ def fit_with_initial_states(
     most_steps: int,
     starts: NDArray[np.float64] | None = None,
     most_renewals: int = MOST_RENEWALS,
+    target: float = np.inf,
     run: Run = DEFAULT_RUN,
 ) -> InitialStatesFit:
     """Descend from `point` (p,), scaled, in the parameters marked in `free` (p,) and all starts at once.
 
-    The stage "gauss_newton" is reported after each step. `starts` (w, 10) are those to begin with; by default as
-    measured. Windows are begun again so many times at most.
+    `starts` (w, 10) are those to begin with; by default as measured. The rest is as for `descend`.
     """
     begin = problem.windows.initial if starts is None else starts
     end, starts, history = descend(
-        problem, point, begin, free=free, most_steps=most_steps, most_renewals=most_renewals, run=run
+        problem,
+        point,
+        begin,
+        free=free,
+        most_steps=most_steps,
+        most_renewals=most_renewals,
+        target=target,
+        run=run,
     )
     return InitialStatesFit(
         problem=problem,
@@ -208,6 +230,7 @@ def descend(
     most_steps: int,
     most_renewals: int = MOST_RENEWALS,
     moved: NDArray[np.float64] | None = None,
+    target: float = np.inf,
     run: Run = DEFAULT_RUN,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[float]]:
     """Descend from a point (p,) and starts (w, 10); return where it ended, likewise, and the cost after each step.
@@ -221,6 +244,8 @@ def descend(
         How often windows are begun again.
     moved : ndarray (p,), optional
         By how much the first step moves those that are not free, whatever it costs.
+    target : float
+        The descent ends early where a few more gains as the last would leave it above this cost.
     run : Run, optional
         The stage "gauss_newton" is reported after each step.
     """
@@ -247,14 +272,15 @@ def descend(
             radius = min(max(radius, _WIDER * length), 1.0)
         little = _LITTLE if renewals == most_renewals else _SLOW
         short = gain < little and (promised < little or radius < _SHORT) and not fixed.any()
+        hopeless = not fixed.any() and gain > 0.0 and at.cost - _MORE_GAINS * gain > target
         short_steps, fixed = short_steps + 1 if short else 0, np.zeros(len(point))
-        if short_steps == _PATIENCE and renewals < most_renewals and number < most_steps:
+        if short_steps == _PATIENCE and not hopeless and renewals < most_renewals and number < most_steps:
             renewed = _renewed(problem, at, seed=renewals)
             renewals = renewals + 1 if renewed.cost < at.cost - _WORTH else most_renewals
             at, radius, short_steps = min(renewed, at, key=lambda one: one.cost), max(radius, _AGAIN), 0
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
-        if short_steps == _PATIENCE:
+        if short_steps == _PATIENCE or hopeless:
             break
     return at.point, at.starts, history
 
@@ -443,7 +469,7 @@ def _lanes(work: Work, about: _Differences, starts: NDArray[np.float64], rows: N
     slopes = np.zeros((len(rows), m + _STATES, *found.shape[2:]))
     with np.errstate(invalid="ignore"):
         differences = ((found[:n] - found[n:]) / about.distance[:, None, None, None]).transpose(1, 0, 2, 3)
-    differences = np.nan_to_num(differences, nan=0.0, posinf=0.0, neginf=0.0)
+    differences = np.where(np.isfinite(differences), differences, 0.0)
     slopes[:, :m], slopes[:, m + _ON_FLOOR :] = differences[:, :m], differences[:, m:]
     for state in range(_ON_FLOOR):
         slopes[:, m + state, :, state] = 1.0
@@ -615,7 +641,7 @@ def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[
     """Return weighted residuals or slopes (..., (1 + k) 10) of those in SI units (..., 1 + k, 10)."""
     with np.errstate(invalid="ignore", over="ignore"):
         flat = (values * weights).reshape(*values.shape[:-2], -1)
-    return np.clip(np.nan_to_num(flat, nan=_LOST), -_LOST, _LOST)
+    return np.where(np.abs(flat) < _LOST, flat, _LOST)
 
 
 def _predicted(

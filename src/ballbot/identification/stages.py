@@ -389,7 +389,13 @@ def _elsewhere_too(
 ) -> InitialStatesFit | None:
     """Return where a descent from a point (p,) ends; None if at the same optimum or far above it."""
     other = fit_with_initial_states(
-        finished.problem, point, free=free, most_steps=most_steps, most_renewals=0, run=run
+        finished.problem,
+        point,
+        free=free,
+        most_steps=most_steps,
+        most_renewals=0,
+        target=finished.cost + _NEAR,
+        run=run,
     )
     if not elsewhere(finished.point, other.point) or other.cost > finished.cost + _NEAR:
         return None
