@@ -1,5 +1,6 @@
 """Twins with one fault and nothing else, and wheels in the air, which the tests of the faults share."""
 
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from typing import Any
 
@@ -34,3 +35,16 @@ def turn(engine: Engine, driveline: Driveline, torques: NDArray[np.float64], ste
         engine.step()
         speeds.append(driveline.speeds.tolist())
     return speeds
+
+
+def lone_ball(robot: Robot, scenario: Scenario) -> Engine:
+    """Return the twin's ball on its floor, without the robot on it."""
+    root = ET.fromstring(twin_mjcf(robot, scenario))
+    world, pairs = root.find("worldbody"), root.find("contact")
+    assert world is not None
+    assert pairs is not None
+    world.remove(next(body for body in world.findall("body") if body.get("name") == "body"))
+    for pair in pairs.findall("pair")[1:]:  # of the rollers
+        pairs.remove(pair)
+    root.remove(root.find("actuator"))  # type: ignore[arg-type]
+    return Engine(ET.tostring(root, encoding="unicode"))

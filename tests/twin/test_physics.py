@@ -17,6 +17,7 @@ from ballbot.twin.driveline import Driveline
 from ballbot.twin.engine import Engine, attitude_of, body_rate
 from ballbot.twin.parts import split_robot
 from ballbot.twin.recording import twin_findings
+from tests.support.twin_examples import lone_ball
 
 
 @pytest.fixture(scope="module")
@@ -173,20 +174,10 @@ def test_wheel_follows_rotor_after_the_play(alten: Robot) -> None:
         assert wheel.min() == pytest.approx(-half, rel=0.15)
 
 
-def rolling_ball(robot: Robot, scenario: Scenario) -> Engine:
-    """The twin's ball on its floor without the robot on it."""
-    root = ET.fromstring(twin_mjcf(robot, scenario))
-    world = root.find("worldbody")
-    assert world is not None
-    world.remove(next(body for body in world.findall("body") if body.get("name") == "body"))
-    root.remove(root.find("actuator"))  # type: ignore[arg-type]
-    return Engine(ET.tostring(root, encoding="unicode"))
-
-
 @pytest.mark.parametrize("direction", [0.0, 0.7])
 def test_rolling_ball_slows_by_its_rolling_friction_and_stops(alten: Robot, direction: float) -> None:
     """m v_dot + (j/r^2) v_dot = -N C_rr: the same deceleration at any speed, then rest."""
-    engine = rolling_ball(alten, Scenario.nominal(alten))
+    engine = lone_ball(alten, Scenario.nominal(alten))
     forward = np.array([np.cos(direction), np.sin(direction)])
     engine.qvel[:2] = 0.2 * forward
     engine.qvel[3:5] = 0.2 / 0.11 * np.array([-forward[1], forward[0]])
@@ -203,7 +194,7 @@ def test_rolling_ball_slows_by_its_rolling_friction_and_stops(alten: Robot, dire
 
 
 def test_pivoting_ball_slows_by_its_pivoting_friction(alten: Robot) -> None:
-    engine = rolling_ball(alten, Scenario.nominal(alten))
+    engine = lone_ball(alten, Scenario.nominal(alten))
     for _ in range(200):  # settle
         engine.step()
     engine.qvel[5] = 10.0

@@ -350,7 +350,7 @@ def robot_urdf(robot: Robot) -> str:
             damping, friction = float(model.dof_damping[place]), float(model.dof_frictionloss[place])
             add(joint, "dynamics", damping=damping, friction=friction)
     for k in np.flatnonzero(model.geom_bodyid).tolist():
-        touches = model.geom_contype[k] or model.geom_conaffinity[k]
+        touches = k in model.pair_geom1 or k in model.pair_geom2
         for use in ("visual", "collision")[: 2 if touches else 1]:
             shape = add(links[names[model.geom_bodyid[k]]], use)
             kind, (radius, length, _) = model.geom_type[k], model.geom_size[k].tolist()
