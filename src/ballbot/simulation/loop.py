@@ -62,7 +62,7 @@ from ballbot.mechanics.engine.lanes import (
 from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
 from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps, write_state
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
-from ballbot.mechanics.engine.tracing import traced
+from ballbot.mechanics.engine.tracing import borrowed, traced
 from ballbot.mechanics.engine.vector import add, dot, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, solve, terms
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_PLACES, WHEEL_SIZE
@@ -162,10 +162,12 @@ class Block(NamedTuple):
     truths: NDArray[np.float64]  #: (robots, 10) states on the robots' floors
     states: NDArray[np.float64]  #: (robots, 10) that the controllers are given
     filters: NDArray[np.float64]  #: the Kalman filters' work array, a robot a column
+    work: NDArray[np.float64]  #: the mechanics' work array
     # scratch of one robot
     wheels: NDArray[np.float64]  #: (n,) speeds
     rolled: NDArray[np.float64]  #: (n,) torques of the rollers
     attitude: NDArray[np.float64]  #: (3,) angles
+    start: NDArray[np.float64]  #: (10,) state
 
 
 @inlined
@@ -525,9 +527,9 @@ def _put_torques(selected, work, width, inputs, block, first, h, since):
 
 
 @inlined
-def _start(selected, work, width, inputs, draws, sampling, first, block, state):
+def _start(selected, width, inputs, draws, sampling, first, block):
     """Put the robots into the lanes, at rest in their plays."""
-    n = block.acting.shape[1]
+    n, work, state = block.acting.shape[1], block.work, block.start
     for lane in range(width):
         robot = first + lane
         own = _loop_of(inputs, robot)
@@ -724,9 +726,11 @@ def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -
         "wheels": (n,),
         "rolled": (n,),
         "attitude": (3,),
+        "start": (10,),
     }
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-    return Block(**arrays | {"memories": np.zeros(width, MEMORY_TYPE), "by_steps": by_steps})  # pyright: ignore[reportArgumentType]
+    others = {"memories": np.zeros(width, MEMORY_TYPE), "by_steps": by_steps, "work": new_work.py_func()}
+    return Block(**arrays | others)  # pyright: ignore[reportArgumentType]
 
 
 @called
@@ -754,10 +758,11 @@ def _move(selected, work, width, inputs, block, sampling, first):
 @compiled
 def run_block(selected, inputs, draws, sampling, block, first, width, out):
     """Run robots first .. first + width - 1; `draws` and `block` are of these alone."""
+    inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
+    block, out = borrowed(block), borrowed(out)
     samples, n = len(sampling.references), out.torques.shape[2]
-    filtering = len(inputs.filters) > 0
-    work, state = new_work(), np.empty(10)
-    _start(selected, work, width, inputs, draws, sampling, first, block, state)
+    filtering, work = len(inputs.filters) > 0, block.work
+    _start(selected, width, inputs, draws, sampling, first, block)
     moving = width
     for sample in range(samples):
         reference = sampling.references[sample]
@@ -795,19 +800,18 @@ def run_block(selected, inputs, draws, sampling, block, first, width, out):
 
 @compiled
 def start_alone(selected, inputs, draws, sampling, block):
-    """Return the work array of a robot at its start, whose controller is called from outside."""
-    work, state = new_work(), np.empty(10)
-    _start(selected, work, 1, inputs, draws, sampling, 0, block, state)
-    _measure(selected, work, 0, inputs, draws, block, 0, 0)
-    return work
+    """Set a robot whose controller is called from outside to its start."""
+    _start(selected, 1, inputs, draws, sampling, 0, block)
+    _measure(selected, block.work, 0, inputs, draws, block, 0, 0)
 
 
 @compiled
-def step_alone(selected, inputs, draws, sampling, work, block, sample, torques, out):
+def step_alone(selected, inputs, draws, sampling, block, sample, torques, out):
     """Move such a robot on by a sample of its controller's torques (n,); what it measures is then in the block.
 
     Of `draws`, the torques' noise (1, n) and the sample's duration (1, 1) are of this sample.
     """
+    work = block.work
     fill(block.commanded[0], torques)
     _drive(work, 0, inputs, block, 0, sample, draws.noise[0], out.changes)
     work[STEP * LANES] = draws.durations[0, 0] / sampling.steps

@@ -137,7 +137,7 @@ class SensedPlant:
 
     def _rows(self, first: int) -> NDArray[np.float64]:
         """Return a number of each wheel (n,) from the work array."""
-        return self._work[first * LANES : (first + self.robot.wheel_count) * LANES : LANES].copy()
+        return self._block.work[first * LANES : (first + self.robot.wheel_count) * LANES : LANES].copy()
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
         """Start at t = 0 and return the sensors' measurement.
@@ -164,7 +164,7 @@ class SensedPlant:
         self._sample, self._late = 0, 0.0
         self._out = empty_outcome(1, 0, np.iinfo(np.int64).max, n)
         self._block = new_block(self._inputs.loops, 1, n, filtering=False)
-        self._work = start_alone(self.model.selected, self._inputs, self._draws, self._sampling, self._block)
+        start_alone(self.model.selected, self._inputs, self._draws, self._sampling, self._block)
         self._sensors.reset(self._random, self.motor_angles)
         self._estimator.reset(position=(float(state[0]), float(state[1])))
         return self._measure()
@@ -203,7 +203,6 @@ class SensedPlant:
             self._inputs,
             self._draws,
             self._sampling,
-            self._work,
             self._block,
             self._sample,
             torques,
