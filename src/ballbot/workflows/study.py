@@ -194,14 +194,7 @@ def study(
     """
     robot = as_robot(robot)
     checked = checked_logs(robot, logs, accept=options.accept)
-    studied = tuple(
-        StudiedLog(
-            name=name or "the log",
-            log=_complete(name or "the log", log, robot),
-            held_out=holdout_intervals(log),
-        )
-        for name, log in checked.logs.items()
-    )
+    studied = _studied_logs(checked, robot)
     if not 2 <= options.draws <= MAX_DRAWS:
         raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 100.")
     # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
@@ -270,9 +263,14 @@ def sampled_at(scenario: Scenario, sample_time: float) -> Scenario:
     return replace(scenario, sensors=sensors, timestep=sample_time / steps)
 
 
-def _complete(name: str, log: Log, robot: Robot) -> Log:
+def _studied_logs(checked: CheckedLogs, robot: Robot) -> tuple[StudiedLog, ...]:
     """Return the rows that have torques and states; refuse a log without them before minutes of work."""
-    try:
-        return log.complete(*torque_names(robot.wheel_count), *STATE_NAMES)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+    studied: list[StudiedLog] = []
+    for name, log in checked.logs.items():
+        named = name or "the log"
+        try:
+            rows = log.complete(*torque_names(robot.wheel_count), *STATE_NAMES)
+        except InputError as error:
+            raise InputError(f"{named}: {error}") from None
+        studied.append(StudiedLog(name=named, log=rows, held_out=holdout_intervals(log)))
+    return tuple(studied)
