@@ -12,16 +12,18 @@ from the twin.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.progress import ignore_progress
+from ballbot.progress import Progress, ignore_progress
 from ballbot.twin.twin import Twin
-from ballbot.workflows.comparison import run_comparison
+from ballbot.workflows.comparison import ComparedRun, Comparison, RunResult
 from ballbot.workflows.controller_choice import (
     ControllerChoice,
     NamedCourse,
@@ -83,7 +85,16 @@ def confirm(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Confirmation
         for name in names
         for plant in choice.plants[:CONFIRMED_RUNS]
     ]
-    on_twin = run_comparison(twins, run=run)
+    made: list[RunResult] = []
+    # MuJoCo's steps run side by side in threads; processes would take seconds to begin
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        for result in pool.map(ComparedRun.result, twins):
+            made.append(result)
+            run.progress(Progress(stage="confirming on the twin", done=len(made), total=len(twins)))
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+    on_twin = Comparison(runs=tuple(twins), results=tuple(made))
     return Confirmation(
         course=CONFIRMED_ON,
         on_loop=run_trials(asked, choice.plants, run=replace(run, progress=ignore_progress)),
