@@ -263,10 +263,10 @@ class Performance:
     torque_margin: float
 
     @staticmethod
-    def of(log: Log, *, torque_limit: float, settle: float = SETTLE) -> Performance:
+    def of(log: Log, *, torque_limit: float) -> Performance:
         """Return the numbers of a log with reference, torques and states, whatever its truth."""
         seen = log.without_truth()
-        counted = settled(seen, settle)
+        counted = settled(seen, SETTLE)
         error = position_error(seen)[counted]
         largest = np.abs(seen.torques).max(axis=1)
         return Performance(

@@ -62,12 +62,12 @@ class PoleSpread:
     variance_shares: Mapping[str, float]  #: by parameter, the largest first
 
 
-def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS, seed: int = 0) -> PoleSpread:
+def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS) -> PoleSpread:
     """Return the distribution of a robot's fastest pole about upright by its standard deviations, exact model.
 
     InputError if the standard deviations are too large for a robot.
     """
-    fastest = [float(_growths(one).max()) for one in draw_robots(robot, draws, seed=seed)]
+    fastest = [float(_growths(one).max()) for one in draw_robots(robot, draws, seed=0)]
     lower, upper = np.quantile(fastest, [0.025, 0.975])
     mean = propagate(robot, _mean_growth)
     return PoleSpread(
