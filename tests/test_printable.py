@@ -19,7 +19,7 @@ from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.printable import printable, printable_line, shell_line
 from ballbot.progress import Progress
-from ballbot.report.blocks import table
+from ballbot.report.blocks import Sheet
 from ballbot.report.console import PlainConsole
 from ballbot.report.style import drawn, label_of
 from ballbot.results import as_json
@@ -67,7 +67,7 @@ def test_console_prints_markup_literally(text):
     out = io.StringIO()
     console = PlainConsole(file=out, width=10_000)
     console.print(text, soft_wrap=True)
-    console.print(table(text, [text, "b"], [[text, "1"]]))
+    console.print(Sheet(caption=text, headings=[text, "b"], rows=[[text, "1"]]))
     assert not obeyed(out.getvalue())
 
 
@@ -81,22 +81,6 @@ def test_progress_prints_names_literally(monkeypatch):
     shown = out.getvalue()
     assert all(name in shown for name in ("[/x]", "[/y]", "[/z]"))
     assert "\x1b[2J" not in shown
-
-
-@pytest.mark.filterwarnings("ignore:No artists with labels")  # of a name that nothing is left of
-@given(name=TEXTS)
-def test_every_name_can_be_drawn_and_written(name):
-    def draw() -> Figure:
-        figure = Figure(figsize=(2, 2))
-        figure.subplots().plot([0, 1], label=label_of(name))
-        figure.legend()
-        figure.suptitle(label_of(name))
-        return figure
-
-    assert draw().legends[0].get_texts() or not printable_line(name)
-    label = label_of(name)
-    assert len(label) <= 90
-    assert label.count("$") == label.count(r"\$")
 
 
 @pytest.mark.parametrize("name", NASTY)
@@ -149,13 +133,6 @@ def test_a_page_escapes_names(tmp_path):
     assert "<b>" not in page
     assert "<i>" not in page
     write_text(tmp_path / "page.html", page)
-
-
-@given(words=st.lists(TEXTS.filter(lambda one: "\0" not in one), min_size=1, max_size=3))
-def test_a_command_line_is_split_into_the_same_words(words):
-    line = shell_line(words)
-    assert not obeyed(line)
-    assert "\n" not in line
 
 
 @pytest.mark.parametrize("word", ["a b", "it's", "$HOME", "é"])

@@ -222,16 +222,3 @@ def test_only_regular_files_are_written(tmp_path, kind):
     with pytest.raises(InputError):
         write_text(path, "text")
     assert not path.is_file()
-
-
-def test_a_link_is_written_through(tmp_path):
-    (tmp_path / "link").symlink_to(tmp_path / "target")
-    write_text(tmp_path / "link", "text")
-    assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "target").read_text() == "text"
-
-
-def test_names_may_be_as_long_as_the_system_allows(tmp_path):
-    write_text(tmp_path / ("n" * 255), "text")
-    with pytest.raises(InputError, match="cannot be written: File name too long"):
-        write_text(tmp_path / ("n" * 256), "text")

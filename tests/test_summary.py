@@ -24,7 +24,6 @@ from ballbot.identification.verdict import Verdict
 from ballbot.identification.windows import Span
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.summary import HEIGHT, WIDTH, Summary, first_texts
 from ballbot.twin.scenario import Scenario
@@ -192,40 +191,6 @@ def test_plot_of_a_controller_whose_loop_is_unstable_shows_its_poles():
     assert RESULTS["controller"]().plot().axes[0].get_ylabel() == "gain [dB]"
 
 
-def test_linear_model_shows_every_acceleration():
-    model = Model("alten").linearize()
-    rows = dict(model.summary().rows)
-    assert rows["theta"] == tuple(f"{value + 0.0:.4g}" for value in model.A[5:, 2].round(9))
-    assert rows["u2"] == tuple(f"{value + 0.0:.4g}" for value in model.B[5:, 1].round(9))
-    assert not model.summary().sentences
-    assert replace(model, A=2.0 * model.A).summary().sentences  # the rates are not those of the states then
-
-
-def test_a_long_log_says_how_long_in_hours():
-    log = Log({"t": 1000.0 + np.arange(50_000) * 0.5})
-    summary = log.summary()
-    assert summary.title == "Log of 50000 rows: 25000 s (6:56:40) at 2 Hz"
-    assert dict(summary.rows)["time"] == "1000 to 25999.5 s"
-
-
-def test_batch_counts_how_its_lanes_ended():
-    rows = dict(batch().summary().rows)
-    assert rows["ran to the end"] == "1 of 4 (25 %)"
-    assert rows["fell"] == "2 of 4 (50 %), from 0.5 to 0.75 s"
-    assert rows["lifted off"] == "1 of 4 (25 %), at 0.25 s"
-    assert "slipped" not in rows
-    assert rows["settled"] == "1 of 4 (25 %), at 0.8 s"
-
-
-def test_scenario_shows_what_is_on_with_its_unit():
-    resonant, nominal = (
-        dict(Scenario.named(name, alten()).summary().rows) for name in ("resonant", "nominal")
-    )
-    assert resonant["compliance"] == "frequency 40 Hz, damping ratio 0.1"
-    assert "compliance" not in nominal
-    assert nominal["torque noise"] == "0.01 N m"
-
-
 def test_first_findings_are_the_most_serious_ones():
     findings = [
         note("a", "Note."),
@@ -278,28 +243,7 @@ def test_any_texts_fit_a_screen_and_are_not_obeyed(title, rows, sentences, times
     assert set(re.findall(r"</?(\w+)", summary._repr_html_())) == {"pre"}
 
 
-def test_page_of_a_hostile_name_holds_no_markup():
-    log = Log({"t": [0.0], "<b>": [1.0]}, ended="<script>alert(1)</script>\x1b[2J")
-    page = log.summary()._repr_html_()
-    assert "<script" not in page
-    assert "<b>" not in page
-    assert "\x1b" not in page + repr(log)
-
-
 def test_what_does_not_fit_is_counted():
     summary = Summary(title="title", sentences=tuple(f"sentence {number}" for number in range(40)))
     assert repr(summary).endswith(f"... {1 + 40 - (HEIGHT - 1)} more lines: print(_.summary())")
     assert len(str(summary).splitlines()) == 41
-
-
-def test_gain_is_a_table_of_a_cell_for_each_wheel():
-    lines = repr(LQR).splitlines()
-    assert lines[1].split()[1:] == ["u1", "u2", "u3"]
-    assert lines[2].split()[1:] == [f"{value:.4f}" for value in GAIN[:, 0]]
-    assert len({line.rindex(line.split()[-1]) + len(line.split()[-1]) for line in lines[1:12]}) == 1
-
-
-def test_robot_of_a_preset_shows_its_main_parameters():
-    rows = dict(Robot.load("alten").summary().rows)
-    assert rows["ball"] == "radius 0.11 m, mass 3 kg, inertia 0.0242 kg m^2"
-    assert rows["friction"] == "none"

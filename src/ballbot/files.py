@@ -183,11 +183,6 @@ def check_file(
     """Return where a file is to be written, before work begins that would be lost without it.
 
     InputError if a folder, a device, a pipe or a loop of links is there, or the path cannot be looked up.
-
-    Returns
-    -------
-    Path
-        Of a regular file, or of none as yet.
     """
     path = Path(path)
     try:
@@ -248,28 +243,19 @@ def write_text(path: str | Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
 
 
-def write_sealed(
-    path: str | Path,
-    data: bytes,
-    *,
-    # what the data belongs to, as a digest of the code that made it; other data is not taken for it
-    of: str = "",
-) -> None:
+def write_sealed(path: str | Path, data: bytes) -> None:
     """Write a file of work that is gone on with, whole or not at all, with a checksum after it; see `read_sealed`."""
-    write_bytes(path, data + _seal(data, of))
+    write_bytes(path, data + _seal(data))
 
 
-def read_sealed(path: str | Path, *, of: str = "") -> bytes:
-    """Return the data that `write_sealed` wrote.
-
-    InputError if it cannot be read, is damaged, was edited or belongs to something else.
-    """
+def read_sealed(path: str | Path) -> bytes:
+    """Return the data that `write_sealed` wrote; InputError if it cannot be read, is damaged or was edited."""
     try:
         found = check_file(path).read_bytes()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {_reason(error)}.") from None
     data = found[:-_SEAL_LENGTH]
-    if found[-_SEAL_LENGTH:] != _seal(data, of):
+    if found[-_SEAL_LENGTH:] != _seal(data):
         raise InputError(
             f"{path} is damaged, was edited or comes from another version of Ballbot; delete it to start "
             "again."
@@ -277,8 +263,8 @@ def read_sealed(path: str | Path, *, of: str = "") -> bytes:
     return data
 
 
-def _seal(data: bytes, of: str) -> bytes:
-    return b"\nsha256 " + hashlib.sha256(of.encode() + b"\n" + data).hexdigest().encode()
+def _seal(data: bytes) -> bytes:
+    return b"\nsha256 " + hashlib.sha256(data).hexdigest().encode()
 
 
 def sha256_of(path: Path) -> str:

@@ -147,11 +147,6 @@ def test_check_computes_the_margins_of_a_controller_without_a_reference(
     assert f"Stability margins with {file}" in " ".join(capsys.readouterr().out.split())
 
 
-def test_check_names_a_ready_made_controller(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", "alten", "--controller", "precise", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["loop_margins"]["controller"] == "precise"
-
-
 @pytest.mark.parametrize("command", ["check", "design"])
 def test_linear_model_is_written_exactly(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -314,7 +314,7 @@ class TestIdentification:
             str(out),
         ]
         assert main(words) == 2
-        assert capsys.readouterr().out.startswith("Not usable: ")
+        assert capsys.readouterr().out.startswith("Verdict: Not usable: ")
         assert not (out / "robot.toml").exists()
         results = read_results(out / "results.json")
         assert isinstance(results, dict)

@@ -18,7 +18,7 @@ from ballbot.control.linear import robot_loop
 from ballbot.control.presets import nominal_controller
 from ballbot.findings import Finding, Place
 from ballbot.log import STATE_NAMES, Log
-from ballbot.report.blocks import Bullets, Cell, Paragraph, Picture, Report, Sheet, Verbatim, section, table
+from ballbot.report.blocks import Bullets, Cell, Paragraph, Picture, Report, Sheet, Verbatim, section
 from ballbot.report.console import PlainConsole
 from ballbot.report.loop import step_series
 from ballbot.report.page import page_of
@@ -141,16 +141,6 @@ def test_columns_of_numbers_stand_flush_right_and_words_left():
     assert "<th>value</th>" in shown
 
 
-def test_a_cell_has_a_second_line():
-    shown = shown_text(page(Sheet(headings=("name", "1"), rows=[(Cell(text="v", below="speed"), "0.6")])))
-    assert '<span class="below">speed</span>' in shown
-
-
-def test_an_interval_without_a_limit_counts_as_a_number():
-    rows = [("b1", "0 .. 0.0254"), ("v_s", "open .. 4.13"), ("s1", "0.02 .. open"), ("b2", "")]
-    assert Sheet(headings=("parameter", "95 %"), rows=rows).numeric == [False, True]
-
-
 def test_powers_of_units_are_raised():
     shown = shown_text(page(Sheet(headings=("quantity", "value [m s^-2]"), rows=[("inertia [kg m^2]", "1")])))
     assert "kg m²" in shown
@@ -174,7 +164,7 @@ def test_a_table_is_framed_on_a_terminal_only_and_its_numbers_stand_flush_right(
         monkeypatch.setenv("TERM", "xterm")
         monkeypatch.setenv("FORCE_COLOR", "1")
     out = io.StringIO()
-    made = table("Errors", ("state", "error"), [("x", "1.5"), ("y", "21.25")])
+    made = Sheet(caption="Errors", headings=("state", "error"), rows=[("x", "1.5"), ("y", "21.25")])
     PlainConsole(file=out, width=60).print(made)
     shown = out.getvalue()
     assert ("╭" in shown) == terminal

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,8 +13,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from ballbot.fitting.intervals import Interval
-from ballbot.identification.coulomb import CoulombEquivalent, coulomb_sentence
-from ballbot.identification.driveline import DrivelineFit
+from ballbot.identification.coulomb import CoulombEquivalent
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION, QUANTITIES, Layout
@@ -24,20 +21,16 @@ from ballbot.identification.result import Identification, OtherOptimum, WindowEr
 from ballbot.identification.result_findings import optimum_findings
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
-from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.driveline import parameter_rows
 from ballbot.report.identification import (
     _parameter_sheet,
     friction_curve,
     friction_sentence,
 )
-from ballbot.report.study import doubts_sentence
 from ballbot.report.style import drawn, thinned
-from ballbot.report.words import interval_text, logs_words, state_mark, with_error, with_powers, with_symbols
+from ballbot.report.words import interval_text, state_mark, with_error, with_powers, with_symbols
 from ballbot.robot import Friction
 from ballbot.rounding import between, digits
-from ballbot.workflows.study import Study
 from tests.support.validation_examples import true_robot
 
 
@@ -226,41 +219,6 @@ def test_the_friction_in_words_is_that_of_the_law(dry, viscous, words):
     assert words in friction_sentence(replace(_found(), robot=true_robot().replace(friction=friction)))
 
 
-def test_the_friction_in_words_names_parameters_without_a_limit():
-    found = _found()
-    assert "do not limit" not in friction_sentence(found)
-    open_ones = {label: Interval(lower=0.0, upper=np.inf, method="profile") for label in ("c2", "c3")}
-    one_sided = {"v_s": Interval(lower=0.3, upper=np.inf, method="profile")}
-    found = replace(found, intervals={**open_ones, **one_sided})
-    assert friction_sentence(found).endswith("The logs do not limit c2, c3: any value fits.")
-
-
-def test_the_doubts_name_parameters_that_another_log_leaves_open():
-    found = replace(_found(), findings=())
-    assert _doubts(found).startswith("No parameter is at a bound. The two")
-    wide = {"delta": Interval(lower=0.0, upper=np.inf, method="profile")}
-    predictions = {**found.variation.predictions, **wide}
-    found = replace(found, variation=replace(found.variation, predictions=predictions))
-    assert " From another log, any value of delta must be expected. The two" in _doubts(found)
-
-
-def _doubts(found: Identification) -> str:
-    return doubts_sentence(cast(Study, SimpleNamespace(found=found)))
-
-
-def test_sentences_and_summary_name_no_parameter_that_the_law_lacks():
-    found = _found()
-    bounds = found.bounds.copy()
-    bounds[6:11] = 0.0  # of s, v_s and delta
-    coulomb = replace(found, bounds=bounds, parameters=found.layout.by_symbol(found.values))
-    text = coulomb_sentence(coulomb.coulomb, coulomb.names)
-    # the table has its numbers, with standard errors of another kind
-    assert text == "Compare the Coulomb friction c of each wheel with other logs and robots."
-    assert [name for name, _ in coulomb.summary().rows][1:5] == ["b", "c", "C_rr", "prediction error"]
-    bounds[:6] = [[0.0, 1.0]] * 3 + [[0.0, 0.0]] * 3
-    assert coulomb_sentence(coulomb.coulomb, replace(found, bounds=bounds).names) == ""
-
-
 @pytest.mark.parametrize("wheel", [0, 2])
 def test_the_friction_band_is_that_of_drawn_parameters(wheel):
     found = _found()
@@ -297,28 +255,6 @@ def test_a_parameter_without_a_standard_error_is_as_uncertain_as_its_range():
     assert np.isfinite(lost.assumed_covariance).all()
 
 
-def test_a_driveline_parameter_without_an_interval_has_no_number():
-    errors = np.array([0.001, 0.01, np.nan, np.nan])
-    values = np.array([0.02, 0.1, 0.0, 0.3])
-    fit = DrivelineFit(
-        wheel=1,
-        values=values,
-        standard_errors=errors,
-        intervals=np.column_stack([values - 2.0 * errors, values + 2.0 * errors]),
-        correlation=np.eye(4),
-        predicted=np.zeros(10),
-        without=np.zeros(10),
-        rmse=0.1,
-        rmse_without=1.0,
-    )
-    assert [row[2] for row in parameter_rows([fit])] == [
-        "0.0200 (0.0180 to 0.0220)",
-        "0.100 (0.080 to 0.120)",
-        "0, at its bound",
-        "unknown",
-    ]
-
-
 def _plot() -> Figure:
     figure = Figure(figsize=(7.4, 2.0))
     axes = figure.subplots()
@@ -350,11 +286,3 @@ def test_powers_of_ten_are_raised():
     assert with_powers("8.58e-06 (8.5e-06 to 1e+12) mm") == "8.58·10⁻⁶ (8.5·10⁻⁶ to 1·10¹²) mm"
     plain = "0.5 rad, 3 e-mails, delta_2e1, wheel 2"
     assert with_powers(plain) == plain
-
-
-def test_logs_are_named_with_their_length():
-    t = np.arange(0.0, 20.01, 0.01)
-    log = Log({"t": t, "x": t})
-    assert logs_words({"sq": log}) == "20 s in one log (sq)"
-    assert logs_words({"sq": log, "hold": log}) == "40 s in 2 logs (sq, hold)"
-    assert logs_words({"": log}) == "20 s in one log"

@@ -28,7 +28,6 @@ from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.excite import Extent, excite
 from ballbot.workflows.league import League, league_results, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
-from campaigns.league import section
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
 from tests.support.report_pages import LARGEST_PAGE, figure_count
@@ -158,21 +157,6 @@ def test_page_names_falls_and_the_better_controller(league):
     assert re.search(r"Peak position error 0\.\d+ times that of none", page)
     assert "A step of 0.2 m. A run lasts 4 s." in page
     assert page.count("one run of each controller, seed 4, the first of 2.") == 2
-
-
-def test_the_evidence_has_a_row_for_each_course_and_controller(league):
-    made = section(league).markdown()
-    assert made.count("| stand |") == made.count("| step |") == len(league.controllers)
-    assert "| step | limp | – | – | – | – | – | – | 2 of 2 |" in made
-
-
-def test_a_league_in_which_all_fall_has_a_page(folder):
-    robot = alten()
-    courses = choose_courses(str(folder / "courses.toml"), robot, "model")
-    controllers = {"limp": parse_candidates([f"{folder}/own.py:Limp"])[0].controller(robot)}
-    found = run_league(robot, controllers, courses[:1], seeds=[1], processes=1)
-    page = page_of(league_report(found))
-    assert "1 of 1 runs ended in a fall." in page
 
 
 @pytest.mark.slow

@@ -278,16 +278,6 @@ def test_a_controller_that_compensates_nothing_has_the_best_compensated_one_besi
     )
 
 
-def test_choosing_no_compensation_claims_no_gain_over_falling_candidates(small: Study):
-    trials = dict(small.choice.trials)
-    fallen = tuple(replace(one, ended="fallen") for one in trials["precise"].scores)
-    trials["precise"] = replace(trials["precise"], scores=fallen)
-    choice = replace(small.choice, trials=trials, chosen="none", equals=("none",))
-    words = controller_sentence(replace(small, choice=choice))
-    assert "no other candidate that never falls has a clearly smaller peak error" in words
-    assert "Excluded because they fall: precise in 2 of 2 runs." in words
-
-
 def test_a_gain_over_runs_that_all_fell_is_not_shown(small: Study):
     trials = dict(small.choice.trials)
     fallen = tuple(replace(one, ended="fallen") for one in trials["none"].scores)
@@ -423,34 +413,6 @@ def test_bad_input_ends_in_one_sentence_and_exit_code_2(command, folder: Path, t
         assert said.startswith("ballbot: "), what
         assert said.count("\n") == 1, what
         assert "Traceback" not in said
-
-
-def test_validate_refuses_another_controller_than_the_logs(folder: Path, tmp_path: Path, capsys):
-    log = tmp_path / "walk.csv"
-    noisy_log().between(0.0, 3.0).write(log)
-    broken = tmp_path / "controller.toml"
-    broken.write_text("gain = 3")
-    words = ["validate", str(folder / "robot.toml"), str(log), "--out", str(tmp_path / "out")]
-    assert main([*words, "--controller", str(broken)]) == 2
-    assert capsys.readouterr().err.startswith("ballbot: ")
-    assert main(["validate", "alten", str(log), "--out", str(tmp_path / "out")]) == 2
-    assert "no friction" in capsys.readouterr().err
-
-
-def test_few_draws_are_said_before_the_work(tmp_path: Path, capsys, monkeypatch):
-    def stop(*_: object, **__: object) -> None:
-        raise InputError("It begins.")
-
-    log = tmp_path / "walk.csv"
-    walk().write(log)
-    monkeypatch.setattr(study_command, "run_study", stop)
-    words = ["study", "alten", str(log), "--out", str(tmp_path / "out")]
-    assert main([*words, "--draws", "4"]) == 2
-    said = " ".join(capsys.readouterr().out.split())
-    assert "4 simulated robots will give no prediction" in said
-    assert "--draws 6 or more" in said
-    assert main([*words, "--draws", "6"]) == 2
-    assert "prediction" not in capsys.readouterr().out
 
 
 def test_a_study_refuses_before_it_works():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, MappingFile, OutFolder, open_result
+from ballbot.cli.context import MappingFile, OutFolder, open_result
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
 from ballbot.log import Log
@@ -53,4 +53,3 @@ def align(
         )
         results = alignment_results(alignment, log_findings=findings)
         result.write(results, page, files={"aligned.csv": alignment.log.write})
-    result.show(page.parts(), PAGE)

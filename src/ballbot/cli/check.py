@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
+from rich.text import Text
 
-from ballbot.cli.context import PAGE, RESULTS, RobotName, open_result
+from ballbot.cli.context import RESULTS, RobotName, open_result
 from ballbot.cli.findings import Accept, stop_or_show
-from ballbot.cli.output import print_parts
 from ballbot.errors import InputError
 from ballbot.files import check_file
 from ballbot.findings import check_codes
@@ -104,15 +104,12 @@ def check(
             swing=_swing(hung, swinging, accept),
             following=None if reference is None else follow_reference(hung, reference, controller),
         )
-        report = robot_check_report(checked)
-        result.write(checked.results(), report)
-    result.console.print(report.title, markup=False)
-    print_parts((finding_line(one, accepted=True) for one in checked.findings), result.console)
-    print_parts(report.parts(), result.console)
-    if figure is not None:
-        save_robot_figure(checked.robot, figure)
-        result.console.print(f"Wrote {figure}.", soft_wrap=True)
-    result.show((), PAGE, RESULTS)
+        page = robot_check_report(checked)
+        found = [finding_line(one, accepted=True) for one in checked.findings]
+        if figure is not None:
+            save_robot_figure(checked.robot, figure)
+            found.append(Text(f"Wrote {figure}."))
+        result.write(checked.results(), page, printed=[page.title, *found, *page.parts()], named=[RESULTS])
 
 
 def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ballbot.cli.context import PAGE, CommandResult, Content, MappingFile, open_result
-from ballbot.cli.output import print_parts, progress_bar, suggest_page
+from ballbot.cli.context import CommandResult, Content, MappingFile, open_result
+from ballbot.cli.output import progress_bar
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.formats import is_foreign
@@ -24,9 +24,9 @@ from ballbot.log.mapping_search.proposal import (
     surest,
 )
 from ballbot.printable import shell_line
+from ballbot.report.console import finding_line
 from ballbot.report.log_check import (
     CheckedLog,
-    checked_log_parts,
     log_check_report,
     proposal_report,
     proposal_results,
@@ -104,8 +104,6 @@ def check_log(
         else:
             for one in files:
                 _check(one, described, mapping, result)
-        if result.folder is None:
-            suggest_page()
 
 
 def _column_names(columns: str | None) -> list[str] | None:
@@ -126,10 +124,9 @@ def _column_names(columns: str | None) -> list[str] | None:
 def _check(file: Path, robot: Robot | None, mapping: Path | None, result: CommandResult) -> None:
     """Show a log and its problems; raise InputError if one is an error."""
     checked = CheckedLog.of(file, Log.read(file, mapping=mapping), robot)
-    result.write(checked.results(), log_check_report(checked, robot))
-    print_parts(checked_log_parts(checked), result.console)
-    if result.folder:
-        result.show((), PAGE)
+    page = log_check_report(checked, robot)
+    printed = [page.lead, *page.parts(), *map(finding_line, checked.findings)]
+    result.write(checked.results(), page, printed=printed)
     errors = [finding for finding in checked.findings if finding.severity == "error"]
     if errors:
         more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
@@ -150,17 +147,14 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
     if len(paths) > 1:
         evaluated = [evaluate(one.proposal, robot, common=found.proposal) for one in evaluated]
         found = surest(evaluated)
-    for one in evaluated:
-        print_parts(map(Text, answer_lines(one)), console)
+    printed = [Text(line) for one in evaluated for line in answer_lines(one)]
     texts: dict[str, Content] = {"mapping.toml": found.text}
     files = texts if found.log is None else texts | {"log.csv": found.log.write}
     results: dict[str, object] = {"files": [proposal_results(one) for one in evaluated]}
-    results |= {} if result.folder else {"mapping_file": found.text}
-    result.write(results, proposal_report(found, robot), files=files)
     if result.folder is None:
-        console.print(Text("\n" + found.text), soft_wrap=True)
-    else:
-        result.show((), PAGE, *files)
+        results["mapping_file"] = found.text
+        printed.append(Text("\n" + found.text))
+    result.write(results, proposal_report(found, robot), files=files, printed=printed, named=[*files])
     for other, words in contradictions([one.proposal for one in evaluated], found.proposal):
         raise InputError(
             f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."

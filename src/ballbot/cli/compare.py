@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ballbot.cli.context import (
-    PAGE,
     ClusterAddress,
     OutFolder,
     WholeNumber,
@@ -97,4 +96,3 @@ def compare(
         )
         page = league_report(league)
         result.write(league_results(league), page)
-    result.show(page.parts(), PAGE)

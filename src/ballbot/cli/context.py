@@ -3,7 +3,6 @@
     with open_result(out, command="align", doing="aligning", inputs=[robot, log, mapping]) as result:
         found = align_log(run, film, progress=result.report)
         result.write(found.to_dict(), align_report(found), findings=findings)
-    result.show(parts, "report.html")
 
 The provenance of a result is the command line itself (`main` records it), without the options that do not change the
 result. Logs and lists of seeds are read here, too, and a Dask cluster is found.
@@ -162,8 +161,10 @@ class CommandResult:
         *,
         findings: Collection[Finding] | None = None,  # part of results.json, if they are given
         files: Mapping[str, Content] = MappingProxyType({}),
+        printed: Iterable[RenderableType] | None = None,  # what a terminal shows, if not the page's parts
+        named: Sequence[str] = (),  # files whose places are printed before the page's
     ) -> None:
-        """Write results.json, report.html and other files by their names; all of them, or none."""
+        """Write results.json, report.html and other files by their names, all of them or none; then print the page."""
         whole = dict(results)
         if findings is not None:
             whole["findings"] = finding_results(findings)
@@ -171,11 +172,15 @@ class CommandResult:
         text = results_text(whole)
         if self.folder is None:
             OUTPUT.get().results = text
-            return
+        else:
+            self._write_files(text, page, files)
+        self.show(page.parts() if printed is None else printed, *named, PAGE)
+
+    def _write_files(self, results: str, page: Report, files: Mapping[str, Content]) -> None:
         from ballbot.report.page import page_of  # with templates and scripts, which a refusal does without
 
         with self.replaced() as new:
-            own = {RESULTS: text, PAGE: page_of(replace(page, made=self.origin))}
+            own = {RESULTS: results, PAGE: page_of(replace(page, made=self.origin))}
             for name, content in (own | dict(files)).items():
                 path = new / name
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -184,14 +189,11 @@ class CommandResult:
                 else:
                     write_bytes(path, content) if isinstance(content, bytes) else write_text(path, content)
 
-    def show(self, parts: Iterable[RenderableType] = (), *names: str) -> None:
-        """Print tables and lines, and then where files of the result are, or that --out would write a page."""
+    def show(self, parts: Iterable[RenderableType], *names: str) -> None:
+        """Print tables and lines, and then where files of the result are."""
         print_parts(parts, self.console)
-        if self.folder is None:
-            suggest_page()
-            return
-        for name in names:
-            self.console.print(str(self.folder.path / name), markup=False, soft_wrap=True)
+        if self.folder is not None:
+            print_parts([str(self.folder.path / name) for name in names], self.console)
 
 
 @contextmanager
@@ -220,6 +222,8 @@ def open_result(
     bar = progress_bar(console, doing) if doing else nullcontext(ignore_progress)
     with held or nullcontext() as folder, bar as report:
         yield CommandResult(folder=folder, origin=origin, console=console, report=report)
+    if folder is None:
+        suggest_page()
 
 
 def executor(cluster: str | None) -> AbstractContextManager[Executor]:

@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
-from ballbot.cli.context import PAGE, OutFolder, Seed, WholeNumber, open_result
+from ballbot.cli.context import OutFolder, Seed, WholeNumber, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
@@ -156,8 +156,8 @@ def design(
     with open_result(out, command="design", doing=doing, writes=_WRITTEN, inputs=[robot]) as result:
         found = design_controller(described, gain=gain, parts=parts)
         page = controller_design_report(found, findings)
-        result.write(found.results(), page, files={"controller.toml": controller_text(found.controller)})
-    result.show(page.parts(), "controller.toml", PAGE)
+        files = {"controller.toml": controller_text(found.controller)}
+        result.write(found.results(), page, files=files, named=_WRITTEN)
     warn_of_idle_compensation({"controller.toml": found.controller})
 
 
@@ -203,5 +203,4 @@ def _search(
         }
         page = robust_design_report(found, findings)
         text = search_comment(found, result.origin.command) + controller_text(found.controller)
-        result.write(results, page, files={"controller.toml": text})
-    result.show(page.parts(), "controller.toml", PAGE)
+        result.write(results, page, files={"controller.toml": text}, named=_WRITTEN)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, OutFolder, RobotName, open_result
+from ballbot.cli.context import OutFolder, RobotName, open_result
 from ballbot.control.file import controller_text
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
@@ -112,5 +112,4 @@ def excite(
             "reference.csv": partial(write_reference, found.design.sines.times, found.design.sines.poses()),
             "controller.toml": controller_text(chosen),
         }
-        result.write(found.results(), page, files=files)
-    result.show(page.parts(), "reference.csv", PAGE)
+        result.write(found.results(), page, files=files, named=["reference.csv"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, OutFolder, open_result
+from ballbot.cli.context import OutFolder, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.file import read_controller
@@ -14,8 +14,6 @@ from ballbot.firmware.records import FIRMWARE
 from ballbot.progress import Progress
 from ballbot.report.export import export_report
 from ballbot.robot import Robot
-
-_README = "README.md"
 
 
 def export(
@@ -79,6 +77,5 @@ def export(
             "processor": None if load is None else load.to_dict(),
         }
         page = export_report(exported, read, load, to_install=to_install, findings=findings)
-        result.write(results, page, files=exported.files)
+        result.write(results, page, files=exported.files, named=["README.md"])
     warn_of_idle_compensation({controller.name: read})
-    result.show(page.parts(), _README, PAGE)

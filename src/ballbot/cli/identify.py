@@ -11,7 +11,6 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli.context import (
-    PAGE,
     ClusterAddress,
     LogPath,
     OutFolder,
@@ -168,8 +167,7 @@ def identify(
             holdouts=holdouts,
         )
         files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
-        result.write(results, page, files=files)
-    result.show(page.parts(), PAGE, *["robot.toml"] * found.verdict.usable)
+        result.write(results, page, files=files, named=[*files])
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
 

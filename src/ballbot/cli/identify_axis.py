@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import PAGE, OutFolder, open_result
+from ballbot.cli.context import OutFolder, open_result
 from ballbot.cli.findings import Accept, in_file, stop_or_show
 from ballbot.findings import check_codes
 from ballbot.fitting.run import Run
@@ -16,7 +16,7 @@ from ballbot.identification.axis import AxisOptions
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
-from ballbot.report.axis import axis_parts, axis_report
+from ballbot.report.axis import axis_report
 
 
 @Parameter(name="*")
@@ -90,4 +90,3 @@ def identify_axis(
         )
         page = axis_report(found, read[0], findings)
         result.write(found.to_dict(), page, findings=[*findings, *found.findings])
-    result.show(axis_parts(found), PAGE)

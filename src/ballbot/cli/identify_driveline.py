@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, MappingFile, OutFolder, RobotName, open_result
+from ballbot.cli.context import MappingFile, OutFolder, RobotName, open_result
 from ballbot.cli.findings import Accept, in_file, stop_or_show
 from ballbot.findings import by_severity
 from ballbot.fitting.run import Run
@@ -14,7 +14,7 @@ from ballbot.identification.driveline import fit_drivelines, robot_with_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping import dead_band_findings
-from ballbot.report.driveline import driveline_parts, driveline_report, driveline_results
+from ballbot.report.driveline import driveline_report, driveline_results
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 
@@ -64,6 +64,5 @@ def identify_driveline(
         source = f"identified: sweep of the free wheels, {log.name}"
         identified = robot_with_friction(described, estimate, source=source)
         page = driveline_report(described.name, sweeps, fits, findings)
-        results = driveline_results(fits, findings)
-        result.write(results, page, files={"robot.toml": robot_text(identified)})
-    result.show(driveline_parts(fits), PAGE)
+        files = {"robot.toml": robot_text(identified)}
+        result.write(driveline_results(fits, findings), page, files=files)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import PAGE, MappingFile, OutFolder, RobotName, open_result, read_logs
+from ballbot.cli.context import MappingFile, OutFolder, RobotName, open_result, read_logs
 from ballbot.cli.findings import Accept, in_file, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import note
@@ -16,7 +16,7 @@ from ballbot.identification.geometry import (
 )
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.report.bench import geometry_parts, geometry_report
+from ballbot.report.bench import geometry_report
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.summary import counted
@@ -95,4 +95,3 @@ def identify_geometry(
             of_geometry.append(note("no-robot-file", text))
         page = geometry_report(found, of_geometry, robot=described, log_findings=findings)
         result.write(found.to_dict(), page, findings=[*findings, *of_geometry], files=files)
-    result.show(geometry_parts(found, of_geometry), PAGE)

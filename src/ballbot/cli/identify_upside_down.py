@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ballbot.cli.context import (
-    PAGE,
     LogPath,
     MappingFile,
     OutFolder,
@@ -18,7 +17,7 @@ from ballbot.fitting.run import Run, check_seed
 from ballbot.identification.bench_checks import upside_down_findings
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log.checks import bench_findings
-from ballbot.report.bench import upside_down_parts, upside_down_report
+from ballbot.report.bench import upside_down_report
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 
@@ -69,14 +68,9 @@ def identify_upside_down(
         found = find_friction(
             described, list(named.values()), window=window, run=Run(seed=seed, progress=result.report)
         )
-        usable = found.verdict.usable
         page = upside_down_report(found, described, named, findings=findings)
-        result.write(
-            found.to_dict(),
-            page,
-            findings=[*findings, *found.findings],
-            files={"robot.toml": robot_text(found.robot)} if usable else {},
-        )
-    result.show(upside_down_parts(found, described), PAGE, *["robot.toml"] * usable)
-    if not usable:
+        files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
+        all_findings = [*findings, *found.findings]
+        result.write(found.to_dict(), page, findings=all_findings, files=files, named=[*files])
+    if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ballbot.cli.context import PAGE, OutFolder, RobotName, Seed, open_result
+from ballbot.cli.context import OutFolder, RobotName, Seed, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run, check_seed
@@ -89,7 +89,6 @@ def limits(
         }
         page = limits_report(described, models, twins, grip=grip, scenario=truth.name)
         result.write(results, page)
-    result.show(page.parts(), PAGE)
 
 
 def _law(name: str, controller: object) -> Controller:

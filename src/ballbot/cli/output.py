@@ -19,7 +19,6 @@ from types import MappingProxyType
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
-from rich.text import Text
 
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
@@ -80,13 +79,6 @@ def print_parts(parts: Iterable[RenderableType], console: Console) -> None:
     """Print tables, which keep to the width, and lines, which are not broken."""
     for part in parts:
         console.print(part, markup=False, soft_wrap=not isinstance(part, Sheet))
-
-
-def print_verdict(verdict: Iterable[tuple[str, str]], console: Console) -> None:
-    """Print what was found in sentences, each after its heading, which may be empty."""
-    for heading, sentences in verdict:
-        start = f"{heading}: " if heading else ""
-        console.print(Text.assemble((start, "bold"), sentences), soft_wrap=True)
 
 
 def _drawn(bar: RichProgress, task: TaskID) -> ProgressCallback:

@@ -11,7 +11,7 @@ from ballbot.cli import OUTPUT
 from ballbot.cli.context import ClusterAddress, LogFormatName, OutFolder, Seed, argv, parse_seeds, workers
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
-from ballbot.cli.output import emit, print_parts, print_verdict, progress_bar, standard_output
+from ballbot.cli.output import emit, print_parts, progress_bar, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import read_results
@@ -20,6 +20,7 @@ from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
 from ballbot.printable import shell_line
 from ballbot.progress import Progress, in_stage
+from ballbot.report.blocks import verdict_lines
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.report.twin import recording_report, seeds_report
@@ -144,7 +145,7 @@ def _one(job: RecordJob, seed: int, out: Path) -> RecordOutcome:
             return page_of(made)
 
         outcome = record_run(job, seed, out, page=page, progress=in_stage(report, doing))
-    print_verdict(verdict, console)
+    print_parts(verdict_lines(verdict), console)
     print_parts((str(path) for path in sorted(out.iterdir()) if not path.name.startswith(".")), console)
     if outcome.ended and not verdict:
         console.print(f"The run ended early: {outcome.ended}.", soft_wrap=True)

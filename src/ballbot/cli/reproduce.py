@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from rich.console import RenderableType
-
-from ballbot.cli.context import PAGE, OutFolder, Seed, open_result
+from ballbot.cli.context import OutFolder, Seed, open_result
 from ballbot.fitting.run import check_seed
-from ballbot.report.blocks import table
+from ballbot.report.blocks import Sheet, verdict_lines
 
 
 def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> None:
@@ -32,10 +30,7 @@ def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> Non
     items_named(only)
     with open_result(out, command="reproduce", doing="reproducing the thesis", seed=seed) as result:
         found = remake(seed=seed, only=only, progress=result.report)
-        result.write(reproduction_results(found), reproduction_report(found))
-    rows = [[item.name, item.title, item.verdict] for item in found.items]
-    parts: list[RenderableType] = [table("The thesis reproduced", ("", "title", "verdict"), rows)]
-    if found.mistakes:
-        proven = sum(mistake.proven for mistake in found.mistakes)
-        parts.append(f"{proven} of {len(found.mistakes)} misprints and mistakes are confirmed by numbers.")
-    result.show(parts, PAGE)
+        rows = [[item.name, item.title, item.verdict] for item in found.items]
+        sheet = Sheet(caption="The thesis reproduced", headings=("", "title", "verdict"), rows=rows)
+        page = reproduction_report(found)
+        result.write(reproduction_results(found), page, printed=[*verdict_lines(page.verdict), sheet])

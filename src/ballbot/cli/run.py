@@ -12,8 +12,8 @@ from cyclopts import App
 from numpy.typing import NDArray
 from rich.text import Text
 
-from ballbot.cli.context import PAGE, CommandResult, Content, OutFolder, WholeNumber, open_result
-from ballbot.cli.output import emit, notice_output, print_parts, standard_output, suggest_page
+from ballbot.cli.context import CommandResult, Content, OutFolder, WholeNumber, open_result
+from ballbot.cli.output import emit, notice_output, standard_output, suggest_page
 from ballbot.cli.robot_link import (
     Connection,
     ControllerOnRobot,
@@ -173,19 +173,15 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
             turns = measure_turns(robot, connection.operator, watch=shown.states_of(robot))
         check = check_turns(turns, robot.ball_from_wheels)
         verdict = "The wiring is right." if check.passed else "The wiring is not right."
-        print_parts([Text(verdict), wiring_sheet(check), *map(finding_line, check.findings)], console)
+        printed = [Text(verdict), wiring_sheet(check), *map(finding_line, check.findings)]
         with open_result(out, command="run wiring", inputs=[link.robot, link.scenario]) as result:
             page = wiring_report(check, about=connection.words)
-            result.write(wiring_results(check), page, findings=check.findings)
+            result.write(wiring_results(check), page, findings=check.findings, printed=printed)
         if check.passed:
             robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
-    if out is not None:
-        result.show((), PAGE)
     if not check.passed:
         raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
-    if out is None:
-        suggest_page()
 
 
 @run.command
@@ -373,7 +369,6 @@ def compare(
         result.write(results, page, files=written)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
-    result.show(page.parts(), PAGE)
 
 
 def _record(
@@ -413,12 +408,9 @@ def _record(
             ending=made.ending.text,
             about=connection.words,
         )
-        result.write(results, page, files={"log.csv": log.write})
+        result.write(results, page, files={"log.csv": log.write}, printed=(), named=["log.csv"])
         recording.unlink(missing_ok=True)
-    try:
-        _finish(connection, made)
-    finally:
-        result.show((), "log.csv", PAGE)
+    _finish(connection, made)
 
 
 def _made(

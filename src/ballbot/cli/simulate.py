@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from cyclopts import Parameter
 
 from ballbot.cli.context import (
-    PAGE,
     ROBOT_BESIDE,
     Content,
     LogFormatName,
@@ -17,7 +16,7 @@ from ballbot.cli.context import (
 )
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
-from ballbot.cli.output import notice_output, print_verdict
+from ballbot.cli.output import notice_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import check_seed
@@ -25,7 +24,7 @@ from ballbot.log.formats import WRITTEN_SUFFIXES, check_format
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import in_stage
-from ballbot.report.run import run_verdict, simulation_report
+from ballbot.report.run import simulation_report
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.simulation.plant import Plant
@@ -123,9 +122,7 @@ def simulate(
             findings=findings,
         )
         files: dict[str, Content] = {f"log.{format}": log.write, ROBOT_BESIDE: robot_text(described)}
-        result.write(run_results(log), page, files=files)
-    print_verdict(run_verdict(log), result.console)
-    result.show((), f"log.{format}", PAGE)
+        result.write(run_results(log), page, files=files, named=[f"log.{format}"])
 
 
 def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plant | Model:

@@ -9,10 +9,9 @@ from pathlib import Path
 from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
-from ballbot.cli.context import PAGE, Content, MappingFile, OutFolder, open_result
+from ballbot.cli.context import Content, MappingFile, OutFolder, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
-from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.spin import spin_report, spin_results
@@ -25,7 +24,6 @@ from ballbot.vision.spin import (
     log_with_spin,
     measure_spin,
     overlay,
-    spin_findings,
 )
 from ballbot.vision.video import open_video
 
@@ -131,8 +129,8 @@ def spin(
             picture=picture,
             log_findings=findings,
         )
-        result.write(spin_results(found, comparison, log_findings=findings), page, files=files)
-    result.show(texts(spin_findings(found, comparison)), "spin.csv", PAGE)
+        results = spin_results(found, comparison, log_findings=findings)
+        result.write(results, page, files=files, named=["spin.csv"])
 
 
 def _colour(text: str) -> tuple[int, int, int]:

@@ -24,11 +24,12 @@ from ballbot.cli.context import (
     read_balancing_logs,
 )
 from ballbot.cli.findings import Accept, check_input
-from ballbot.cli.output import notice_output, print_verdict
+from ballbot.cli.output import notice_output
 from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
+from ballbot.report.blocks import verdict_lines
 from ballbot.report.study import summary
 from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.robot import Robot
@@ -138,5 +139,4 @@ def study(
         )
         with result.replaced() as new:
             write_study(found, new, made=result.origin, before=result.folder.path)
-    print_verdict(summary(found), result.console)
-    result.show((), RESULTS if quick else PAGE)
+    result.show(verdict_lines(summary(found)), RESULTS if quick else PAGE)

@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from ballbot.cli.context import (
-    PAGE,
     MappingFile,
     Seed,
     open_result,
@@ -18,7 +17,6 @@ from ballbot.cli.context import (
     read_balancing_logs,
 )
 from ballbot.cli.findings import Accept, check_input, show_findings
-from ballbot.cli.output import print_parts
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
@@ -79,10 +77,8 @@ def _validate_prediction(
         findings=found,
     )
     with open_result(out, command="validate", inputs=[results, log_path, controller, mapping]) as result:
-        print_parts(page.parts(), result.console)
-        show_findings(found)
         result.write({"prediction": stated}, page, findings=found)
-    result.show((), PAGE)
+    show_findings(found)
 
 
 def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
@@ -195,4 +191,3 @@ def validate(
             lead=f"Validated on {logs_words(named)}.",
         )
         result.write({"validation": results}, page, findings=found)
-    result.show(page.parts(), PAGE)

@@ -7,15 +7,13 @@ from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.identify import AxisEstimate, open_loop_error
 from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
 from ballbot.identification.axis.motion import motion_of
-from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section, table
+from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
@@ -223,12 +221,3 @@ def error_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
         for name, estimate in found.by_law.items()
         for errors in estimate.errors
     ]
-
-
-def axis_parts(found: AxisIdentification) -> Iterator[RenderableType]:
-    """Yield the parameters, the laws' errors, and the findings."""
-    yield table(f"Friction law: {found.best.law}", _HEADINGS, parameter_rows(found))
-    yield table("Errors", ERROR_HEADINGS, error_rows(found))
-    yield Text(expected_sentence(found))
-    for finding in found.findings:
-        yield Text(finding.text)

@@ -7,14 +7,11 @@ fitted to it, and the residual.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.driveline import QUANTITIES
@@ -22,7 +19,7 @@ from ballbot.identification.geometry import CLEAR, Geometry, Measured
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Report, Sheet, section, table
+from ballbot.report.blocks import Bullets, Report, Sheet, section
 from ballbot.report.palette import BLUE, INK, ORANGE, PALE, SHADE
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
@@ -60,15 +57,6 @@ def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
     return figure
 
 
-def upside_down_parts(found: UpsideDown, robot: Robot) -> Iterator[RenderableType]:
-    """Yield the friction identified upside down beside the robot file's, the errors and the findings."""
-    yield Text(found.verdict.sentence)
-    yield _parameter_table(found, robot)
-    yield _error_table(found)
-    for sentence in (*texts(found.findings), *_comparison(robot)):
-        yield Text(sentence)
-
-
 def _comparison(described: Robot) -> list[str]:
     """Return how this friction differs from the one in the robot file, if there is any."""
     if described.friction == Friction.none(described.wheel_count):
@@ -90,8 +78,12 @@ def _parameter_table(found: UpsideDown, described: Robot) -> Sheet:
         for i, (one, error, old) in enumerate(numbers, start=1):
             name = f"{symbol}{i}" if len(values) > 1 else symbol
             rows.append((name, *value_and_error(one, error), digits(old), quantity.unit))
-    headings = ("parameter", "upside down", "standard error", "robot file", "unit")
-    return table("Friction of drivelines and ball-wheel contacts", headings, rows)
+    return Sheet(
+        headings=("parameter", "upside down", "standard error", "robot file", "unit"),
+        rows=rows,
+        caption="Friction of drivelines and ball-wheel contacts. "
+        f"{driveline_symbols([one.name for one in QUANTITIES])} A dash: held at a bound, or the log does not show it.",
+    )
 
 
 def _error_table(found: UpsideDown) -> Sheet:
@@ -100,16 +92,8 @@ def _error_table(found: UpsideDown) -> Sheet:
         for i, axis in enumerate("xyz")
     ]
     title = f"Open-loop RMSE [rad/s] on {len(found.held_out_windows)} held-out windows of {found.window:g} s."
-    return table(title, ("axis", *(_MODELS[name] for name in found.held_out)), rows)
-
-
-def geometry_parts(found: Geometry, findings: Sequence[Finding]) -> Iterator[RenderableType]:
-    """Yield the table of quantities and the findings."""
-    rows = [_row(one) for one in _measured(found)]
-    headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
-    yield table("Geometry", headings, rows)
-    for finding in findings:
-        yield Text(finding.text)
+    headings = ("axis", *(_MODELS[name] for name in found.held_out))
+    return Sheet(headings=headings, rows=rows, caption=title)
 
 
 #: units of a table's rows: factor from SI, and name
@@ -177,12 +161,7 @@ def upside_down_report(
         sections=[
             section(
                 "Friction found",
-                replace(
-                    _parameter_table(found, described),
-                    caption="Friction of drivelines and ball-wheel contacts. "
-                    f"{driveline_symbols([one.name for one in QUANTITIES])} A dash: held at a bound, or the log does "
-                    "not show it.",
-                ),
+                _parameter_table(found, described),
                 Bullets(items=_comparison(described)) if _comparison(described) else None,
             ),
             section(
@@ -255,7 +234,9 @@ def geometry_report(
     """Return the page of a geometry identified from logs."""
     first, *others = texts(findings) or [""]
     count = len([*found.measured, *found.wheel_ratios])
-    (table_of,) = (one for one in geometry_parts(found, ()) if isinstance(one, Sheet))
+    more = [one for one in (found.camera_delay, found.leaning_seen) if one]
+    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *more)]
+    headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
     return Report(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
@@ -264,7 +245,7 @@ def geometry_report(
             section(
                 "Geometry",
                 drawn_picture("geometry", partial(geometry_figure, found), _GEOMETRY_FIGURE),
-                replace(table_of, caption=_GEOMETRY_CAPTION),
+                Sheet(headings=headings, rows=rows, caption=_GEOMETRY_CAPTION),
                 Bullets(items=others) if others else None,
             )
         ],
@@ -286,8 +267,3 @@ _GEOMETRY_CAPTION = (
     "ratio r_b / r_w stands beside that of all wheels. Difference: file minus logs, in standard errors (s.e.). Play of "
     "the gears hides a part of the leaning from the encoders: without play they show all of it (1.00)."
 )
-
-
-def _measured(found: Geometry) -> list[Measured]:
-    more = [one for one in (found.camera_delay, found.leaning_seen) if one]
-    return [*found.measured, *found.wheel_ratios, *more]

@@ -89,11 +89,6 @@ class Sheet:
         ]
 
 
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Sheet:
-    """Return a table of texts."""
-    return Sheet(caption=title, headings=headings, rows=rows)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Paragraph:
     """Sentences."""
@@ -166,8 +161,7 @@ class Report:
 
     def parts(self) -> Iterator[RenderableType]:
         """Yield what a terminal shows: the verdict, the tables, texts and lists of a page, and the doubts."""
-        for heading, words in self.verdict:
-            yield Text.assemble((f"{heading}: " if heading else "", "bold"), words)
+        yield from verdict_lines(self.verdict)
         for one in self.sections:
             shown = [part for block in one.blocks for part in _on_terminal(block)]
             if shown:
@@ -175,6 +169,11 @@ class Report:
                 yield from shown
         yield Text("\nWhat the data cannot decide", style="bold")
         yield from (Text(f"- {words}") for words in self.undecided)
+
+
+def verdict_lines(verdict: Sequence[tuple[str, str]]) -> list[Text]:
+    """Return what was found in sentences, each after its heading, which may be empty."""
+    return [Text.assemble((f"{heading}: " if heading else "", "bold"), words) for heading, words in verdict]
 
 
 def _on_terminal(block: Block) -> Iterator[RenderableType]:

@@ -31,11 +31,10 @@ class PlainConsole(Console):
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
-def matrix_text(name: str, matrix: NDArray[np.float64], *, decimals: int = 4) -> str:
-    """Return a matrix as lines of fixed decimals, its name before the middle row."""
-    scale = 10.0**decimals
+def matrix_text(name: str, matrix: NDArray[np.float64]) -> str:
+    """Return a matrix as lines of four decimals, its name before the middle row."""
     # rounding first and adding zero keeps a minus sign off what prints as nothing
-    cells = [[f"{value:.{decimals}f}" for value in row] for row in np.round(matrix * scale) / scale + 0.0]
+    cells = [[f"{value:.4f}" for value in row] for row in np.round(matrix, 4) + 0.0]
     width = max(len(cell) for row in cells for cell in row)
     middle = (len(cells) - 1) // 2
     lines = []

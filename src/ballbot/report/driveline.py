@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
-from ballbot.report.blocks import Cell, Paragraph, Report, Sheet, section, table
+from ballbot.report.blocks import Cell, Paragraph, Report, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, LineStyle, drawn_picture, thinned
@@ -224,12 +222,3 @@ def driveline_results(fits: Sequence[DrivelineFit], findings: Sequence[Finding] 
         "rmse_without_friction": [fit.rmse_without for fit in fits],
         "findings": finding_results([*findings, *(one for fit in fits for one in fit.findings)]),
     }
-
-
-def driveline_parts(fits: Sequence[DrivelineFit]) -> Iterator[RenderableType]:
-    """Yield the friction of each wheel, the errors of the speed, and the findings."""
-    yield table("Friction of the drivelines", _headings(fits), parameter_rows(fits))
-    yield table("Speed errors", _ERROR_HEADINGS, error_rows(fits))
-    for fit in fits:
-        for finding in fit.findings:
-            yield Text(finding.text)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.identification.quantities import BY_NAME
-from ballbot.report.blocks import Paragraph, Report, Sheet, section, table
+from ballbot.report.blocks import Paragraph, Report, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits, unit_heading
@@ -25,7 +25,8 @@ def _limits_table(result: Excitation) -> Sheet:
         (unit_heading(name, unit), *(digits(factor * getattr(one, name)) for one in shown))
         for name, (unit, factor) in _SHOWN.items()
     ]
-    return table("Limits, and the largest values of each run", ("quantity", "limit", *runs), rows)
+    caption = "Limits, and the largest values of each run"
+    return Sheet(headings=("quantity", "limit", *runs), rows=rows, caption=caption)
 
 
 def _errors_table(result: Excitation) -> Sheet:
@@ -46,7 +47,7 @@ def _errors_table(result: Excitation) -> Sheet:
         "Standard errors expected of a square and of the design: the least that are possible with the noise assumed, "
         "to compare runs by."
     )
-    return table(caption, headings, rows)
+    return Sheet(headings=headings, rows=rows, caption=caption)
 
 
 def _verdict(result: Excitation) -> str:

@@ -206,12 +206,7 @@ def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
 def friction_curve(
     found: Identification, wheel: int, speed: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the friction of wheel `wheel` (from 0) at speeds (k,) [rad/s] other than zero, and its standard error.
-
-    Returns
-    -------
-    torque, standard_error : array (k,) [N m]
-    """
+    """Return the friction of a wheel (from 0) at speeds (k,) [rad/s] other than zero, and its standard error [N m]."""
     friction = found.robot.friction
     n = found.robot.wheel_count
     gradient = np.zeros((len(speed), len(found.labels)))

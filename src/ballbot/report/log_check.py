@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import RenderableType
-from rich.text import Text
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
@@ -19,8 +17,7 @@ from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
-from ballbot.report.blocks import Report, Sheet, Verbatim, section, table
-from ballbot.report.console import finding_line
+from ballbot.report.blocks import Report, Sheet, Verbatim, section
 from ballbot.report.run import over_time
 from ballbot.robot import Robot
 from ballbot.summary import counted
@@ -113,20 +110,6 @@ def _placed(log: Log, robot: Robot) -> Log:
         return log  # the findings name what it lacks
 
 
-def checked_log_parts(checked: CheckedLog) -> Iterator[RenderableType]:
-    """Yield the log's length, its columns, its wheels if they were compared, and the findings."""
-    log = checked.log
-    rate = f", {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
-    yield Text(f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}")
-    yield _column_table(checked.columns)
-    if checked.wheels:
-        yield _wheel_table(checked.wheels)
-    for finding in checked.findings:
-        yield finding_line(finding)
-    if not checked.findings:
-        yield Text("No problems were found.")
-
-
 def _column_table(summaries: tuple[ColumnSummary, ...]) -> Sheet:
     rows = [
         (
@@ -139,7 +122,7 @@ def _column_table(summaries: tuple[ColumnSummary, ...]) -> Sheet:
         for column in summaries
     ]
     headings = ("column", "unit", "from", "to", "changes per second", "missing")
-    return table("Columns", headings, rows)
+    return Sheet(headings=headings, rows=rows)
 
 
 def _wheel_table(wheels: WheelAgreement) -> Sheet:
@@ -149,21 +132,21 @@ def _wheel_table(wheels: WheelAgreement) -> Sheet:
         for i, (place, sign, gain, correlation) in enumerate(found, start=1)
     ]
     headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
-    return table("Wheels, compared with the robot's kinematics.", headings, rows)
+    return Sheet(headings=headings, rows=rows, caption="Wheels, compared with the robot's kinematics.")
 
 
 def log_check_report(checked: CheckedLog, robot: Robot | None) -> Report:
     """Return the page of a checked log."""
     log, findings = checked.log, checked.findings
     rate = f" at {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
+    wheels = _wheel_table(checked.wheels) if checked.wheels else None
     robotless = "Whether wheels, signs and units are a robot's: name it with --robot."
-    columns = replace(_column_table(checked.columns), caption="")
     return Report(
         title=f"{checked.file.name}: what the log shows",
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
         verdict=[("", _log_verdict(findings))],
         sections=[
-            section("Columns", columns, _wheel_table(checked.wheels) if checked.wheels else None),
+            section("Columns", _column_table(checked.columns), wheels),
             section("Over time", *over_time(log, robot)),
         ],
         undecided=[
@@ -223,7 +206,7 @@ def _placement_table(proposal: Proposal) -> Sheet:
         for one in sorted(placements, key=lambda one: one.misfit)
     ]
     headings = ("wheel order", "phase [deg]", "gain", "lean unexplained [%]", "wheels together [%]", "misfit")
-    return table("Wheel orders, by the response of the lean", headings, rows)
+    return Sheet(headings=headings, rows=rows, caption="Wheel orders, by the response of the lean")
 
 
 def proposal_results(found: Evaluation) -> dict[str, object]:

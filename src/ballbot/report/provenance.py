@@ -36,13 +36,7 @@ class Provenance:
 
 
 def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Provenance:
-    """Return the provenance of a result made from `files` with the packages that are installed.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read.
-    """
+    """Return the provenance of a result made from `files`; InputError if one cannot be read."""
     sources = []
     for path in _single_files(files):
         check_regular(path)  # reading a pipe would never end

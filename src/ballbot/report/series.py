@@ -129,12 +129,9 @@ def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
 def together(
     runs: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Return one time and the values of each run at it, NaN where a run has none.
+    """Return one time and the values of each run (t, values) at it, NaN where a run has none.
 
-    Parameters
-    ----------
-    runs : sequence of (t, values), each (n,)
-        With times of their own; the longest run's times are kept, and others are interpolated between their rows.
+    The longest run's times are kept, and others are interpolated between their rows.
     """
     t = max((one for one, _ in runs), key=len)
     return t, [np.interp(t, own, values, left=np.nan, right=np.nan) for own, values in runs]

@@ -153,15 +153,7 @@ _BASELINE = """\
 def write_study(study: Study, out: str | Path, *, made: Provenance, before: Path | None = None) -> Path:
     """Write a study into a folder, each file whole or not at all, and return the path of what to read.
 
-    A quick study has no report.html.
-
-    Parameters
-    ----------
-    study : Study
-    out : str or Path
-    made : Provenance
-    before : Path, optional
-        The folder that holds the files of an earlier study; `out` if not given.
+    A quick study has no report.html. `before` is the folder of an earlier study's files; `out` if not given.
     """
     folder, choice = Path(out), study.choice
     chosen = choice.controller

@@ -96,8 +96,8 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
     return figure
 
 
-#: side of a map of few cells [in]
-_SMALLEST = 3.2
+#: sides of a map of few cells and of all [in]
+_SMALLEST, _LARGEST = 3.2, 5.6
 
 
 def correlation_figure(
@@ -105,13 +105,12 @@ def correlation_figure(
     correlation: NDArray[np.float64],
     *,
     marked: NDArray[np.bool_] | None = None,
-    inches: float = 5.6,
 ) -> Figure:
     """Return a correlation matrix as a map with its numbers; what correlates with nothing is left out.
 
     Cells that are `marked`, the significant ones, have a frame.
     """
-    known = np.flatnonzero(np.isfinite(correlation).any(axis=1)).tolist()
+    known, inches = np.flatnonzero(np.isfinite(correlation).any(axis=1)).tolist(), _LARGEST
     if 0 < len(known) < len(labels):
         among = np.ix_(known, known)
         inches = max(_SMALLEST, inches * len(known) / len(labels))

@@ -67,19 +67,9 @@ class Alternation:
 
 
 def alternate(performances: Sequence[Performance], verdicts: Sequence[ControllerVerdict]) -> Alternation:
-    """Compare two controllers by runs in turn.
+    """Compare two controllers by runs in turn: all performances, A B A B and so on, and the verdicts of B's runs.
 
-    Parameters
-    ----------
-    performances : sequence of Performance
-        Of all runs in order, A B A B and so on.
-    verdicts : sequence of ControllerVerdict
-        Of the runs of B.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than four runs, or not as many of one controller as of the other.
+    InputError if there are fewer than four runs, or not as many of one controller as of the other.
     """
     if len(performances) < MIN_RUNS or len(performances) % 2:
         raise InputError(
@@ -96,13 +86,7 @@ def alternate(performances: Sequence[Performance], verdicts: Sequence[Controller
 
 
 def paired_gain(values: NDArray[np.float64]) -> PairedGain:
-    """Return the factor between two controllers whose runs alternate.
-
-    Parameters
-    ----------
-    values : ndarray (n,)
-        Positive, of the runs A B A B ..; an even number, four or more.
-    """
+    """Return the factor between two controllers whose positive values (n,) alternate: A B A B, four or more."""
     number = np.arange(len(values), dtype=np.float64)
     X = np.column_stack([np.ones(len(values)), number, number % 2])
     estimate = np.linalg.pinv(X) @ np.log(values)

@@ -194,13 +194,7 @@ class Candidate:
     estimator: EstimatorName | None = None
 
     def controller(self, robot: RobotLike) -> Feedback:
-        """Return it, new.
-
-        Raises
-        ------
-        InputError
-            If there is no such controller, or a user's file does not make one.
-        """
+        """Return it, new; InputError if there is no such controller, or a user's file does not make one."""
         made = self._made(as_robot(robot))
         return made if self.estimator is None else made.with_estimator(self.estimator)
 
@@ -237,14 +231,9 @@ class Candidate:
 
 
 def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
-    """Return those whom words of the command line name.
+    """Return the candidates that words of the command line name.
 
-    Each gets the on-board state that it is made for unless its word names another.
-
-    Raises
-    ------
-    InputError
-        If no controller is named, two have one name, or there is no such estimator.
+    InputError if no controller is named, two have one name, or there is no such estimator.
     """
     if not words:
         raise InputError("There is nothing to compare: at least one controller is needed.")

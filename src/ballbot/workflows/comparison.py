@@ -123,12 +123,9 @@ def median_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Media
 
 @dataclass(frozen=True, eq=False)
 class Paired:
-    """One number of two controllers on the same runs; a run with NaN for either does not count.
+    """One number of two controllers on the same runs, (runs,) or (courses, runs).
 
-    Parameters
-    ----------
-    values, others : ndarray
-        (runs,) or (courses, runs), in the same order of runs. A run is what both have in common: a seed, or a plant.
+    A run is what both have in common: a seed, or a plant. One with NaN for either does not count.
     """
 
     values: NDArray[np.float64]
@@ -211,10 +208,7 @@ class ComparedRun:
     def log(self) -> Log:
         """Make the run: from rest at the origin, leaning by up to 0.02 rad.
 
-        Raises
-        ------
-        InputError
-            If the plant or the reference cannot be made, or the controller fails.
+        InputError if the plant or the reference cannot be made, or the controller fails.
         """
         return simulate(
             self.plant(estimator_of(self.controller)),

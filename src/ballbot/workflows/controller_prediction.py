@@ -124,16 +124,8 @@ class Prediction:
 def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> Prediction | None:
     """Return what the controller that was chosen will do on the next run of the course.
 
-    Parameters
-    ----------
-    choice : ControllerChoice
-    log_findings : sequence of Finding
-        Of the study's logs: what the next log has besides is what differs.
-
-    Returns
-    -------
-    Prediction or None
-        None if no controller was chosen or fewer than six robots were drawn.
+    None if no controller was chosen or fewer than six robots were drawn. `log_findings` are of the study's logs: what
+    the next log has besides is what differs.
     """
     chosen, controller = choice.chosen, choice.controller
     if chosen is None or controller is None or len(choice.plants) < MIN_RUNS:
@@ -172,12 +164,7 @@ def performance_intervals(
 ) -> dict[str, PredictionInterval]:
     """Return the prediction interval of each quantity for one new run on a robot with unknown faults.
 
-    Parameters
-    ----------
-    performances : sequence of Performance
-        On robots without these faults, two or more.
-    discrepancy : mapping of str to tuple of two floats
-        Of the model, by quantity; see `DISCREPANCY`.
+    Two or more performances on robots without these faults, and the model's discrepancy as `DISCREPANCY` has it.
     """
     sizes = np.array([one.sizes() for one in performances])
     found = {
@@ -195,14 +182,9 @@ def performance_intervals(
 def lognormal_interval(
     values: NDArray[np.float64], *, discrepancy: tuple[float, float] = (1.0, 1.0)
 ) -> PredictionInterval:
-    """Return the 95 % prediction interval of one new value, lognormal like those of a sample.
+    """Return the 95 % prediction interval of one new value, lognormal like those of a sample of two or more.
 
-    Parameters
-    ----------
-    values : ndarray (n,)
-        Positive, two or more.
-    discrepancy : tuple of two floats
-        Factors (at most 1, at least 1) by which what is new may differ besides.
+    The discrepancy is by which factors, at most 1 and at least 1, what is new may differ besides.
     """
     logs = np.log(np.maximum(values, np.finfo(np.float64).tiny))
     count, center = len(logs), float(logs.mean())
@@ -214,13 +196,7 @@ def lognormal_interval(
 
 
 def read_prediction(path: str | Path) -> Prediction:
-    """Return the prediction that a study's results.json holds.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds no prediction.
-    """
+    """Return the prediction in a study's results.json; InputError if it cannot be read or holds none."""
     tree = read_results(path)
     if not (isinstance(tree, dict) and tree.get("prediction")):
         raise InputError(
@@ -312,23 +288,10 @@ class ControllerVerdict:
 def evaluate_log(
     prediction: Prediction, log: Log, controller: Controller, *, log_findings: Sequence[Finding] = ()
 ) -> ControllerVerdict:
-    """Return the verdict of a log that was made with a study's controller.
+    """Return the verdict of a log that was made with a study's controller; rows before the course are left out.
 
-    Parameters
-    ----------
-    prediction : Prediction
-    log : Log
-        Of the course, with states, torques and reference; rows before the course are left out.
-    controller : Controller
-        The study's.
-    log_findings : sequence of Finding
-        What the checks of the log found.
-
-    Raises
-    ------
-    InputError
-        If the controller is not the one that was predicted, the log lacks a column, follows another course or has
-        another sample time, has many rows with missing values, or ends before the course without a fall.
+    InputError if the controller is not the one that was predicted, the log lacks a column, follows another course or
+    has another sample time, has many rows with missing values, or ends before the course without a fall.
     """
     check_controller(prediction, controller)
     complete = log.complete(
@@ -370,12 +333,8 @@ def check_controller(prediction: Prediction, controller: Controller) -> None:
 def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
     """Return the rows of a log that follow the predicted course, from its start to its end or the log's.
 
-    The course begins with the log, or where the log's first jump of the reference is the course's.
-
-    Raises
-    ------
-    InputError
-        If the log has another sample time or follows another course.
+    The course begins with the log, or where the log's first jump of the reference is the course's. InputError if the
+    log has another sample time or follows another course.
     """
     course = prediction.course
     how = f"record {course.duration:g} s of `{course.name}` from its start with this controller"
@@ -411,10 +370,7 @@ def _jumps(poses: NDArray[np.float64]) -> NDArray[np.intp]:
 def _why_ended(run: Log, prediction: Prediction) -> str | None:
     """Return why a run ended before its course did; None if it did not.
 
-    Raises
-    ------
-    InputError
-        If it ends early without a sign of a fall or a stop: the log is a part of a run.
+    InputError if it ends early without a sign of a fall or a stop: the log is a part of a run.
     """
     duration = prediction.course.duration
     lasted = float(run.t[-1] - run.t[0]) + run.sample_time

@@ -41,13 +41,7 @@ class ReferenceSpec:
     options: tuple[tuple[str, float], ...] = ()  #: of the named one, such as ("ramp", 0.0)
 
     def reference(self) -> Reference:
-        """Return it.
-
-        Raises
-        ------
-        InputError
-            If there is no such reference, or it has no such option.
-        """
+        """Return it; InputError if there is no such reference, or it has no such option."""
         if is_reference_file(self.name):
             if self.options:
                 raise InputError(
@@ -102,12 +96,7 @@ class Course:
     def plant(self, robot: Robot) -> LoopRobot | Callable[[EstimatorName], Plant]:
         """Return the robot to run; of the model the friction is the robot's, of the twin the scenario's.
 
-        Its state is estimated from what the robot is described to be.
-
-        Raises
-        ------
-        InputError
-            If the robot is not possible.
+        Its state is estimated from what the robot is described to be. InputError if the robot is not possible.
         """
         other = self.mismatch
         true = robot
@@ -148,21 +137,9 @@ class CourseTable(BaseModel):
 
 
 def choose_courses(words: str, robot: RobotLike, plant: PlantName) -> tuple[Course, ...]:
-    """Return the courses that a text names, each once.
+    """Return the courses that a text names, each once: sets, courses and course files, with commas between.
 
-    Parameters
-    ----------
-    words : str
-        Names of built-in sets and courses, and paths of course files, with commas between.
-    robot : Robot, preset or robot file
-        That will run them.
-    plant : {"model", "twin"}
-        On which: the compiled loop, or the physics engine.
-
-    Raises
-    ------
-    InputError
-        If there is no such set, course or file, a file describes no courses, or two courses have one name.
+    InputError if there is no such set, course or file, a file describes no courses, or two courses have one name.
     """
     robot, sets = as_robot(robot), built_in_sets()
     found: dict[str, Course] = {}
@@ -183,10 +160,7 @@ def built_in_sets() -> dict[str, _Tables]:
 def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Course]:
     """Return the courses of all sets of a course file.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is no TOML, or describes no courses.
+    InputError if the file cannot be read, is no TOML, or describes no courses.
     """
     path = Path(path)
     tree = read_toml(path)

@@ -162,17 +162,9 @@ def task(
     law: Law = "stribeck",
     bounds: Bounds | None = None,
 ) -> ExcitationTask:
-    """Return what to design an experiment for; the arguments are those of `excite`.
+    """Return what to design an experiment for; the arguments are those of `excite`, and each state's deviation (10,).
 
-    Parameters
-    ----------
-    deviations : ndarray (10,)
-        Standard deviation of each state's prediction over a window on the robot.
-
-    Raises
-    ------
-    InputError
-        If a limit or a deviation is not positive.
+    InputError if a limit or a deviation is not positive.
     """
     check_limits(limits)
     if deviations.shape != (10,) or not np.all(np.isfinite(deviations) & (deviations > 0.0)):
@@ -237,18 +229,9 @@ _RIDGE = 1e-13
 
 
 def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.float64]:
-    """Return the least standard errors to expect of the parameters, in shares of their bounds' width.
+    """Return the least standard errors (f,) to expect of the free parameters, in shares of their bounds' width.
 
-    Parameters
-    ----------
-    task : ExcitationTask
-    logs : sequence of Log
-        Simulated with what is believed, without noise.
-
-    Returns
-    -------
-    ndarray (f,)
-        Of the free parameters; infinite if the runs have no information on one.
+    The logs are simulated with what is believed, without noise. Infinite if they have no information on a parameter.
     """
     windows = windows_for(task.predictor, task.coordinates.upper, logs, duration=WINDOW)
     # measurements off by exactly their deviations: identification takes its weights from the residuals
@@ -313,10 +296,7 @@ def largest_sines(
 ) -> Multisine:
     """Return sines up to a frequency for a robot and its controller, each as large as it alone may be.
 
-    Raises
-    ------
-    InputError
-        If the duration is not at least a sample.
+    InputError if the duration [s] is not at least a sample.
     """
     count = sample_count(duration, controller.sample_time)
     slowest = max(SLOWEST, MIN_TURNS / duration)
@@ -368,10 +348,7 @@ class ExcitationDesign:
 def design(task: ExcitationTask) -> ExcitationDesign:
     """Return the most informative multisine that stays within the limits on the model.
 
-    Raises
-    ------
-    InputError
-        If none keeps within the limits, or none within them identifies every parameter.
+    InputError if none keeps within the limits, or none within them identifies every parameter.
     """
     limits = Extent(**{one.name: MARGIN * getattr(task.limits, one.name) for one in fields(Extent)})
     tried = [_fitted(task, limits, fastest) for fastest in FASTEST]
@@ -432,20 +409,10 @@ def _used(run: ReferenceRun, limits: Extent) -> float:
 
 
 def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
-    """Return the deviation of each state's prediction (10,) over the windows of a log.
+    """Return the deviation of each state's prediction (10,) over the windows of a log of a robot with that friction.
 
-    What a perfect identification would be left with: sensors, play and torque noise together.
-
-    Parameters
-    ----------
-    log : Log
-    robot : Robot
-        With the friction that is true of the log.
-
-    Raises
-    ------
-    InputError
-        If the log has no window, as when the robot fell at once.
+    What a perfect identification would be left with: sensors, play and torque noise together. InputError if the log has
+    no window, as when the robot fell at once.
     """
     coordinates = scale_between(robot)
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=WINDOW)

@@ -75,16 +75,10 @@ def lean_of(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.
 def settling_time(log: Log, *, disturbed: Sequence[float] = ()) -> tuple[float, bool]:
     """Return how long the robot takes to arrive and stay, the longest of the run [s], and whether it always did.
 
-    The start, each jump of the reference and each time in `disturbed` begin a stretch, which lasts until the next of
-    them. Its settling time runs from its begin to the last row at which the robot is farther than `BAND` from the
-    reference; zero if it is never farther. A stretch at whose end the robot is outside counts with all its length, and
-    the second value is then False: the time is a lower bound.
-
-    Parameters
-    ----------
-    log : Log
-    disturbed : sequence of float
-        When something else than the reference sends the robot away, such as a push [s].
+    The start, each jump of the reference and each time [s] in `disturbed`, as of a push, begin a stretch, which lasts
+    until the next of them. Its settling time runs from its begin to the last row at which the robot is farther than
+    `BAND` from the reference; zero if it is never farther. A stretch at whose end the robot is outside counts with all
+    its length, and the second value is then False: the time is a lower bound.
     """
     t = log.t
     begins = np.unique(np.concatenate([_jump_times(log), [s for s in disturbed if t[0] < s < t[-1]]]))
@@ -122,12 +116,8 @@ def high_frequency_torque(log: Log) -> float:
 
     As by a Butterworth high-pass of second order, forward and backward: a sine at that frequency keeps half of its
     size, at twice of it 94 %, at half of it 6 %. It weights the sine transform of the torques less the line through
-    their ends, whose odd extension has neither jump nor corner there. All wheels, all rows.
-
-    Raises
-    ------
-    InputError
-        If half the log's sample rate is not above that frequency.
+    their ends, whose odd extension has neither jump nor corner there. All wheels, all rows. InputError if half the
+    log's sample rate is not above that frequency.
     """
     rate = 1.0 / log.sample_time
     if 0.5 * rate <= HIGH_FREQUENCY:
@@ -203,21 +193,8 @@ def score(
 ) -> Score:
     """Score a run by how far it was from the reference once it had settled, and by what that took.
 
-    Parameters
-    ----------
-    log : Log
-        With reference, torques and wheel angles; the true position counts where the log has it.
-    settle : float
-        See `ballbot.workflows.metrics.settled` [s].
-    disturbed : sequence of float
-        See `ballbot.workflows.metrics.settling_time`.
-    unsettled : bool
-        Whether a run that did not end early may have no row that counts.
-
-    Raises
-    ------
-    InputError
-        If a run that did not end early has no row that counts, and that is not allowed.
+    The true position counts where the log has it. InputError if a run that did not end early has no row that counts,
+    unless it may be `unsettled`.
     """
     log, counted = true_place(log), settled(log, settle)
     if not counted.any() and log.ended is None and not unsettled:
@@ -286,20 +263,10 @@ class Performance:
     torque_margin: float
 
     @staticmethod
-    def of(log: Log, *, torque_limit: float, settle: float = SETTLE) -> Performance:
-        """Return the numbers of a log with reference, torques and states.
-
-        Parameters
-        ----------
-        log : Log
-            Its truth, if it has one, is not looked at.
-        torque_limit : float
-            The controller's, of each wheel [N m].
-        settle : float
-            See `ballbot.workflows.metrics.settled` [s].
-        """
+    def of(log: Log, *, torque_limit: float) -> Performance:
+        """Return the numbers of a log with reference, torques and states, whatever its truth."""
         seen = log.without_truth()
-        counted = settled(seen, settle)
+        counted = settled(seen, SETTLE)
         error = position_error(seen)[counted]
         largest = np.abs(seen.torques).max(axis=1)
         return Performance(

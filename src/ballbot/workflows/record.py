@@ -93,24 +93,9 @@ def record_run(
     page: Callable[[Recording], str] | None = None,
     progress: ProgressCallback = ignore_progress,
 ) -> RecordOutcome:
-    """Record one run into a folder.
+    """Record one run into a folder, with its page if `page` makes one; a run that is in it is replaced.
 
-    Parameters
-    ----------
-    job : Job
-    seed : int
-        Of all that is random.
-    folder : Path
-        Made if it is not there; a run that is in it is replaced.
-    page : callable, optional
-        Makes the page of the run, which is written if this is given.
-    progress : callable, optional
-        Called with the share that is done, from 0 to 1, from time to time.
-
-    Raises
-    ------
-    InputError
-        If the job cannot be run, a file not be written, or the folder is another result's.
+    InputError if the job cannot be run, a file not be written, or the folder is another result's.
     """
     if (folder / HEADER).exists():
         raise InputError(f"{folder} holds runs of several seeds (--seeds); choose another folder with --out.")
@@ -144,27 +129,8 @@ def record_runs(
 ) -> list[RecordOutcome]:
     """Record a run for each seed into folders seed_0001, seed_0002 and so on; runs that are there are kept.
 
-    Parameters
-    ----------
-    job : Job
-    seeds : sequence of int
-    folder : Path
-    workers : Workers, optional
-        Who make the runs; by default a process for each core.
-    page : callable, optional
-        Makes the page of all runs, which is written if this is given.
-    progress : callable, optional
-        Called with the number of runs that are there, of all seeds.
-
-    Returns
-    -------
-    list of Outcome
-        In the order of the seeds.
-
-    Raises
-    ------
-    InputError
-        If the folder holds runs of other settings, or a run cannot be made.
+    Return the outcomes in the order of the seeds. `page` makes the page of all runs. InputError if the folder holds
+    runs of other settings, or a run cannot be made.
     """
     # the folder has no file of its own but the page, and the seeds' folders
     with result_folder(folder, command="record --seeds", names=(PAGE,)) as held:
@@ -207,10 +173,7 @@ def _write_run(folder: Path, files: Mapping[str, bytes]) -> None:
 def _finished(folder: Path) -> RecordOutcome | None:
     """Return the outcome of a run that is whole in its folder, every file as it was written; None if it is not.
 
-    Raises
-    ------
-    InputError
-        If a file of it was changed.
+    InputError if a file of it was changed.
     """
     manifest = read_manifest(folder)
     if manifest is None or manifest.command != "record":

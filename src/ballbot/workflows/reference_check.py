@@ -72,21 +72,9 @@ class Demand:
 
 
 def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) -> Demand:
-    """Return the torques for following x, y [m] and psi [rad], (N, 3), exactly, at rest before and after.
+    """Return the torques for following poses x, y [m] and psi [rad], (N, 3), exactly, at rest before and after.
 
-    Parameters
-    ----------
-    model : Model
-        Exact.
-    poses : ndarray (N, 3)
-        At every sample; corners are rounded.
-    sample_time : float
-        [s]
-
-    Raises
-    ------
-    InputError
-        If no lean can follow the path.
+    Corners are rounded. InputError if no lean can follow the path.
     """
     rest = int(np.ceil(_REST / sample_time))
     path = np.pad(poses, ((rest, rest), (0, 0)), mode="edge")
@@ -232,23 +220,7 @@ def check_reference(
     """Return which share of a robot's limits a reference uses, and how it is followed in closed loop.
 
     The closed loop is the compiled one, with the nominal scenario's sensors, delay and noise; the worst of five runs
-    counts.
-
-    Parameters
-    ----------
-    robot : Robot
-    controller : Controller
-        With the torque limit that applies.
-    reference : callable
-    duration : float
-        [s]
-    name : str
-        Of the reference, in sentences.
-
-    Raises
-    ------
-    InputError
-        If the duration is invalid, the reference has a lean or a rate, or no lean can follow it.
+    counts. InputError if the duration [s] is invalid, the reference has a lean or a rate, or no lean can follow it.
     """
     sample_time = controller.sample_time
     loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), step=_STEP)

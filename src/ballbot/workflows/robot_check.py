@@ -62,15 +62,12 @@ class PoleSpread:
     variance_shares: Mapping[str, float]  #: by parameter, the largest first
 
 
-def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS, seed: int = 0) -> PoleSpread:
+def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS) -> PoleSpread:
     """Return the distribution of a robot's fastest pole about upright by its standard deviations, exact model.
 
-    Raises
-    ------
-    InputError
-        If the standard deviations are too large for a robot.
+    InputError if the standard deviations are too large for a robot.
     """
-    fastest = [float(_growths(one).max()) for one in draw_robots(robot, draws, seed=seed)]
+    fastest = [float(_growths(one).max()) for one in draw_robots(robot, draws, seed=0)]
     lower, upper = np.quantile(fastest, [0.025, 0.975])
     mean = propagate(robot, _mean_growth)
     return PoleSpread(
@@ -143,22 +140,9 @@ class CheckedSwing:
 def check_swing(
     robot: Robot, file: Path, pivot: Pivot, *, column: str | None = None, accept: Collection[str] = ()
 ) -> CheckedSwing:
-    """Return what the swing in a log or a video shows about a robot's inertia.
+    """Return what the swing in a log (in that column) or a video shows about a robot's inertia.
 
-    Parameters
-    ----------
-    robot : Robot
-    file : Path
-    pivot : Pivot
-    column : str, optional
-        The swinging column of a log.
-    accept : collection of str
-        Codes of errors despite which to continue.
-
-    Raises
-    ------
-    InputError
-        If the file has no free swing, or the swing has an error that is not accepted.
+    InputError if the file has no free swing, or the swing has an error whose code is not accepted.
     """
     of_log: list[Finding] = []
     if is_log_file(file):  # every other is a video
@@ -240,18 +224,7 @@ def check_robot(
     swing: CheckedSwing | None = None,
     following: ReferenceMargins | None = None,
 ) -> CheckedRobot:
-    """Return a robot with what follows from its parameters.
-
-    Parameters
-    ----------
-    robot : Robot
-    findings : sequence of Finding
-        Of the robot.
-    controller : str
-        The controller whose margins are computed: a ready-made one or a file.
-    swing : CheckedSwing, optional
-    following : CheckedReference, optional
-    """
+    """Return a robot, with its findings, and what follows from its parameters; margins are those of that controller."""
     found, linear, margins, refusal = transforms(robot), Model(robot).linearize(), None, ""
     try:
         margins = loop_margins(named_controller(controller, robot))

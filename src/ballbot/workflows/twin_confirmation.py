@@ -71,10 +71,7 @@ class Confirmation:
 def confirm(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Confirmation | None:
     """Run the chosen controller and the soft gain on the twin; None if every candidate fell.
 
-    Raises
-    ------
-    InputError
-        If the twin cannot be made.
+    InputError if the twin cannot be made.
     """
     if choice.chosen is None:
         return None
