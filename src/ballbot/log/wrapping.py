@@ -1,6 +1,6 @@
 """Headings that are kept within one turn and clocks that begin again, continued where a log is read.
 
-What a log has is continuous from there on, so that no computation on it needs to unwrap anything.
+The columns of a log are continuous, so that no computation has to unwrap them.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def continuous_heading(
     It is kept there if its values are from -pi to pi, or from 0 to below 2 pi; its steps of more than `LARGEST_TURN`
     are then jumps. A heading of several turns stays as it is.
 
-    `after` is the heading that the first value follows, as a robot's that a reference's follows; NaN if there is none.
-    With the heading come the rows with which another turn begins. Missing values stay missing.
+    `after` is the heading to which the first value belongs, such as the robot's for a reference; NaN if unknown. Also
+    returned are the rows at which a new turn begins. Missing values stay missing.
     """
     known = np.isfinite(heading)
     turn = 2.0 * np.pi
