@@ -13,10 +13,12 @@ from scipy.spatial.transform import Rotation
 from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
 from ballbot.findings import texts
-from ballbot.identification.geometry import geometry_findings, robot_with_geometry, survey_geometry
-from ballbot.identification.geometry_fits import (
+from ballbot.identification.geometry import (
     axle_directions,
+    geometry_findings,
     mocap_run,
+    robot_with_geometry,
+    survey_geometry,
     upside_down_geometry,
 )
 from ballbot.log.checks.kinematics import wheel_speeds_of_states

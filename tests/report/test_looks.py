@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from ballbot.identification.geometry import Geometry, Measured
+from ballbot.identification.geometry import Geometry, GeometryQuantity
 from ballbot.report import comparison, palette
 from ballbot.report.bench import geometry_figure
 from ballbot.viewer.page import RUN_COLORS, web_file
@@ -55,8 +55,10 @@ def test_a_compared_controller_has_one_look(place: int):
 
 
 def test_geometry_beyond_errors_and_slip_is_marked():
-    def one(name: str, value: float, error: float) -> Measured:
-        return Measured(name=name, value=value, standard_error=error, in_file=0.11, unit="m", kind="both")
+    def one(name: str, value: float, error: float) -> GeometryQuantity:
+        return GeometryQuantity(
+            name=name, value=value, standard_error=error, in_file=0.11, unit="m", kind="both"
+        )
 
     # 0.1 % off with an error of 0.01 %: clear, but slip may cause 0.6 %
     slipping, off = one("wheels.radius", 0.1101, 1e-5), one("ball.radius", 0.112, 1e-4)

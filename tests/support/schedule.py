@@ -1,8 +1,8 @@
 """In which order the tests run, and which files stay together on one worker.
 
-The fast tests run first. Among them, and among the slow ones, the files that take longest come first, so that no
-worker is left with one of them at the end. The first file compiles the engine that most others then read from disk;
-the next ones, on another worker, need other engines or none for as long as that takes.
+The fast tests run first, then the slow ones, then the samples. Among each, the files that take longest come first, so
+that no worker is left with one of them at the end. The first file of the fast ones compiles the engine that most others
+then read from disk; the next ones, on another worker, need other engines or none for as long as that takes.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from xdist.scheduler import LoadScopeScheduling
 #: Beginnings of files' paths; other files come after these. Files of a tuple stay together, since they share what takes
 #: seconds to make: a drawn ball, logs, a derivation by SymPy, the parsed source.
 ORDER: tuple[str | tuple[str, ...], ...] = (
+    "tests/test_memory.py",
+    "tests/test_golden.py",
     "tests/test_bring_up.py",
     "tests/test_whole_trip.py",
     "tests/control/test_parts.py",
@@ -52,9 +54,10 @@ ORDER: tuple[str | tuple[str, ...], ...] = (
 )
 
 
-def place_of(item: pytest.Item) -> tuple[bool, int]:
+def place_of(item: pytest.Item) -> tuple[bool, bool, int]:
     """Return what tests are sorted by."""
-    return item.get_closest_marker("slow") is not None, _place(_file(item.nodeid))
+    sample, slow = (item.get_closest_marker(name) is not None for name in ("sample", "slow"))
+    return sample, slow and not sample, _place(_file(item.nodeid))
 
 
 class InOrder(LoadScopeScheduling):
@@ -68,7 +71,7 @@ class InOrder(LoadScopeScheduling):
         self._begun = 0
 
     def _split_scope(self, nodeid: str) -> str:
-        """Return the scope of a test. A file whose tests come twice, the fast and the slow, has two."""
+        """Return the scope of a test. A file whose tests come in parts, fast, slow and samples, has several."""
         if nodeid not in self._scopes:  # xdist asks for all of them first, in order
             unit = _unit(_file(nodeid))
             self._begun += unit != self._unit

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.driveline import QUANTITIES
-from ballbot.identification.geometry import CLEAR, Geometry, Measured
+from ballbot.identification.geometry import CLEAR, Geometry, GeometryQuantity
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
@@ -100,7 +100,7 @@ def _error_table(found: UpsideDown) -> Sheet:
 _SHOWN_IN = {"rad": (math.degrees(1.0), "deg"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
-def _row(one: Measured) -> list[str]:
+def _row(one: GeometryQuantity) -> list[str]:
     scale, unit = _SHOWN_IN.get(one.unit, (1.0, one.unit))
     off = f"{round(one.deviation, 1) + 0.0:+.1f} s.e."  # adding zero keeps a minus sign off what prints as nothing
     error = scale * one.standard_error
@@ -109,7 +109,7 @@ def _row(one: Measured) -> list[str]:
     return [_quantity(one), *numbers, unit, off, one.kind]
 
 
-def _quantity(one: Measured) -> str:
+def _quantity(one: GeometryQuantity) -> str:
     """Return a quantity's name in a table."""
     if one.name == "leaning seen":
         return "share of leaning that encoders show"
