@@ -54,17 +54,8 @@ def inseparable(
 ) -> tuple[str, ...]:
     """Return the quantities of which the logs cannot separate the wheels.
 
-    Parameters
-    ----------
-    coordinates : Coordinates
-    fit : Fitted
-        Of each wheel by itself.
-    values : ndarray (p,)
-        Its estimates, SI units.
-    unknown : ndarray (p,)
-        Parameters that the logs do not excite, or that have no influence on them.
-    speeds : ndarray (..., n)
-        Those of the wheels in the logs [rad/s].
+    `fit` and `values` (p,) are of each wheel by itself; `unknown` (p,) are parameters that the logs do not excite, or
+    that have no influence on them; `speeds` (..., n) [rad/s] are those of the wheels in the logs.
     """
     layout, free, n = coordinates.layout, coordinates.free, coordinates.layout.wheel_count
     gains = layout.columns("torque_gain")

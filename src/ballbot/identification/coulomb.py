@@ -66,15 +66,8 @@ def coulomb_equivalent(
 ) -> CoulombEquivalent:
     """Return each wheel's c_e; see the module's text.
 
-    Parameters
-    ----------
-    layout : Layout
-    values : ndarray (p,)
-        The estimates, SI units.
-    covariance : ndarray (p, p)
-        Of them; NaN for those without a standard error.
-    wheel_speeds : ndarray (..., n)
-        Those driven [rad/s].
+    `covariance` (p, p) is of the estimates `values` (p,), NaN for those without a standard error; `wheel_speeds`
+    (..., n) [rad/s] are those driven.
     """
     n = layout.wheel_count
     speeds = np.quantile(np.abs(wheel_speeds.reshape(-1, n)), SHARE, axis=0)

@@ -40,20 +40,7 @@ def ends_without_error(
 ) -> dict[int, tuple[float, float]]:
     """Return the interval or, lacking one, the range of each estimated parameter without a standard error.
 
-    Parameters
-    ----------
-    labels : sequence of str (p,)
-    values, errors : ndarray (p,)
-        SI units; an error is NaN if there is none.
-    bounds : ndarray (p, 2)
-        Equal ones hold a parameter: it is not estimated.
-    intervals : mapping of str to Interval
-        By label.
-
-    Returns
-    -------
-    dict of int to (float, float)
-        By the parameter's place, SI units.
+    By the parameter's place. Equal `bounds` (p, 2) hold a parameter: it is not estimated.
     """
     ends = {}
     for i in np.flatnonzero((bounds[:, 1] > bounds[:, 0]) & ~np.isfinite(errors)).tolist():
@@ -75,19 +62,9 @@ def with_uncertainty(
 ) -> Robot:
     """Return a robot with the standard deviations, correlations and intervals of the numbers that parameters determine.
 
-    Parameters
-    ----------
-    found : Robot
-        The one of `values`.
-    robot_of : callable
-        From parameters (p,), SI units, to the robot of them.
-    values : ndarray (p,)
-    covariance : ndarray (p, p)
-        Of them; zero or NaN for those without a standard error.
-    names : collection of str
-        The robot's parameters to state it of, by dotted name.
-    ends : mapping of int to (float, float)
-        Of those that were estimated without a standard error, by place, see `ends_without_error`.
+    `found` is the robot of the parameters `values` (p,), SI units, and `robot_of` gives that of others. `covariance`
+    is zero or NaN for parameters without a standard error; `ends` are those of `ends_without_error`. It is stated of
+    the robot's parameters `names`, dotted.
     """
     names = [name for name in BY_NAME if name in set(names) and value_of(found, BY_NAME[name]) != ()]
     covariance = np.nan_to_num(covariance)

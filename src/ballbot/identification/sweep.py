@@ -135,14 +135,8 @@ def combine(
 ) -> Combined:
     """Return the estimate from logs and sweep together.
 
-    Parameters
-    ----------
-    layout : Layout
-    values : ndarray (p,)
-        By the logs, SI units.
-    covariance : ndarray (p, p)
-        Of these; NaN for parameters without standard error, which the sweep does not move.
-    sweep : SweepFriction
+    `covariance` (p, p) is of the logs' `values` (p,); NaN for parameters without standard error, which the sweep does
+    not move.
     """
     known = np.isfinite(covariance.diagonal())
     C = np.where(np.outer(known, known), covariance, 0.0)

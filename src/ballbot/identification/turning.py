@@ -294,16 +294,8 @@ class MotionFit:
 def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tuple[MotionFit, Clock | None]:
     """Return the likeliest clock and rotation, and the clock of another fit that is nearly as likely.
 
-    Parameters
-    ----------
-    log, cameras : Turning
-    least_share : float
-        Of the turning that is common to both, if they are of the same run.
-
-    Raises
-    ------
-    InputError
-        If they are not of the same run, or turn about one axis only.
+    `least_share` is that of the turning that is common to both if they are of the same run. Raise InputError if they
+    are not, or turn about one axis only.
     """
     fits = [fit for clock in _candidate_clocks(log, cameras) if (fit := _fitted(log, cameras, clock))]
     fits = sorted(

@@ -65,18 +65,9 @@ def verdict_of(
 ) -> Verdict:
     """Return the verdict on windows that were held out.
 
-    Parameters
-    ----------
-    squares, without : ndarray (w, k)
-        Sums of squared errors of each window and state that counts, with friction and without.
-    spans : sequence of Span (w,)
-        Of the windows.
-    lean : ndarray (k,), optional
-        Which of the states are the lean; none by default.
-    at_end : sequence of str
-        Labels of the wheels' friction at the end of its usual range.
-    disagree : sequence of str
-        Labels on which the logs disagree.
+    `squares` and `without` (w, k) are sums of squared errors of each window and state that counts, with friction and
+    without; `lean` (k,) marks the states that are the lean; `at_end` are the labels of friction at the end of its usual
+    range, `disagree` those on which the logs disagree.
     """
 
     logs = sorted({span.log for span in spans})
