@@ -1,4 +1,4 @@
-"""A minute of the coverage-guided fuzzer, whose hour is a campaign."""
+"""Seconds of the coverage-guided fuzzer, whose hour is a campaign."""
 
 import numpy as np
 import pytest
@@ -20,9 +20,9 @@ def test_real_words_of_the_state_are_its_real_numbers():
 
 
 @pytest.mark.sample
-def test_no_input_of_a_minute_breaks_the_firmware(tmp_path):
+def test_no_input_of_twenty_seconds_breaks_the_firmware(tmp_path):
     if not is_available():
         pytest.skip("clang with libFuzzer is missing")
-    done = fuzz(tmp_path, seconds=60)
-    # 90 s gave 100,000 inputs and 896 edges beside five other jobs; 60 s must at least reach the law and the link
+    done = fuzz(tmp_path, seconds=20)
+    # 20 s gave 75,000 inputs and 911 edges beside three other jobs; they must at least reach the law and the link
     assert done.branches > 500
