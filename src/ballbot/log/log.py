@@ -240,10 +240,9 @@ class Log:
     @property
     def reference(self) -> NDArray[np.float64]:
         """The reference (N, 10): ref_x, ref_y and ref_psi in their places in the state, zero elsewhere."""
-        self.require(*_REFERENCE_NAMES)
         reference = np.zeros((len(self), len(STATE_NAMES)))
-        for name in _REFERENCE_NAMES:
-            reference[:, STATE_NAMES.index(name.removeprefix("ref_"))] = self.columns[name]
+        places = [STATE_NAMES.index(name.removeprefix("ref_")) for name in _REFERENCE_NAMES]
+        reference[:, places] = self._table(_REFERENCE_NAMES)
         return reference
 
     def require(self, *names: str) -> None:
@@ -325,17 +324,24 @@ class Log:
                 f"The log has no true states (no column {missing[0]}): only logs of simulated runs have them."
             )
         kept = dict(self.without_truth().columns)
-        return self._with_checked(kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES})
+        kept |= {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}
+        return Log.of_checked(kept, self.ended, self.changes)
 
     def without_truth(self) -> Log:
         """Return the log without its true_* columns, as of a real robot."""
         kept = {name: v for name, v in self.columns.items() if not name.startswith(TRUE_PREFIX)}
-        return self._with_checked(kept)
+        return Log.of_checked(kept, self.ended, self.changes)
 
-    def _with_checked(self, columns: dict[str, NDArray[np.float64]]) -> Log:
-        """Return this log with columns of its own, which need no check: a comparison makes thousands of logs."""
+    @staticmethod
+    def of_checked(
+        columns: dict[str, NDArray[np.float64]], ended: str | None, changes: tuple[Finding, ...] = ()
+    ) -> Log:
+        """Return a log of columns that are known to be right, as a log makes them; nothing is checked or copied.
+
+        A comparison makes thousands of logs.
+        """
         made = object.__new__(Log)
-        for name, value in {**vars(self), "columns": MappingProxyType(columns)}.items():
+        for name, value in (("columns", MappingProxyType(columns)), ("ended", ended), ("changes", changes)):
             object.__setattr__(made, name, value)
         return made
 
@@ -368,8 +374,11 @@ class Log:
             )
 
     def _table(self, names: tuple[str, ...]) -> NDArray[np.float64]:
-        self.require(*names)
-        return np.column_stack([self.columns[name] for name in names])
+        self._need(names)
+        table = np.column_stack([self.columns[name] for name in names])
+        if not np.isfinite(table).all():
+            self.require(*names)
+        return table
 
 
 def _read_mapping(mapping: str | Path | LogMapping | None) -> LogMapping | None:

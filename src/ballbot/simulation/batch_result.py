@@ -88,7 +88,7 @@ class ClosedLoopBatch:
         end = min(self.ended[lane], self.settled[lane])
         rows = records if np.isinf(end) else round(end / self.sample_time)
         start = self.initial[lane if len(self.initial) > 1 else 0]
-        columns = (
+        parts = (
             np.round(np.arange(rows) * self.sample_time, 9)[:, None],
             self.commanded[lane, :rows],
             self.seen[lane, :rows],
@@ -98,8 +98,9 @@ class ClosedLoopBatch:
             self.references[:rows, REFERENCES],
             np.vstack([start, self.states[lane, : rows - 1]])[:rows],
         )
-        table = dict(zip(column_names(n), np.hstack(columns).T, strict=True))
-        return Log(table, ended=self._why_ended(lane))
+        table = np.vstack([part.T for part in parts])
+        table.flags.writeable = False
+        return Log.of_checked(dict(zip(column_names(n), table, strict=True)), self._why_ended(lane))
 
     def _why_ended(self, lane: int) -> str | None:
         if np.isinf(self.ended[lane]):

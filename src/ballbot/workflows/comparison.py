@@ -332,11 +332,10 @@ def run_comparison(
 def _loop_blocks(runs: Sequence[ComparedRun]) -> list[list[int]]:
     """Return the places of the runs that go through the compiled loop, as many together as it steps side by side.
 
-    Those of one robot lie together, so that its numbers are made once.
+    Those of one controller lie together: what sticks in one lane and slides in the next takes longer.
     """
-    robots = {
-        id(one.plant): place for place, one in reversed(list(enumerate(runs)))
-    }  # where each comes first
+    # where each comes first
+    controllers = {id(one.controller): place for place, one in reversed(list(enumerate(runs)))}
     alike: dict[tuple[object, ...], list[int]] = {}
     for place, one in enumerate(runs):
         if not (isinstance(one.plant, LoopRobot) and isinstance(one.controller, Controller)):
@@ -347,7 +346,9 @@ def _loop_blocks(runs: Sequence[ComparedRun]) -> list[list[int]]:
             key = (one.course, one.duration, period, one.controller.estimator)
             key += (model.formulation, model.step, model.pivots, borne.backlash > 0.0)
             alike.setdefault(key, []).append(place)
-    grouped = [sorted(places, key=lambda place: robots[id(runs[place].plant)]) for places in alike.values()]
+    grouped = [
+        sorted(places, key=lambda place: controllers[id(runs[place].controller)]) for places in alike.values()
+    ]
     return [places[k : k + LANES] for places in grouped for k in range(0, len(places), LANES)]
 
 

@@ -153,9 +153,9 @@ def rms(values: NDArray[np.float64]) -> float:
 
 def _jump_times(log: Log) -> NDArray[np.float64]:
     """Return when the run starts and the reference jumps [s]."""
-    asked = log.reference[:, [0, 1, 4]]
-    jumps = np.abs(np.diff(asked, axis=0)).max(axis=1, initial=0.0) > _JUMP
-    return log.t[np.concatenate([[True], jumps])]
+    log.require("ref_x", "ref_y", "ref_psi")
+    jumps = [np.abs(np.diff(log[name])) > _JUMP for name in ("ref_x", "ref_y", "ref_psi")]
+    return log.t[np.concatenate([[True], np.logical_or.reduce(jumps)])]
 
 
 @dataclass(frozen=True, kw_only=True)
