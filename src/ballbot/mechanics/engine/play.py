@@ -62,6 +62,10 @@ from ballbot.mechanics.parameters import MAX_WHEELS, Exact, Pivoting, Thesis, Wh
 _SWEEPS = 100
 #: a sweep that changes no contact's speed by more than this is the last [rad/s, m/s]
 _SETTLED = 1e-10
+#: in the first of them the changes of every third are extrapolated: three wheels that stick are one slow mode, which
+#: turns the ball about the vertical
+_EXTRAPOLATED = 30
+_LARGEST_RATIO = 0.99
 
 # Scratch rows: the velocities ahead, Y, G, the contacts' speeds before and now, what stays of the disc, the motors, and
 # whether the lane has settled
@@ -80,7 +84,9 @@ _LOW = _INERTIA + MAX_WHEELS  # lowest and highest speed relative to its wheel
 _HIGH = _LOW + MAX_WHEELS
 _SPEED = _HIGH + MAX_WHEELS  # at the step's end
 _MOVED = _SPEED + MAX_WHEELS
-assert _MOVED < ROWS  # compiled code does not look whether a row is in the array
+_CHANGES = _MOVED + 1  # of each force by the last sweep
+_RATIO = _CHANGES + 7  # of these changes to those of the sweep before
+assert _RATIO < ROWS  # compiled code does not look whether a row is in the array
 
 
 @traced
@@ -200,7 +206,11 @@ def _sweep_lane(selected, work, lane):
     change(x, by_x)
     change(y, by_y)
     moving = entry(work, _MOVED, lane) > _SETTLED
-    for row, numbers in ((_SPEEDS, speeds), (PASSED, forces), (_SPEED, motors), (_MOVED, [most])):
+    last = [entry(work, _CHANGES + i, lane) for i in range(count)]
+    changes = [after - then for after, then in zip(forces, before[count:], strict=True)]
+    ratio = inner(changes, last) / greatest(inner(last, last), 1e-300)
+    rows = ((_SPEEDS, speeds), (PASSED, forces), (_SPEED, motors), (_MOVED, [most]), (_CHANGES, changes))
+    for row, numbers in (*rows, (_RATIO, [ratio])):
         for i, number in enumerate(numbers):
             put(work, row + i, lane, where(moving, number, entry(work, row + i, lane)))
 
@@ -211,6 +221,21 @@ def _moves(work, first, last):
     for lane in range(first, last):
         most = max(most, entry(work, _MOVED, lane))
     return most > _SETTLED
+
+
+@traced
+def _extrapolate(selected, work, first, last):
+    """Take the changes of all sweeps to come, as if each were the last one's times the ratio of the last two."""
+    count = len(_contacts_like(selected))
+    for lane in lanes(first, last):
+        ratio = least(greatest(entry(work, _RATIO, lane), 0.0), _LARGEST_RATIO)
+        more = where(entry(work, _MOVED, lane) > _SETTLED, ratio / (1.0 - ratio), 0.0)
+        changes = scale(restored((0.0,) * count, work, _CHANGES, lane), more)
+        forces, speeds = (restored((0.0,) * count, work, row, lane) for row in (PASSED, _SPEEDS))
+        G = restored(((0.0,) * count,) * count, work, _G, lane)
+        by = tuple(entry(work, STEP, lane) * inner(row, changes) for row in G)
+        stored(work, PASSED, lane, add(forces, changes))
+        stored(work, _SPEEDS, lane, add(speeds, by))
 
 
 @traced
@@ -264,10 +289,12 @@ def _play_code_of(selected: Exact | Thesis | Pivoting, kind: type) -> int:
             _problems(selected, work, first, last)
             _motors(selected, work, first, last)
             _start_from_last_forces(selected, work, first, last)
-            for _ in range(_SWEEPS):
+            for sweep in range(_SWEEPS):
                 if not _moves(work, first, last):
                     break
                 _sweep(selected, work, first, last)
+                if sweep % 3 == 2 and sweep < _EXTRAPOLATED:
+                    _extrapolate(selected, work, first, last)
             _ends(selected, work, first, last)
 
     return address
