@@ -38,7 +38,7 @@ def test_smooth_motion_has_order_four() -> None:
 @pytest.mark.sample
 def test_stick_slip_has_order_two_and_small_errors() -> None:
     """Root mean square over motions, because where in a step a sign changes is random."""
-    cases = sticking_cases(np.random.default_rng(62), 10)
+    cases = sticking_cases(np.random.default_rng(62), 6)
     known = follow(cases)
     assert all(sticks(one) and changes(one) >= 3 for one in known)
     found = errors(cases, known, STEPS)
