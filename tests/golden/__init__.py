@@ -13,9 +13,8 @@ Whatever changes a number on purpose updates the golden in the same commit, with
 and the oracle that decides between them.
 
 The pages evidence.md and reproduce.md in docs/generated are not copied here. They are committed pages that campaigns
-write, and their numbers stand as they are; no test reads evidence.md. Its campaigns are sampled with bounds of their
-own by test_control_evidence, test_convergence, test_coverage, test_estimation_twin,
-test_false_alarms, test_league and test_sticking_proof. reproduce.md, the result of `ballbot reproduce`, is compared
+write, and their numbers stand as they are; no test reads evidence.md. Its campaigns
+are sampled with bounds of their own in tests/campaigns. reproduce.md, the result of `ballbot reproduce`, is compared
 with a fresh run in part by test_reproduce and as a whole by campaigns/reproduce.py; here are the figures and mistakes
 that need no recording.
 """
