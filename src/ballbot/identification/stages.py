@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from threading import Lock
 from typing import Literal, get_args
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.intervals import MOST_PROFILES
 from ballbot.fitting.model_selection import Dependence, unidentifiable
-from ballbot.fitting.run import DEFAULT_RUN, Executor, Run
+from ballbot.fitting.run import DEFAULT_RUN, Executor, Run, Threads
 from ballbot.fitting.search import SearchResult, at_bound, elsewhere, evolve
 from ballbot.fitting.uncertainty import without_influence
 from ballbot.identification.excitation import Excitation, check_count, check_excitation
@@ -45,7 +46,7 @@ DEPENDENCES = (Dependence(through="stribeck", dependent=("stribeck_speed", "stri
 Search = Literal["multistart", "genetic"]
 #: the fixed starts of friction, scaled: every amount's, and v_s and delta
 _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
-#: from so many of them so many steps, one after the other; the best go on
+#: from so many of them so many steps, side by side; the best go on
 _SEARCH = ((4, 3), (2, 6))
 
 
@@ -266,30 +267,31 @@ def search(problem: Problem, *, options: IdentificationOptions, run: Run) -> Sea
     return (_multistart if options.search == "multistart" else _genetic)(problem, options=options, run=run)
 
 
+#: where a descent ends: the scaled point (p,), the windows' states at their starts, and the cost
+_End = tuple[NDArray[np.float64], NDArray[np.float64], float]
+
+
 def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -> SearchResult:
     """Descend from each of the fixed starts, from the best ones farther, and return the best end."""
     rounds = _rounds(options)
     total, done, least = sum(count * steps for count, steps in rounds), 0, np.inf
     ends = [(point, problem.windows.initial, np.inf) for point in _fixed_starts(problem.coordinates)]
+    reporting = Lock()  # descents go side by side
+
+    def report(step: Progress) -> None:
+        nonlocal done, least
+        with reporting:
+            done, least = done + 1, min(least, step.cost)
+            run.progress(Progress(stage="search", done=min(done, total), total=total, cost=least))
+
+    def descent(steps: int, end: _End) -> _End:
+        reported = replace(run, progress=report)
+        free = problem.coordinates.free
+        point, starts, history = descend(problem, *end[:2], free=free, most_steps=steps, run=reported)
+        return point, starts, history[-1]
+
     for count, steps in rounds:
-        descents = []
-        for begin, starts, _ in ends[:count]:
-
-            def report(step: Progress, before: int = done, least: float = least) -> None:
-                cost = min(least, step.cost)
-                run.progress(Progress(stage="search", done=before + step.done, total=total, cost=cost))
-
-            point, starts, history = descend(
-                problem,
-                begin,
-                starts,
-                free=problem.coordinates.free,
-                most_steps=steps,
-                run=replace(run, progress=report),
-            )
-            descents.append((point, starts, history[-1]))
-            done, least = done + steps, min(least, history[-1])
-        ends = sorted(descents, key=lambda one: one[2])
+        ends = sorted(Threads()(descent, steps, ends[:count]), key=lambda one: one[2])
     best = ends[0][0]
     others = (point for point, _, _ in ends[1 : rounds[-1][0]] if elsewhere(best, point))
     return SearchResult(best=best, history=(), other=next(others, None))
