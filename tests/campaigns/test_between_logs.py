@@ -5,20 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ballbot.control.overcompensation import certain_friction
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import named_reference
 from ballbot.fitting.intervals import Interval, Uncertainty
-from ballbot.identification.identify import estimated_parameters, identify
+from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.parameters import Bounds
-from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.variation import LogEstimates
-from ballbot.mechanics.friction import wheel_friction
-from ballbot.simulation.run import simulate
-from ballbot.twin import Twin
 from ballbot.twin.scenario import check_scenario
 from campaigns.between_logs import (
-    NOMINAL,
     ROBOT,
     Fit,
     coverage_row,
@@ -31,7 +23,7 @@ from campaigns.between_logs import (
 VALUES = np.array([0.02] * 3 + [0.1] * 3 + [0.05] * 3 + [0.6, 1.1, 0.01])
 
 
-@pytest.mark.parametrize("seed", [0, 1, 17, 1000, 1007])
+@pytest.mark.parametrize("seed", [0, 1000])
 def test_twins_have_all_faults_and_can_be_simulated(seed: int) -> None:
     twin = drawn(seed)
     check_scenario(twin, ROBOT)
@@ -71,28 +63,13 @@ def pair(random: np.random.Generator) -> tuple[Fit, Fit]:
 @pytest.mark.slow
 def test_intervals_hold_the_other_log_and_are_no_wider_than_the_logs_ask() -> None:
     random = np.random.default_rng(1)
-    priors = fitted_priors([pair(random) for _ in range(12)])
-    judged = [one for _ in range(40) for one in judge(pair(random), priors)]
+    priors = fitted_priors([pair(random) for _ in range(6)])
+    judged = [one for _ in range(20) for one in judge(pair(random), priors)]
     held = np.mean([one.held for one in judged], axis=0)
-    # 480 estimates: of the robot's own value the other one is sqrt(2) times as far off, 83 %; of another log 95 %
+    # 240 estimates: of the robot's own value the other one is sqrt(2) times as far off, 83 %; of another log 95 %
     assert 0.72 < held[0] < 0.92
     assert 0.9 < held[1] < 0.99
-    # a spread of differences of 40 pairs is known to a tenth
+    # a spread of differences of 20 pairs is known to a sixth
     widths = [float(cell) for cell in coverage_row("all", judged)[2::2]]
     assert widths == pytest.approx([1.0, np.sqrt(2.0)], rel=0.25)
 
-
-@pytest.mark.slow
-def test_two_logs_of_the_nominal_twin_leave_most_of_its_friction_certain() -> None:
-    logs = [
-        simulate(
-            Twin(ROBOT, NOMINAL), nominal_controller(ROBOT), named_reference(name), duration=48.0, seed=seed
-        ).without_truth()
-        for seed, name in ((1, "square"), (2, "figure_eight"))
-    ]
-    options = IdentificationOptions(generations=10, most_profiles=0, step=2.5e-3)
-    found = identify(ROBOT, logs, seed=0, options=options)
-    speed = np.ones((1, 3))
-    share = wheel_friction(speed, certain_friction(found.robot)) / wheel_friction(speed, NOMINAL.friction)
-    assert (share > 0.5).all()  # most of it
-    assert (share < 1.0).all()
