@@ -177,7 +177,7 @@ def _light_robot() -> str:
     return robot_text(Robot.load("alten")).replace("value = 17.076", "value = 0.017076")
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+@pytest.mark.parametrize("shell", ["bash", "fish"])
 def test_completion_script_is_valid_and_names_every_command(
     shell: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -201,6 +201,7 @@ def test_completion_works_without_the_packages_of_extras(
     assert "--frame-rate" not in script
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("words", [("check", "alten"), ("check-log", "log.csv")])
 def test_command_that_leaves_no_page_says_how_to_get_one(
     words: tuple[str, ...], capsys: pytest.CaptureFixture[str]

@@ -73,6 +73,7 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
     assert film.t[0] == pytest.approx(made["motion_capture"]["clock_offset"])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_writing_the_files_is_the_last_stage_of_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -85,15 +86,16 @@ def test_writing_the_files_is_the_last_stage_of_a_recording(
     assert lines[-1].startswith("ballbot: writing the files")
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
-@pytest.mark.parametrize("experiment", ["balance", "driveline_sweep", "upside_down"])
+@pytest.mark.parametrize("experiment", ["driveline_sweep", "upside_down"])
 def test_the_command_in_the_folder_makes_the_run_again(
     experiment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from ballbot.cli.main import main
 
     out = tmp_path / "one"
-    command = ["record", "resonant", "--experiment", experiment, "--duration", "0.5", "--seed", "7"]
+    command = ["record", "resonant", "--experiment", experiment, "--duration", "0.2", "--seed", "7"]
     command += ["--estimator", "kalman"]
     assert main([*command, "--compensation", "partial", "--reference", "hold", "--out", str(out)]) == 0
     again = tomllib.loads((out / "record.toml").read_text())["run"]["command"].split()
@@ -106,6 +108,7 @@ def test_the_command_in_the_folder_makes_the_run_again(
         assert (out / name).read_bytes() == (out / "again" / name).read_bytes()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_sweep_has_the_thesis_s_columns_and_speeds(tmp_path: Path) -> None:
     from ballbot.cli.main import main
 
@@ -132,6 +135,7 @@ def test_sweep_has_the_thesis_s_columns_and_speeds(tmp_path: Path) -> None:
     assert log.wheel_speeds[-1].max() < 27.8
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> None:
     from ballbot.cli.main import main
     from ballbot.mechanics.geometry import transforms
@@ -150,6 +154,7 @@ def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> 
     assert np.std(seen - omega) == pytest.approx(0.03, rel=0.05)  # 6000 draws: 1 %
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_stopped_recording_of_many_seeds_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from ballbot.cli.main import main
@@ -177,6 +182,7 @@ def test_stopped_recording_of_many_seeds_goes_on(tmp_path: Path, capsys: pytest.
     assert "holds runs of several seeds" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_finished_run_is_verified_by_its_checksums(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -207,6 +213,7 @@ def test_finished_run_is_verified_by_its_checksums(
     assert log.read_bytes() == whole
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_one_run_is_replaced_as_a_whole(tmp_path: Path) -> None:
     from ballbot.cli.main import main
 
@@ -280,6 +287,7 @@ def test_a_group_s_unknown_command_is_refused(capsys: pytest.CaptureFixture[str]
     assert 'Did you mean "export"?' in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
     from ballbot.cli.main import main
 
@@ -290,6 +298,7 @@ def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
     assert (tmp_path / "one" / "log.csv").read_bytes() == (tmp_path / "two" / "log.csv").read_bytes()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_estimator_steers_and_a_batch_of_another_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
