@@ -34,26 +34,33 @@ def results(folder):
     return json.loads((folder / "results.json").read_text())
 
 
-def test_log_has_its_provenance_and_every_column(tmp_path, capsys):
-    assert run("--reference circle --duration 0.5", tmp_path / "run") == 0
-    log = Log.read(tmp_path / "run" / "log.csv")
+@pytest.fixture(scope="module")
+def circle(tmp_path_factory):
+    """Return the folder of a run."""
+    folder = tmp_path_factory.mktemp("circle") / "run"
+    assert run("--reference circle --duration 0.5", folder) == 0
+    return folder
+
+
+def test_log_has_its_provenance_and_every_column(circle):
+    log = Log.read(circle / "log.csv")
     assert len(log) == 100
     assert np.isfinite(np.column_stack([log[name] for name in log])).all()
     assert {"u1", "x", "psi_dot", "wheel1", "wheel3_dot", "gyro_z", "ref_psi"} <= set(log.names)
-    found = results(tmp_path / "run")
+    found = results(circle)
     assert found["ended"] == "time"
     origin = found["provenance"]
     assert (origin["robot"], origin["port"]) == ("alten", "emulated")
     assert len(origin["session"]) == 8
-    assert not (tmp_path / "run" / "log.recording.csv").exists()
-    assert "ballbot: 0.0 s" in capsys.readouterr().err  # the monitor, in lines
+    assert not (circle / "log.recording.csv").exists()
 
 
-def test_controller_on_the_host_and_ramp(tmp_path):
+def test_controller_on_the_host_and_ramp(tmp_path, capsys):
     robot = Robot.load("alten")
     write_controller(nominal_controller(robot, compensation="none"), tmp_path / "controller.toml")
     words = f"--robot alten --controller {tmp_path / 'controller.toml'} --on-host --ramp 0.3 --duration 0.6"
     assert run(words, tmp_path / "run") == 0
+    assert "ballbot: 0.0 s" in capsys.readouterr().err  # the monitor, in lines
     log = Log.read(tmp_path / "run" / "log.csv")
     limit = robot.drive.torque_limit
     largest = np.abs(log.torques).max(axis=1)
@@ -160,7 +167,7 @@ def balancing(folder):
 
 
 @pytest.mark.slow
-def test_emulated_robot_has_the_body_asked_for(tmp_path):
+def test_emulated_robot_has_the_body_asked_for(circle, tmp_path):
     pytest.importorskip("mujoco", reason="MuJoCo, of the extra `twin`, is not installed")
     for name in ("first", "again"):
         assert run("--reference circle --duration 0.5 --plant twin", tmp_path / name) == 0
@@ -168,8 +175,7 @@ def test_emulated_robot_has_the_body_asked_for(tmp_path):
     assert len(first) == 100
     assert np.abs(first["theta"]).max() < 0.1
     np.testing.assert_array_equal(first.states, again.states)  # the same seed
-    assert run("--reference circle --duration 0.5", tmp_path / "model") == 0
-    assert np.abs(Log.read(tmp_path / "model" / "log.csv").states - first.states).max() > 0.0
+    assert np.abs(Log.read(circle / "log.csv").states - first.states).max() > 0.0
 
 
 @pytest.mark.slow

@@ -156,7 +156,10 @@ def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> 
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
-def test_stopped_recording_of_many_seeds_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stopped_recording_of_many_seeds_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ballbot.fitting.sweep.os.cpu_count", lambda: 1)  # no process has to begin
     from ballbot.cli.main import main
 
     command = ["record", "nominal", "--duration", "0.2", "--out"]

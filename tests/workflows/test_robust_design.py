@@ -68,7 +68,7 @@ def test_the_controller_file_states_its_design_method(robot_file, written):
 def test_perturbed_robots_follow_the_given_ranges():
     robot = alten(FRICTION)
     spread = PerturbationRanges(mass=0.1, height=0.05, friction=0.3, delay=3, tilt=2.0)
-    drawn = draw_perturbed(robot, 400, spread=spread, scenario=SCENARIO, seed=4)
+    drawn = draw_perturbed(robot, 150, spread=spread, scenario=SCENARIO, seed=4)
     masses = np.array([one.model.robot.body.mass for one in drawn.robots]) / robot.body.mass
     heights = (
         np.array([one.model.robot.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
@@ -76,8 +76,8 @@ def test_perturbed_robots_follow_the_given_ranges():
     coulomb = np.array([one.model.robot.friction.coulomb for one in drawn.robots]) / robot.friction.coulomb
     for shares, width in ((masses, 0.1), (heights, 0.05), (coulomb.ravel(), 0.3)):
         assert np.abs(shares - 1.0).max() <= width
-        # the deviation of U(-width, width); 400 draws estimate it to 4 %
-        assert shares.std() == pytest.approx(width / np.sqrt(3.0), rel=0.15)
+        # the deviation of U(-width, width); 150 draws estimate it to 6 %
+        assert shares.std() == pytest.approx(width / np.sqrt(3.0), rel=0.2)
     assert {one.imperfections.delay for one in drawn.robots} == {0, 1, 2, 3}
     slopes = np.array([np.hypot(*one.imperfections.slope) for one in drawn.robots])
     assert slopes.max() <= np.tan(np.radians(2.0))
@@ -86,7 +86,7 @@ def test_perturbed_robots_follow_the_given_ranges():
     np.testing.assert_allclose(
         one.body.inertia_about_center_of_mass(), masses[0] * robot.body.inertia_about_center_of_mass()
     )
-    again = draw_perturbed(robot, 400, spread=spread, scenario=SCENARIO, seed=4)
+    again = draw_perturbed(robot, 150, spread=spread, scenario=SCENARIO, seed=4)
     assert [one.model.robot for one in again.robots] == [one.model.robot for one in drawn.robots]
     np.testing.assert_array_equal(again.starts, drawn.starts)
 
