@@ -107,17 +107,14 @@ def test_controller_is_sent(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("run", "Give the robot's port"),
         ("run /dev/ttyACM9 --emulated", "Give the robot's port"),
         ("run /dev/ttyACM9", "The serial port /dev/ttyACM9 cannot be opened: No such file or directory."),
         ("run --emulated --duration -1", "--duration. It must be above 0."),
-        ("run monitor --emulated --duration nan", "--duration. It must be above 0."),
         ("run /dev/ttyACM9 --plant twin", "--plant is of an emulated robot"),
         ("run --emulated --reference sqare", "There is no reference 'sqare'"),
         ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
         ("run /dev/ttyACM9 --on-host", "--on-host needs the controller"),
         ("run --emulated --ramp -1", "torque ramp"),
-        ("run --emulated --reference gamepad", "There is no reference 'gamepad'"),
         ("run sweep --emulated --torque 99 --out out", "torque limit"),
         ("run compare --emulated --prediction none.json --out out", "none.json"),
     ],

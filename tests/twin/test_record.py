@@ -141,7 +141,7 @@ def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> 
     from ballbot.mechanics.geometry import transforms
     from ballbot.robot import Robot
 
-    command = ["record", "nominal", "--experiment", "upside_down", "--duration", "10", "--out", str(tmp_path)]
+    command = ["record", "nominal", "--experiment", "upside_down", "--duration", "5", "--out", str(tmp_path)]
     assert main(command) == 0
     log, truth = Log.read(tmp_path / "log.csv"), Log.read(tmp_path / "truth.csv")
     assert log.names[-3:] == ("ball_omega_x", "ball_omega_y", "ball_omega_z")
@@ -151,7 +151,7 @@ def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> 
     # rows meet the ball 1.4 degrees off, 2.5 % of the lever; play lets a wheel run on for a moment
     assert np.sqrt(np.mean((driven - truth.wheel_speeds) ** 2)) < 0.1 * np.std(driven)
     seen = np.column_stack([log[f"ball_omega_{axis}"] for axis in "xyz"])
-    assert np.std(seen - omega) == pytest.approx(0.03, rel=0.05)  # 6000 draws: 1 %
+    assert np.std(seen - omega) == pytest.approx(0.03, rel=0.06)  # 3000 draws: 1.3 %
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -288,17 +288,6 @@ def test_a_group_s_unknown_command_is_refused(capsys: pytest.CaptureFixture[str]
 
     assert main(["twin", "exprt"]) == 2
     assert 'Did you mean "export"?' in capsys.readouterr().err
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
-    from ballbot.cli.main import main
-
-    command = ["record", "nominal", "--duration", "0.5", "--out"]
-    assert main([*command, str(tmp_path / "one")]) == 0
-    again = [*command, str(tmp_path / "two"), "--controller", str(tmp_path / "one" / "controller.toml")]
-    assert main(again) == 0
-    assert (tmp_path / "one" / "log.csv").read_bytes() == (tmp_path / "two" / "log.csv").read_bytes()
 
 
 @pytest.mark.usefixtures("undrawn")

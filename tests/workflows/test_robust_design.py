@@ -23,7 +23,7 @@ from ballbot.workflows.robust_design import (
 from tests.support.control_examples import FRICTION, alten
 
 SCENARIO = Scenario.nominal(alten(FRICTION))
-OPTIONS = ["--robots", "20", "--generations", "3", "--population", "6", "--fresh", "100"]
+OPTIONS = ["--robots", "12", "--generations", "3", "--population", "6", "--fresh", "50"]
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def written(robot_file, tmp_path_factory):
 def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_weights(written):
     results = json.loads((written / "results.json").read_text())
     robust, nominal = (results["on_fresh_robots"][name] for name in ("robust", "nominal"))
-    # this short search finds 1.70 where the nominal gain has 2.64; 100 robots know a worst tenth to some 5 %
+    # this short search finds 1.77 where the nominal gain has 2.76; 50 robots know a worst tenth to some 7 %
     assert robust["worst_tenth"] < 0.75 * nominal["worst_tenth"]
     assert robust["falls"] == 0
     assert np.all(np.diff(results["history"]) <= 0.0)
