@@ -50,15 +50,6 @@ def test_orders_count_where_intervals_are_apart_on_both():
     assert "0 of 0 by roughness" in words
 
 
-def test_a_median_outside_the_twins_interval_is_bold_and_counted():
-    found = section([known("soft", 0.4, 0.3), known("full", 0.1, 0.1)], [])
-    cells = dict(zip(found.columns, found.rows[0], strict=True))
-    assert cells["peak, loop [mm]"].startswith("**400.0** (")
-    assert cells["peak, twin [mm]"].startswith("300.0 (")
-    assert not found.rows[1][2].startswith("**")
-    assert "1 of 2 by peak, loop over twin 1.33 to 1.33" in found.after
-
-
 def test_a_plan_that_is_stopped_is_balanced_and_whole_at_its_end():
     plan = twin_plan()
     names = {(one.course, one.candidate, one.seed) for one in plan}

@@ -5,25 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ballbot.control.overcompensation import certain_friction
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import named_reference
 from ballbot.fitting.intervals import Interval, Uncertainty
-from ballbot.identification.identify import estimated_parameters, identify
+from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.parameters import Bounds
-from ballbot.identification.stages import IdentificationOptions
-from ballbot.identification.variation import LogEstimates
-from ballbot.mechanics.friction import wheel_friction
-from ballbot.simulation.run import simulate
-from ballbot.twin import Twin
+from ballbot.identification.quantities import FRICTION
+from ballbot.identification.variation import LogEstimates, Priors, scaled_units
 from ballbot.twin.scenario import check_scenario
 from campaigns.between_logs import (
-    NOMINAL,
     ROBOT,
     Fit,
     coverage_row,
     drawn,
-    fitted_priors,
     judge,
     references_of,
 )
@@ -31,7 +23,7 @@ from campaigns.between_logs import (
 VALUES = np.array([0.02] * 3 + [0.1] * 3 + [0.05] * 3 + [0.6, 1.1, 0.01])
 
 
-@pytest.mark.parametrize("seed", [0, 1, 17, 1000, 1007])
+@pytest.mark.parametrize("seed", [0, 1000])
 def test_twins_have_all_faults_and_can_be_simulated(seed: int) -> None:
     twin = drawn(seed)
     check_scenario(twin, ROBOT)
@@ -68,10 +60,16 @@ def pair(random: np.random.Generator) -> tuple[Fit, Fit]:
     return fits[0], fits[1]
 
 
-@pytest.mark.slow
 def test_intervals_hold_the_other_log_and_are_no_wider_than_the_logs_ask() -> None:
     random = np.random.default_rng(1)
-    priors = fitted_priors([pair(random) for _ in range(12)])
+    first, _ = pair(random)
+    # what `pair` draws, by quantity in units of its own
+    deviations = 0.1 * VALUES / first.coordinates.slopes(first.coordinates.scaled(VALUES))
+    shares = deviations / scaled_units(first.coordinates, VALUES)
+    sizes = {
+        name: float(shares[[one == name for one in first.coordinates.names]].mean()) for name in FRICTION
+    }
+    priors = Priors(sizes=sizes, degrees=30.0, robots=30)
     judged = [one for _ in range(40) for one in judge(pair(random), priors)]
     held = np.mean([one.held for one in judged], axis=0)
     # 480 estimates: of the robot's own value the other one is sqrt(2) times as far off, 83 %; of another log 95 %
@@ -80,19 +78,3 @@ def test_intervals_hold_the_other_log_and_are_no_wider_than_the_logs_ask() -> No
     # a spread of differences of 40 pairs is known to a tenth
     widths = [float(cell) for cell in coverage_row("all", judged)[2::2]]
     assert widths == pytest.approx([1.0, np.sqrt(2.0)], rel=0.25)
-
-
-@pytest.mark.slow
-def test_two_logs_of_the_nominal_twin_leave_most_of_its_friction_certain() -> None:
-    logs = [
-        simulate(
-            Twin(ROBOT, NOMINAL), nominal_controller(ROBOT), named_reference(name), duration=48.0, seed=seed
-        ).without_truth()
-        for seed, name in ((1, "square"), (2, "figure_eight"))
-    ]
-    options = IdentificationOptions(generations=10, most_profiles=0, step=2.5e-3)
-    found = identify(ROBOT, logs, seed=0, options=options)
-    speed = np.ones((1, 3))
-    share = wheel_friction(speed, certain_friction(found.robot)) / wheel_friction(speed, NOMINAL.friction)
-    assert (share > 0.5).all()  # most of it
-    assert (share < 1.0).all()

@@ -13,11 +13,9 @@ pytest.importorskip("mujoco")
 
 from campaigns.controller_factors import (
     CELLS,
-    FACTORS,
     Cell,
     controller_of,
     effect,
-    section,
     strongest_interaction,
 )
 
@@ -67,11 +65,3 @@ def test_an_effect_without_any_standing_cell_is_unknown_and_its_falls_count():
 def test_the_strongest_interaction_is_found():
     assert strongest_interaction(PEAKS, "compensation") == "observer"
     assert strongest_interaction(PEAKS, "observer") == "compensation"
-
-
-def test_the_section_counts_falls_and_names_every_factor():
-    text = section(PEAKS).markdown()
-    assert "not on a robot" in text
-    row = next(line for line in text.splitlines() if line.startswith("| stiff | thesis's | – | – |"))
-    assert row.endswith("| 1 and 1 |")
-    assert all(f"| {words} |" in text for words in FACTORS.values())

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from campaigns import course_robot, evidence, one_axis
+from campaigns import evidence
 from campaigns.evidence import CAMPAIGNS, NOT_ON_THE_PAGE, written_sections
 from campaigns.section import Section, is_kept
-from tests.support.paths import ROOT
 
 
 def test_every_campaign_has_its_section_or_a_reason_for_none() -> None:
@@ -42,19 +41,3 @@ def test_time_is_stated_only_of_a_run_that_made_its_results(
     monkeypatch.setattr(sys.modules[__name__], "campaign", campaign, raising=False)
     evidence.main(["sample"])
     assert f"`python -m campaigns.evidence sample`, {stated}" in written_sections()["sample"]
-
-
-def test_pages_on_public_records_name_source_version_and_command() -> None:
-    axis, robots = (
-        (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("axis.md", "real_robots.md")
-    )
-    page = written_sections()
-    assert one_axis.SOURCE in page["one_axis"]
-    assert one_axis.SHA_256 in axis
-    assert course_robot.SOURCE in page["course_robot"]
-    assert course_robot.SOURCE in robots
-    for name, log in course_robot.SOURCES.items():
-        assert f"| `{name}.txt` | `{log.sha256}` |" in robots
-        assert f"{name} ({log.sha256[:12]})" in page["course_robot"]
-    for name in ("one_axis", "course_robot"):
-        assert f"`python -m campaigns.{name} --data DIR`" in page[name]

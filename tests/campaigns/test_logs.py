@@ -32,7 +32,7 @@ def test_draws_are_reproducible_and_cover_presets_and_references():
 
 
 #: inputs of each loader; the campaign has thousands
-COUNT, COMMANDS = 25, 30
+COUNT, COMMANDS = 8, 30
 SEED = 99
 
 

@@ -1,49 +1,13 @@
 """What all commands share: whole numbers, groups of --help, refusals, the provenance."""
 
-import dataclasses
-import importlib
-import inspect
-from collections.abc import Iterator
 from pathlib import Path
-from typing import get_args, get_type_hints
 
 import pytest
 
 from ballbot.cli import ARGV
-from ballbot.cli.app import COMMANDS
 from ballbot.cli.context import argv, input_files
 from ballbot.cli.main import main
 from ballbot.robot import Robot
-
-
-def functions() -> Iterator[tuple[str, object]]:
-    for command in COMMANDS:
-        found = getattr(importlib.import_module(command.module), command.function)
-        if inspect.isfunction(found):
-            yield command.name, found
-
-
-def hints(kind: object) -> Iterator[tuple[str, object]]:
-    """Yield each option of a function, and of the dataclasses that it takes, with its type."""
-    for name, hint in get_type_hints(kind, include_extras=True).items():
-        if dataclasses.is_dataclass(hint) and not isinstance(kind, type):
-            yield from hints(hint)
-        else:
-            yield name, hint
-
-
-def kinds(hint: object) -> Iterator[object]:
-    """Yield a type and what it consists of, up to what has a converter, as a whole number does."""
-    yield hint
-    if not any(getattr(one, "converter", None) for one in getattr(hint, "__metadata__", ())):
-        for one in get_args(hint):
-            yield from kinds(one)
-
-
-@pytest.mark.parametrize(("name", "function"), list(functions()))
-def test_every_integer_option_takes_whole_numbers_only(name: str, function: object) -> None:
-    for option, hint in hints(function):
-        assert int not in kinds(hint), f"{name} --{option}: write WholeNumber"
 
 
 @pytest.mark.parametrize(
@@ -64,13 +28,6 @@ def test_fraction_for_an_integer_option_is_refused_in_one_sentence(
     assert "whole number" in said
     assert len(said.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_help_groups_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--help"]) == 0
-    printed = capsys.readouterr().out
-    places = [printed.index(f" {one} ") for one in dict.fromkeys(command.group for command in COMMANDS)]
-    assert places == sorted(places)
 
 
 def test_provenance_is_the_command_line_without_what_has_no_effect() -> None:

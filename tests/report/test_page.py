@@ -14,21 +14,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.control.linear import robot_loop
-from ballbot.control.presets import nominal_controller
 from ballbot.findings import Finding, Place
-from ballbot.log import STATE_NAMES, Log
 from ballbot.report.blocks import Bullets, Cell, Paragraph, Picture, Report, Sheet, Verbatim, section
 from ballbot.report.console import PlainConsole
-from ballbot.report.loop import step_series
 from ballbot.report.page import page_of
 from ballbot.report.palette import BLUE, INK, themed
 from ballbot.report.provenance import Provenance
-from ballbot.report.run import over_time
 from ballbot.report.series import Line, Panel, TimeSeries, together, true_spans
 from ballbot.report.words import signed_with_error
-from tests.support.control_examples import alten
-from tests.support.log_examples import smooth_log
 from tests.support.packing import unpacked
 from tests.support.report_pages import LARGEST_PAGE, shown_text
 
@@ -126,28 +119,6 @@ def test_errors_that_were_not_accepted_are_not_called_so():
     assert "accepted" not in shown_text(page(findings=error, accepted=False))
 
 
-def test_columns_of_numbers_stand_flush_right_and_words_left():
-    sheet = Sheet(
-        headings=("name", "value", "what"),
-        rows=[
-            ("b", "0.02 ± 0.01", "viscous"),
-            ("c", "−1.5 (−2, −1)", "dry"),
-            ("d", Cell(text="unknown"), ""),
-        ],
-    )
-    assert sheet.numeric == [False, True, False]
-    shown = shown_text(page(sheet))
-    assert '<th class="text">what</th>' in shown
-    assert "<th>value</th>" in shown
-
-
-def test_powers_of_units_are_raised():
-    shown = shown_text(page(Sheet(headings=("quantity", "value [m s^-2]"), rows=[("inertia [kg m^2]", "1")])))
-    assert "kg m²" in shown
-    assert "[m s⁻²]" in shown
-    assert "^" not in shown
-
-
 def test_a_table_shows_texts_with_brackets_and_spaces_as_they_are():
     out = io.StringIO()
     rows = [("<b> & x", "+0.100  +0.200 m"), (Cell(text="0.5", below="(0.4, 0.6)"), "1")]
@@ -156,19 +127,6 @@ def test_a_table_shows_texts_with_brackets_and_spaces_as_they_are():
     assert "<b> & x" in shown
     assert "+0.100  +0.200 m" in shown
     assert "0.5 (0.4, 0.6)" in shown
-
-
-@pytest.mark.parametrize("terminal", [True, False])
-def test_a_table_is_framed_on_a_terminal_only_and_its_numbers_stand_flush_right(terminal, monkeypatch):
-    if terminal:
-        monkeypatch.setenv("TERM", "xterm")
-        monkeypatch.setenv("FORCE_COLOR", "1")
-    out = io.StringIO()
-    made = Sheet(caption="Errors", headings=("state", "error"), rows=[("x", "1.5"), ("y", "21.25")])
-    PlainConsole(file=out, width=60).print(made)
-    shown = out.getvalue()
-    assert ("╭" in shown) == terminal
-    assert re.search(r"  1\.5\b", shown)  # as wide as 21.25
 
 
 def test_a_figure_takes_the_colors_of_the_theme():
@@ -202,22 +160,6 @@ def test_a_long_series_is_short_and_keeps_its_peaks_and_gaps(count, seed, share,
         (times > t[gap.start] + 15.0 * 2) & (times < t[gap.stop - 1] - 15.0 * 2) if count > 100 else times < 0
     )
     assert np.isnan(second[inside]).all()
-
-
-def test_no_line_looks_as_a_wheel_that_is_drawn_with_it():
-    """A legend is that of all panels of a figure."""
-    log = smooth_log(rows=40)
-    columns = dict(log.columns) | {f"true_{name}": 0.9 * log[name] for name in STATE_NAMES}
-    run = Log(columns | dict.fromkeys(("ref_x", "ref_y", "ref_psi"), 0.0 * log.t))
-    (over,) = over_time(run, alten())
-    loop = robot_loop(nominal_controller(alten()))
-    figures = [over, step_series(loop, "x"), step_series(loop, "psi")]
-    for made in figures:
-        assert isinstance(made, TimeSeries)
-        looks = {line.look: line.name for panel in made.panels for line in panel.lines}
-        lines = [line for panel in made.panels for line in panel.lines]
-        assert {line.look for line in lines if line.name == "wheel 1"} == {"first"}
-        assert all(looks[line.look].startswith("wheel") == line.name.startswith("wheel") for line in lines)
 
 
 def test_no_name_ends_the_data_of_a_plot():

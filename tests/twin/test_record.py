@@ -73,6 +73,7 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
     assert film.t[0] == pytest.approx(made["motion_capture"]["clock_offset"])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_writing_the_files_is_the_last_stage_of_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -85,15 +86,16 @@ def test_writing_the_files_is_the_last_stage_of_a_recording(
     assert lines[-1].startswith("ballbot: writing the files")
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
-@pytest.mark.parametrize("experiment", ["balance", "driveline_sweep", "upside_down"])
+@pytest.mark.parametrize("experiment", ["driveline_sweep", "upside_down"])
 def test_the_command_in_the_folder_makes_the_run_again(
     experiment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from ballbot.cli.main import main
 
     out = tmp_path / "one"
-    command = ["record", "resonant", "--experiment", experiment, "--duration", "0.5", "--seed", "7"]
+    command = ["record", "resonant", "--experiment", experiment, "--duration", "0.2", "--seed", "7"]
     command += ["--estimator", "kalman"]
     assert main([*command, "--compensation", "partial", "--reference", "hold", "--out", str(out)]) == 0
     again = tomllib.loads((out / "record.toml").read_text())["run"]["command"].split()
@@ -106,6 +108,7 @@ def test_the_command_in_the_folder_makes_the_run_again(
         assert (out / name).read_bytes() == (out / "again" / name).read_bytes()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_sweep_has_the_thesis_s_columns_and_speeds(tmp_path: Path) -> None:
     from ballbot.cli.main import main
 
@@ -132,12 +135,13 @@ def test_sweep_has_the_thesis_s_columns_and_speeds(tmp_path: Path) -> None:
     assert log.wheel_speeds[-1].max() < 27.8
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> None:
     from ballbot.cli.main import main
     from ballbot.mechanics.geometry import transforms
     from ballbot.robot import Robot
 
-    command = ["record", "nominal", "--experiment", "upside_down", "--duration", "10", "--out", str(tmp_path)]
+    command = ["record", "nominal", "--experiment", "upside_down", "--duration", "5", "--out", str(tmp_path)]
     assert main(command) == 0
     log, truth = Log.read(tmp_path / "log.csv"), Log.read(tmp_path / "truth.csv")
     assert log.names[-3:] == ("ball_omega_x", "ball_omega_y", "ball_omega_z")
@@ -147,11 +151,15 @@ def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> 
     # rows meet the ball 1.4 degrees off, 2.5 % of the lever; play lets a wheel run on for a moment
     assert np.sqrt(np.mean((driven - truth.wheel_speeds) ** 2)) < 0.1 * np.std(driven)
     seen = np.column_stack([log[f"ball_omega_{axis}"] for axis in "xyz"])
-    assert np.std(seen - omega) == pytest.approx(0.03, rel=0.05)  # 6000 draws: 1 %
+    assert np.std(seen - omega) == pytest.approx(0.03, rel=0.06)  # 3000 draws: 1.3 %
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
-def test_stopped_recording_of_many_seeds_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stopped_recording_of_many_seeds_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ballbot.fitting.sweep.os.cpu_count", lambda: 1)  # no process has to begin
     from ballbot.cli.main import main
 
     command = ["record", "nominal", "--duration", "0.2", "--out"]
@@ -177,6 +185,7 @@ def test_stopped_recording_of_many_seeds_goes_on(tmp_path: Path, capsys: pytest.
     assert "holds runs of several seeds" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_finished_run_is_verified_by_its_checksums(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -207,6 +216,7 @@ def test_finished_run_is_verified_by_its_checksums(
     assert log.read_bytes() == whole
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_one_run_is_replaced_as_a_whole(tmp_path: Path) -> None:
     from ballbot.cli.main import main
 
@@ -280,16 +290,7 @@ def test_a_group_s_unknown_command_is_refused(capsys: pytest.CaptureFixture[str]
     assert 'Did you mean "export"?' in capsys.readouterr().err
 
 
-def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
-    from ballbot.cli.main import main
-
-    command = ["record", "nominal", "--duration", "0.5", "--out"]
-    assert main([*command, str(tmp_path / "one")]) == 0
-    again = [*command, str(tmp_path / "two"), "--controller", str(tmp_path / "one" / "controller.toml")]
-    assert main(again) == 0
-    assert (tmp_path / "one" / "log.csv").read_bytes() == (tmp_path / "two" / "log.csv").read_bytes()
-
-
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_estimator_steers_and_a_batch_of_another_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -1,7 +1,6 @@
 """Scenarios and their files: read, written, refused."""
 
 from dataclasses import fields, replace
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -48,7 +47,7 @@ positive = st.floats(1e-6, 30.0)
 number = st.floats(-30.0, 30.0)
 
 
-@settings(deadline=None)  # a busy machine is slow
+@settings(max_examples=30, deadline=None)  # a busy machine is slow
 @given(
     softness=st.none() | st.builds(Softness, stiffness=positive, damping=positive),
     compliance=st.none() | st.builds(Compliance, frequency=positive, damping_ratio=st.floats(0, 1)),
@@ -103,16 +102,6 @@ def test_the_examples_of_what_is_off_can_be_switched_on(tmp_path: Path) -> None:
     found = read("\n".join(lines), tmp_path)
     for name, example in EXAMPLES.items():
         assert getattr(found, name) == ((example,) if name == "pushes" else example)
-
-
-def test_every_line_of_a_file_has_a_comment() -> None:
-    scenario = replace(NOMINAL, **{k: (v,) if k == "pushes" else v for k, v in EXAMPLES.items()})  # type: ignore[arg-type]
-    lines = scenario_text(scenario).splitlines()
-    for before, line in pairwise(lines):
-        if " = " in line and not line.startswith("base"):
-            assert "  # " in line
-        if line.startswith("["):
-            assert before.startswith("# ")
 
 
 @pytest.mark.parametrize(

@@ -64,14 +64,14 @@ def test_balances_ten_seconds_and_wanders_as_the_thesis_saw(gain: NDArray[np.flo
 
 
 def test_without_friction_it_hardly_wanders(gain: NDArray[np.float64]) -> None:
-    measured = balance(Twin(ALTEN, Scenario.ideal(ALTEN)), gain, 5.0, seed=1)
+    measured = balance(Twin(ALTEN, Scenario.ideal(ALTEN)), gain, 3.0, seed=1)
     assert measured[-1].ended is None
     assert np.abs([m.truth[:2] for m in measured]).max() < 0.02
 
 
 @pytest.mark.slow
 def test_turns_past_half_a_turn_without_a_jump(gain: NDArray[np.float64]) -> None:
-    measured = balance(Twin(ALTEN), gain, 8.0, seed=2, at=4.0)
+    measured = balance(Twin(ALTEN), gain, 5.0, seed=2, at=4.0)
     psi = np.array([m.truth[4] for m in measured])
     assert measured[-1].ended is None
     assert psi[-1] > np.pi

@@ -27,9 +27,9 @@ def test_of_four_runs_the_gain_is_each_inner_run_against_its_neighbours(logs):
     assert np.log(paired_gain(np.exp(logs)).factor) == pytest.approx(by_hand, abs=1e-9)
 
 
-@pytest.mark.parametrize("rounds", [2, *(pytest.param(count, marks=pytest.mark.slow) for count in (3, 6))])
+@pytest.mark.parametrize("rounds", [2, 6])
 def test_interval_contains_the_true_factor_as_often_as_it_states(rounds):
-    random, k, runs = np.random.default_rng(rounds), np.arange(2 * rounds), 4000
+    random, k, runs = np.random.default_rng(rounds), np.arange(2 * rounds), 1500
     inside = 0
     for _ in range(runs):
         gain, drift = random.uniform(-1.0, 1.0), random.uniform(-0.2, 0.2)

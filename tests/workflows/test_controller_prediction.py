@@ -22,7 +22,6 @@ from ballbot.files import write_text
 from ballbot.findings import warning
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.report.prediction import next_steps
 from ballbot.report.study_files import previous_controller_text
 from ballbot.results import as_json
 from ballbot.robot.components import scaled_friction
@@ -381,19 +380,3 @@ def test_invalid_controller_file_is_named_instead_of_the_log(folder: Path, contr
 def test_without_a_prediction_the_folder_is_needed(folder: Path, capsys):
     assert main(["validate", str(folder / "robot.toml"), str(folder.parent / "new.csv")]) == 2
     assert "--out is missing" in capsys.readouterr().err
-
-
-def test_advice_names_the_files(folder: Path, prediction: Prediction, log: Log, controller: Controller):
-    files = {
-        "results": folder / "results.json",
-        "robot": folder / "robot.toml",
-        "controller": folder / "controller.toml",
-    }
-    bad = evaluate_log(prediction, displaced(log, 10.0), controller)
-    # torques that do not belong to the states: perhaps another controller's log
-    own, back, _ = next_steps(bad, prediction, **files)
-    assert str(files["controller"]) in own
-    assert str(folder / "previous_controller.toml") in back
-    low = prediction.none["peak_error"].low
-    weak = evaluate_log(prediction, displaced(log, 0.7 * low), controller)
-    assert "--compensation-gain 0.8" in " ".join(next_steps(weak, prediction, **files))

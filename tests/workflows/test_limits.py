@@ -3,13 +3,11 @@
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ballbot import Controller, InputError, Model, Robot, simulate, simulate_batch
-from ballbot.cli.context import input_files
 from ballbot.cli.main import main
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
@@ -17,15 +15,14 @@ from ballbot.report.limits import directions_figure, planes_figure
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
-from ballbot.workflows import limits
-from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows import limits, recovery_region
 from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
 from ballbot.workflows.recovery_region import Loop, Region, map_region, reach
 from ballbot.workflows.reference_check import check_reference, path_demand, reference_verdict
 from tests.support.control_examples import FRICTION, alten, leaning
 from tests.support.report_pages import figure_count
 
-DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)
 
 
 def loop(torque_limit: float, *, robot: Robot | None = None, grip: float = np.inf) -> Loop:
@@ -35,9 +32,9 @@ def loop(torque_limit: float, *, robot: Robot | None = None, grip: float = np.in
     )
 
 
-def leans(one: Loop, *, end: float = 1.0):
+def leans(one: Loop, *, end: float = 1.0, directions=DIRECTIONS):
     return reach(
-        one.recovers, lambda sizes: limits.leaning_state(DIRECTIONS, sizes), shape=DIRECTIONS.shape, end=end
+        one.recovers, lambda sizes: limits.leaning_state(directions, sizes), shape=directions.shape, end=end
     )
 
 
@@ -67,7 +64,7 @@ def test_recovery_region_is_close_below_the_theoretical_limit():
 
 
 def test_more_torque_never_saves_less():
-    edges = np.array([leans(loop(limit)) for limit in (0.5, 1.0, 2.0, 4.0)])
+    edges = np.array([leans(loop(limit)) for limit in (0.5, 4.0)])
     assert (np.diff(edges, axis=0) > 0.0).all()
 
 
@@ -102,7 +99,9 @@ def test_sensors_leave_the_limit_and_delay_takes_from_it():
     clean = Loop(robot=robot, controller=precise_controller(robot), grip=np.inf)
     sensed = replace(clean, scenario=scenario)
     late = replace(clean, scenario=replace(scenario, timing=Timing(delay=8)))
-    without, with_sensors, delayed = (leans(one, end=0.7).min() for one in (clean, sensed, late))
+    without, with_sensors, delayed = (
+        leans(one, end=0.7, directions=DIRECTIONS[:1])[0] for one in (clean, sensed, late)
+    )
     # milliradians of noise beside a limit of some 300 mrad; 40 ms of delay let a fall grow by a fifth, exp(5.2 * 0.04)
     assert with_sensors == pytest.approx(without, rel=0.05)
     assert delayed < 0.9 * without
@@ -204,7 +203,7 @@ def test_a_slope_moves_the_robot_as_it_moves_the_twin():
     slope = (0.02, -0.012)
     controller = nominal_controller(robot)
     batch = simulate_batch(
-        Model(robot), controller, hold(), duration=12.0, imperfections=[Imperfections(slope=slope)], every=0
+        Model(robot), controller, hold(), duration=8.0, imperfections=[Imperfections(slope=slope)], every=0
     )
     # turned by -atan(s_y) about x and by atan(s_x) about y, z = s_x x + s_y y
     tilted = replace(
@@ -212,7 +211,7 @@ def test_a_slope_moves_the_robot_as_it_moves_the_twin():
         wheel_contact="point",
         floor_tilt=(np.arctan(slope[1]), -np.arctan(slope[0])),
     )
-    log = simulate(Twin(robot, tilted), controller, hold(), duration=12.0)
+    log = simulate(Twin(robot, tilted), controller, hold(), duration=8.0)
     assert log.ended is None
     rest = log.truth().states[-200:].mean(axis=0)
     assert abs(rest[0]) > 0.05
@@ -266,7 +265,7 @@ def test_circle_demands_equal_hand_calculation():
 def test_margins_name_infeasible_references_and_the_reason():
     robot = alten(FRICTION)
     controller = nominal_controller(robot)
-    slow = check_reference(robot, controller, circle(), name="circle", duration=30.0)
+    slow = check_reference(robot, controller, circle(), name="circle", duration=10.0)
     assert slow.can_be_followed
     assert reference_verdict(slow)[0].startswith("The robot can follow circle")
     fast = check_reference(robot, controller, circle(period=2.0), duration=6.0)
@@ -275,13 +274,14 @@ def test_margins_name_infeasible_references_and_the_reason():
     torque = fast.uses[0]
     assert torque.value > torque.limit == 6.0
     assert f"wheel {torque.wheel} needs {torque.value:.3g} N m" in words
-    jumps = check_reference(robot, controller, square(), duration=20.0)
+    jumps = check_reference(robot, controller, square(), duration=17.0)
     assert [t for t, _ in jumps.jumps] == [8.0, 16.0]
     assert jumps.can_be_followed
     far = check_reference(robot, controller, change_pose(x=20.0, ramp=0.0), duration=8.0)
     assert "falls at t = " in " ".join(reference_verdict(far))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_check_reports_whether_a_reference_is_feasible(tmp_path, capsys):
     assert main(["check", "alten", "--reference", "circle", "--out", str(tmp_path)]) == 0
     assert "The robot can follow circle; its tightest margin is" in capsys.readouterr().out
@@ -296,12 +296,16 @@ def test_check_reports_whether_a_reference_is_feasible(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_limits_are_found_and_drawn(tmp_path, capsys):
+def test_limits_are_found_and_drawn(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(limits, "DIRECTIONS", 6)
+    monkeypatch.setattr(limits, "HEIGHTS", (0.0, 1.0))
+    monkeypatch.setattr(recovery_region, "POINTS", 17)
+    monkeypatch.setattr(limits, "_CENTER", 1)
     assert main(["limits", "alten", "none", "--out", str(tmp_path)]) == 0
     # a heading may stand on two lines
     assert "no wheel slips" in re.sub(r"\s+", " ", capsys.readouterr().out)
     results = json.loads((tmp_path / "results.json").read_text())["controllers"]["none"]
-    assert len(results["lean"]["lower"]) == len(results["directions"]) == 36
+    assert len(results["lean"]["lower"]) == len(results["directions"]) == 6
     assert all(
         one < other for one, other in zip(results["lean"]["lower"], results["lean"]["upper"], strict=True)
     )
@@ -346,13 +350,3 @@ def test_every_controller_is_drawn_and_a_plane_by_all_its_points():
     edges = np.vstack([path.vertices for path in panels[0].collections[-1].get_paths()])
     # half a point beyond the three by three: 1.5 points of 1/16 rad to each side
     assert np.abs(edges).max() == pytest.approx(np.degrees(1.5 / 16.0), rel=1e-6)
-
-
-def test_the_files_that_limits_come_from_are_named(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("windy.toml").touch()
-    Path("robot.toml").touch()
-    candidates = parse_candidates(["none", "soft=mine.toml@kalman"])
-    files = [one.file for one in candidates if one.file]
-    assert input_files("alten", files, "nominal") == [Path("mine.toml")]
-    assert input_files("robot.toml", [], "windy.toml") == [Path("robot.toml"), Path("windy.toml")]

@@ -23,7 +23,7 @@ from ballbot.workflows.robust_design import (
 from tests.support.control_examples import FRICTION, alten
 
 SCENARIO = Scenario.nominal(alten(FRICTION))
-OPTIONS = ["--robots", "20", "--generations", "3", "--population", "6", "--fresh", "100"]
+OPTIONS = ["--robots", "12", "--generations", "3", "--population", "6", "--fresh", "50"]
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def written(robot_file, tmp_path_factory):
 def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_weights(written):
     results = json.loads((written / "results.json").read_text())
     robust, nominal = (results["on_fresh_robots"][name] for name in ("robust", "nominal"))
-    # this short search finds 1.70 where the nominal gain has 2.64; 100 robots know a worst tenth to some 5 %
+    # this short search finds 1.77 where the nominal gain has 2.76; 50 robots know a worst tenth to some 7 %
     assert robust["worst_tenth"] < 0.75 * nominal["worst_tenth"]
     assert robust["falls"] == 0
     assert np.all(np.diff(results["history"]) <= 0.0)
@@ -68,7 +68,7 @@ def test_the_controller_file_states_its_design_method(robot_file, written):
 def test_perturbed_robots_follow_the_given_ranges():
     robot = alten(FRICTION)
     spread = PerturbationRanges(mass=0.1, height=0.05, friction=0.3, delay=3, tilt=2.0)
-    drawn = draw_perturbed(robot, 400, spread=spread, scenario=SCENARIO, seed=4)
+    drawn = draw_perturbed(robot, 150, spread=spread, scenario=SCENARIO, seed=4)
     masses = np.array([one.model.robot.body.mass for one in drawn.robots]) / robot.body.mass
     heights = (
         np.array([one.model.robot.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
@@ -76,8 +76,8 @@ def test_perturbed_robots_follow_the_given_ranges():
     coulomb = np.array([one.model.robot.friction.coulomb for one in drawn.robots]) / robot.friction.coulomb
     for shares, width in ((masses, 0.1), (heights, 0.05), (coulomb.ravel(), 0.3)):
         assert np.abs(shares - 1.0).max() <= width
-        # the deviation of U(-width, width); 400 draws estimate it to 4 %
-        assert shares.std() == pytest.approx(width / np.sqrt(3.0), rel=0.15)
+        # the deviation of U(-width, width); 150 draws estimate it to 6 %
+        assert shares.std() == pytest.approx(width / np.sqrt(3.0), rel=0.2)
     assert {one.imperfections.delay for one in drawn.robots} == {0, 1, 2, 3}
     slopes = np.array([np.hypot(*one.imperfections.slope) for one in drawn.robots])
     assert slopes.max() <= np.tan(np.radians(2.0))
@@ -86,7 +86,7 @@ def test_perturbed_robots_follow_the_given_ranges():
     np.testing.assert_allclose(
         one.body.inertia_about_center_of_mass(), masses[0] * robot.body.inertia_about_center_of_mass()
     )
-    again = draw_perturbed(robot, 400, spread=spread, scenario=SCENARIO, seed=4)
+    again = draw_perturbed(robot, 150, spread=spread, scenario=SCENARIO, seed=4)
     assert [one.model.robot for one in again.robots] == [one.model.robot for one in drawn.robots]
     np.testing.assert_array_equal(again.starts, drawn.starts)
 

@@ -86,7 +86,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module", autouse=True)
 def little_effort() -> Iterator[None]:
-    """Identify with little effort, and compare in this process: others change nothing (test_league.py)."""
+    """Identify with little effort, and compare in this process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study_workflow, "IdentificationOptions", BRIEF)
         patch.setattr("ballbot.workflows.comparison.os.cpu_count", lambda: 1)
@@ -328,9 +328,11 @@ def test_report_is_self_contained(folder: Path):
     assert not re.search(r"\b(nan|None|inf)\b", shown_text(page))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Path, monkeypatch):
     pytest.importorskip("mujoco")
-    monkeypatch.setattr(twin_confirmation, "CONFIRMED_ON", NamedCourse(name="square", duration=8.0))
+    monkeypatch.setattr(twin_confirmation, "CONFIRMED_ON", NamedCourse(name="square", duration=7.0))
+    monkeypatch.setattr(twin_confirmation, "CONFIRMED_RUNS", 1)
     found = confirm(small.choice)
     assert found is not None
     assert list(found.on_twin) == ["none", small.choice.chosen]
@@ -341,8 +343,8 @@ def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Pa
     confirmed = replace(small, confirmation=found)
     write_study(confirmed, tmp_path, made=provenance(command="", files=[], seed=3))
     results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
-    assert results["comparison"]["confirmation"]["none"]["twin"]["runs"] == 2
-    assert "On the physics-engine twin, 8 s of the square" in (tmp_path / "report.html").read_text(
+    assert results["comparison"]["confirmation"]["none"]["twin"]["runs"] == 1
+    assert "On the physics-engine twin, 7 s of the square" in (tmp_path / "report.html").read_text(
         encoding="utf-8"
     )
 
