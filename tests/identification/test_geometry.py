@@ -177,7 +177,7 @@ class TestKnownRobots:
         found = survey_geometry(ALTEN, upside_down=[log.with_columns({"wheel2": 0.97 * log["wheel2"]})])
         assert any(sentence.startswith("Wheel 2 turns -") for sentence in texts(geometry_findings(found)))
 
-    @pytest.mark.parametrize("degrees", [[2.0, -1.0, 4.0], [0.0, 0.0, 90.0], [180.0, 0.0, 0.0]])
+    @pytest.mark.parametrize("degrees", [[2.0, -1.0, 4.0], [180.0, 0.0, 0.0]])
     def test_the_imus_mounting_and_the_cameras_clock(self, degrees: list[float]):
         imu = Rotation.from_rotvec(np.radians(degrees))
         log, film = balancing_run(ALTEN, seed=10, imu=imu)
@@ -207,7 +207,7 @@ class TestKnownRobots:
         length = found.find("wheels.radius / cos(wheels.tilt)")
         assert abs(length.deviation) < 4.0
 
-    @settings(max_examples=10, deadline=None)
+    @settings(max_examples=6, deadline=None)
     @given(
         ratio=st.floats(1.2, 2.5),
         tilt=st.floats(0.6, 1.0),
