@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.fitting.between_logs import RobotLogs, fit_prior, spread
@@ -53,6 +53,7 @@ def test_the_covariance_is_that_of_the_estimates_over_robots_drawn_from_the_prio
     assert np.sqrt(g @ stated @ g) < 0.08 / np.sqrt(count)
 
 
+@settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**16),
     count=st.integers(1, 4),

@@ -84,7 +84,7 @@ def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
 def ladder() -> ModelSelection[Identification]:
     """Return the ladder of a log whose friction is the viscous and Coulomb's law."""
     plain = replace(FRICTION, stribeck=(0.0, 0.0, 0.0))
-    log = noisy(balancing_log(friction=plain), seed=8).between(4.0, 10.0)
+    log = noisy(balancing_log(friction=plain, duration=10.0), seed=8).between(4.0, 9.5)
 
     def fit(law: LawName, start: Identification | None) -> Identification:
         return identify(
@@ -98,9 +98,9 @@ def ladder() -> ModelSelection[Identification]:
                 generations=3,
                 population=8,
                 evolution_windows=16,
-                gauss_newton_steps=5,
+                gauss_newton_steps=4,
                 most_profiles=0,
-                step=2.5e-3,
+                step=5e-3,
             ),
         )
 

@@ -110,7 +110,7 @@ def robots(draw: st.DrawFn) -> Robot:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(robot=robots())
 def test_what_is_written_reads_back_as_the_same_floats(
     robot: Robot, tmp_path_factory: pytest.TempPathFactory
@@ -316,7 +316,7 @@ GARBAGE = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(place=st.integers(0, len(LINES) - 1), line=GARBAGE)
 def test_any_changed_line_gives_a_robot_or_one_sentence(
     place: int, line: str, tmp_path_factory: pytest.TempPathFactory

@@ -34,7 +34,7 @@ def known_to(deviations: dict[str, float | tuple[float, ...]], robot: Robot = AL
 
 
 class TestFile:
-    @settings(max_examples=40, deadline=None)
+    @settings(max_examples=20, deadline=None)
     @given(data=st.data())
     def test_what_is_written_reads_back_as_the_same_floats(
         self, data, tmp_path_factory: pytest.TempPathFactory
@@ -53,7 +53,7 @@ class TestFile:
         assert read.standard_deviations == deviations
         assert read.sources == ALTEN.sources
 
-    @settings(max_examples=40, deadline=None)
+    @settings(max_examples=20, deadline=None)
     @given(seed=st.integers(0, 2**32 - 1), sizes=st.tuples(*[st.floats(1e-9, 10.0)] * 4))
     def test_any_correlations_read_back_as_the_same_numbers(
         self, seed, sizes, tmp_path_factory: pytest.TempPathFactory

@@ -1,13 +1,18 @@
 """`ballbot spin` on videos whose ball turns in a known way: accuracy, honesty, lost track, the wheels, bad input."""
 
+import contextlib
+import io
 import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from ballbot import Robot
+from ballbot.cli import spin as cli
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.findings import texts
@@ -44,8 +49,25 @@ def short(tmp_path_factory) -> Film:
 
 
 @pytest.fixture(scope="module")
-def measured(plain):
-    return measure_spin(open_video(plain.path))
+def command(plain, tmp_path_factory) -> tuple[Path, Spin, str]:
+    """Return the folder that the command writes of a video and a log, what it measured, and what it printed."""
+    folder, measured, printed = tmp_path_factory.mktemp("command"), [], io.StringIO()
+
+    def kept(*given: Any, **options: Any) -> Spin:
+        measured.append(measure_spin(*given, **options))
+        return measured[0]
+
+    wheel_log(plain, Robot.load("alten"), forward=0.5, offset=-4.0).write(folder / "run.csv")
+    words = [str(plain.path), "--log", str(folder / "run.csv"), "--robot", "alten", "--out", str(folder)]
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
+        patch.setattr(cli, "measure_spin", kept)
+        assert main(["spin", *words]) == 0
+    return folder, measured[0], printed.getvalue()
+
+
+@pytest.fixture(scope="module")
+def measured(command) -> Spin:
+    return command[1]
 
 
 @pytest.mark.slow
@@ -163,22 +185,9 @@ def test_wheels_that_turn_differently_or_not_at_all_are_refused(measured, size):
 
 
 @pytest.mark.slow
-def test_command_writes_its_documented_files(plain, tmp_path, capsys):
-    robot = Robot.load("alten")
-    wheel_log(plain, robot, forward=0.5, offset=-4.0).write(tmp_path / "run.csv")
-    out = tmp_path / "out"
-    command = [
-        "spin",
-        str(plain.path),
-        "--log",
-        str(tmp_path / "run.csv"),
-        "--robot",
-        "alten",
-        "--out",
-        str(out),
-    ]
-    assert main(command) == 0
-    assert "match" in capsys.readouterr().out
+def test_command_writes_its_documented_files(plain, command):
+    robot, (out, _, printed) = Robot.load("alten"), command
+    assert "match" in printed
     results = json.loads((out / "results.json").read_text())
     assert results["wheels"]["forward"] == pytest.approx(0.5, abs=0.01)
     assert results["tracked_share"] == 1.0
