@@ -1,6 +1,5 @@
 """The Kalman filter: its parts against independent values, its errors against its covariance."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -81,11 +80,6 @@ def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta,
     )
     turned = attitude_of_swing(lean, heading + turn)
     np.testing.assert_allclose(lean_of(*turned), lean, atol=1e-9)
-
-
-def test_headings_of_the_filter_and_of_the_state_differ_little() -> None:
-    lean = math.radians(2.0)
-    assert math.degrees(heading_of(lean, lean, 0.7) - 0.7) == pytest.approx(0.035, abs=1e-4)
 
 
 def test_momentum_with_massless_wheels_equals_the_planar_two_body_formula() -> None:

@@ -256,6 +256,7 @@ class TestStandIn:
                 assert abs(one.value - one.in_file) < max(math.radians(0.35), 4.0 * one.standard_error)
         assert geometry_findings(found)[0].text.startswith("The file agrees")
 
+    @pytest.mark.usefixtures("undrawn")
     def test_wrong_file_by_the_command(self, shared_data, tmp_path, capsys):
         folder = shared_data / "bbr"
         text = (Robot.load("alten"), tmp_path / "wrong.toml")

@@ -182,6 +182,7 @@ def test_gyro_about_any_axis_is_read(robot: Robot) -> None:
     assert inertia_of_swing(fit, robot, Pivot.of(robot)).about_pivot.value == pytest.approx(4.37, rel=2e-4)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_check_prints_and_writes_the_swing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = swung(duration=15.0, h=0.02)
     Log({"t": truth.t, "theta": np.pi + truth.angle}).write(tmp_path / "swing.csv")

@@ -289,6 +289,7 @@ class TestIdentification:
         assert np.abs(np.array(found.parameters["b"]) / FRICTION.viscous - 1.0).max() < 0.1
         assert np.abs(np.array(found.parameters["c"]) / FRICTION.coulomb - 1.0).max() < 0.1
 
+    @pytest.mark.usefixtures("undrawn")
     def test_without_friction_none_is_found_and_that_is_said_first(self, tmp_path, capsys):
         log = camera_log(duration=24.0, seed=3, law=NONE, size=0.05)  # clear of the speed limit
         found = identify_upside_down(ALTEN, log, window=0.5)

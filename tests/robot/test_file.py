@@ -219,16 +219,6 @@ MISTAKES = [
     ("[ball]", "[bal]", r"'bal' is not a parameter of a robot; did you mean 'ball'"),
     (
         RADIUS,
-        RADIUS.replace("value =", "valeu ="),
-        r"ball\.radius: valeu is not a key of a parameter",
-    ),
-    (
-        RADIUS,
-        RADIUS.replace("source =", "sourse ="),
-        r"ball\.radius: sourse is not a key of a parameter",
-    ),
-    (
-        RADIUS,
         RADIUS.replace("}", ', note = "x" }'),
         r"note is not a key of a parameter; the keys there are",
     ),
@@ -238,11 +228,6 @@ MISTAKES = [
         r"ball\.radius: value is '0\.11'; it must be a number or a list",
     ),
     (RADIUS, RADIUS.replace("0.11", "[0.11]"), r"has the value \[0\.11\]; it must be one number"),
-    (
-        RADIUS,
-        RADIUS.replace("0.11", "true"),
-        r"ball\.radius: value is true; it must be a number or a list",
-    ),
     (RADIUS, RADIUS.replace("0.11", "nan"), r"ball\.radius is nan m; it must be finite"),
     (RADIUS, RADIUS.replace("0.11", "9" * 400), r"ball\.radius\.value is a whole number too large"),
     (

@@ -61,6 +61,7 @@ def command(plain, tmp_path_factory) -> tuple[Path, Spin, str]:
     words = [str(plain.path), "--log", str(folder / "run.csv"), "--robot", "alten", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
         patch.setattr(cli, "measure_spin", kept)
+        patch.setattr("ballbot.report.style.drawn", lambda _draw, *, name: f"<svg><!--{name}--></svg>")
         assert main(["spin", *words]) == 0
     return folder, measured[0], printed.getvalue()
 
