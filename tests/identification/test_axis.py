@@ -33,6 +33,7 @@ def mat_file(tmp_path_factory, noisy_record):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_leaves_a_report_and_results_or_nothing(tmp_path, mat_file, capsys, monkeypatch):
     other = tmp_path / "other.mat"
     other.write_bytes(mat_file.read_bytes())

@@ -203,6 +203,7 @@ def test_clock_comes_from_angles_without_gyro_and_from_gyro_without_angles():
     assert by_gyro.frame is None
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("told", "seen", "figures"),
     [

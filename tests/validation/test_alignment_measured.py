@@ -113,6 +113,7 @@ def test_the_stand_ins_heading_drifts_and_its_position_follows(shared_data):
     assert found.motion.offset_half_width < ONE_MILLISECOND
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_writes_report_results_and_aligned_log(shared_data, tmp_path, capsys):
     folder = shared_data / "bbr"
     log, mocap = folder / "square_stiff.csv", folder / "square_stiff_mocap.csv"
