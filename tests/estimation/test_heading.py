@@ -60,7 +60,7 @@ angles = st.one_of(st.floats(-3.5, 6.5, width=32), st.floats(-15.0, 15.0, width=
 
 
 @needs_compiler
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(angles, min_size=2, max_size=30))
 def test_c_unwraps_as_python_does(given_angles):
     function = library().functions.ballbot_unwrapped

@@ -1,6 +1,5 @@
 """The Kalman filter: its parts against independent values, its errors against its covariance."""
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -83,11 +82,6 @@ def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta,
     np.testing.assert_allclose(lean_of(*turned), lean, atol=1e-9)
 
 
-def test_headings_of_the_filter_and_of_the_state_differ_little() -> None:
-    lean = math.radians(2.0)
-    assert math.degrees(heading_of(lean, lean, 0.7) - 0.7) == pytest.approx(0.035, abs=1e-4)
-
-
 def test_momentum_with_massless_wheels_equals_the_planar_two_body_formula() -> None:
     body, ball = LIGHT.body, LIGHT.ball
     mass = ball.mass + ball.inertia / ball.radius**2 + body.mass
@@ -139,7 +133,7 @@ def numbers_of(model: FilterModel) -> _Numbers:
     return _Numbers(model.sample_time, model.radius, lever, pull, model.memory, model.gyro_variance)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_derivatives_are_those_of_the_functions(seed: int) -> None:
     """At random states that lean by up to 6 degrees, against central differences."""
     random = np.random.default_rng(seed)
@@ -228,9 +222,9 @@ def normalized(run: Run, kalman: KalmanFilter, state: NDArray[np.float64]) -> tu
 
 @pytest.mark.slow
 def test_filter_errors_match_its_covariance() -> None:
-    """60 robots that sway, turn and slip with noise of the filter's sizes: errors are chi-squared."""
+    """24 robots that sway, turn and slip with noise of the filter's sizes: errors are chi-squared."""
     found = []
-    for seed in range(60):
+    for seed in range(24):
         run = swaying(samples=600, seed=seed, noise=NOISE)
         kalman, states = ran(run)
         found.append(normalized(run, kalman, states[-1]))

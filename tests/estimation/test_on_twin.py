@@ -58,8 +58,8 @@ def test_accelerometer_s_columns_are_there_where_it_is() -> None:
 
 @pytest.mark.slow
 def test_filter_steers_more_quietly_than_the_thesis_s_way() -> None:
-    thesis = balanced(NOMINAL, duration=8.0)
-    kalman = balanced(NOMINAL, KalmanFilter(ALTEN, sample_time=0.005), duration=8.0)
+    thesis = balanced(NOMINAL, duration=5.0)
+    kalman = balanced(NOMINAL, KalmanFilter(ALTEN, sample_time=0.005), duration=5.0)
     assert kalman.ended is None
     rough, quiet = (np.sqrt(np.mean(np.diff(log.torques, axis=0) ** 2)) for log in (thesis, kalman))
     assert quiet < rough / 3

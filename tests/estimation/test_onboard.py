@@ -49,15 +49,15 @@ def test_position_of_a_circle_driven_while_turning() -> None:
     """One lap of radius 0.5 m in 10 s while the heading turns the other way: x, y stay the world's."""
     onboard = OnboardState(ALTEN, sample_time=0.005)
     onboard.reset()
-    speed = 2 * np.pi / 10
-    for t in 0.005 * np.arange(2001):
+    speed, times, found = 2 * np.pi / 10, 0.005 * np.arange(2001), []
+    for t in times:
         state = np.zeros(10)
         state[4], state[9] = -0.7 * t, -0.7
         state[5], state[6] = 0.5 * speed * np.cos(speed * t), 0.5 * speed * np.sin(speed * t)
-        found = onboard.update(reading_of(state))
-        place = [0.5 * np.sin(speed * t), 0.5 * (1 - np.cos(speed * t))]
-        # trapezoid's error: h^2/12 times path times speed^2
-        np.testing.assert_allclose(found[:2], place, atol=1e-5)
+        found.append(onboard.update(reading_of(state))[:2].copy())
+    place = 0.5 * np.stack([np.sin(speed * times), 1 - np.cos(speed * times)], axis=1)
+    # trapezoid's error: h^2/12 times path times speed^2
+    np.testing.assert_allclose(found, place, atol=1e-5)
 
 
 def test_reset_restores_the_initial_state() -> None:

@@ -50,14 +50,14 @@ def refuse(shared: str, piece: int) -> None:
 
 
 def quick(*, executor: Executor, report: ProgressCallback = ignore_progress) -> Identification:
-    log = noisy(balancing_log(), seed=2).between(6.0, 14.0)
+    log = noisy(balancing_log(), seed=2).between(6.0, 10.0)
     return identify(
         alten(),
         log,
         window=0.1,
         seed=3,
         options=IdentificationOptions(
-            generations=12, population=12, gauss_newton_steps=4, step=2.5e-3, most_profiles=1
+            generations=5, population=8, gauss_newton_steps=2, step=2.5e-3, most_profiles=1
         ),
         run=Run(executor=executor, progress=report),
     )
@@ -66,7 +66,7 @@ def quick(*, executor: Executor, report: ProgressCallback = ignore_progress) -> 
 @pytest.mark.slow
 def test_an_identification_ends_in_the_same_bytes_though_a_worker_is_killed_on_the_way(local, cluster):
     alone = quick(executor=Threads(count=1))
-    killed, due = [], {("search", 3), ("gauss_newton", 1)}  # of several descents the first
+    killed, due = [], {("search", 3)}
 
     def kill_a_worker(progress: Progress) -> None:
         if (progress.stage, progress.done) in due:
@@ -77,31 +77,25 @@ def test_an_identification_ends_in_the_same_bytes_though_a_worker_is_killed_on_t
             Timer(0.03, os.kill, (worker.pid, signal.SIGKILL)).start()
 
     spread = quick(executor=cluster, report=kill_a_worker)
-    assert len(killed) == 2
+    assert len(killed) == 1
     assert json.dumps(spread.to_dict()) == json.dumps(alone.to_dict())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [0, 1, 7, 40])
-def test_pieces_come_back_in_their_order(cluster, count):
+def test_pieces_come_back_in_their_order_and_runs_with_their_place(cluster):
     shared = np.linspace(0.0, 1.0, 5)
-    here = Threads(count=2)(scaled_sine, shared, range(count))
-    there = cluster(scaled_sine, shared, range(count))
-    assert len(there) == count
+    here, there = (one(scaled_sine, shared, range(20)) for one in (Threads(count=2), cluster))
     assert [one.tobytes() for one in there] == [one.tobytes() for one in here]
-
-
-@pytest.mark.slow
-def test_each_run_arrives_with_its_place(cluster):
+    assert cluster(scaled_sine, shared, range(0)) == []
     make = partial(scaled_sine, np.linspace(0.0, 1.0, 5))
     found = dict(cluster.each(make, range(7)))
     assert [found[place].tobytes() for place in range(7)] == [make(piece).tobytes() for piece in range(7)]
-    with pytest.raises(InputError, match="piece 3 of all is no good"):
-        list(cluster.each(partial(refuse, "all"), [3]))
 
 
 @pytest.mark.slow
 def test_an_error_in_a_piece_arrives_as_it_is(cluster):
+    with pytest.raises(InputError, match="piece 3 of all is no good"):
+        list(cluster.each(partial(refuse, "all"), [3]))
     with pytest.raises(InputError, match="piece 3 of all is no good"):
         cluster(refuse, "all", [3])
 

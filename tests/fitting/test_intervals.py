@@ -12,12 +12,8 @@ from ballbot.fitting.intervals import Errors, Interval, Profile, between, interv
 from ballbot.fitting.uncertainty import covariance, leverage_corrected
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.result_findings import (
-    bound_findings,
     correlation_findings,
-    error_findings,
-    influence_findings,
     interval_findings,
-    prediction_findings,
     ridge_findings,
 )
 from ballbot.results import to_results
@@ -130,47 +126,12 @@ def test_open_intervals_are_reported():
     assert "limited from above only: 0.2 or less" in sentences[3]
 
 
-def test_one_sentence_names_all_wheels_of_which_the_same_is_to_be_said():
-    one = Interval(lower=-math.inf, upper=math.inf, method="clustered")
-    two = replace(one, lower=0.1)
-    given = {"c1": one, "b1": two, "c2": one, "c3": one, "b2": replace(two, lower=0.2)}
-    neither, below = texts(interval_findings(given))
-    assert neither.startswith("c1, c2 and c3 are not limited by these logs on either side: their values")
-    assert below.startswith("b1 and b2 are limited from below only: 0.1 and 0.2 or more")
-
-    at_zero = np.array([label[0] in "bs" for label in LABELS])
-    (at_bound,) = texts(bound_findings(COORDINATES, COORDINATES.lower, at_zero))
-    assert at_bound.startswith(
-        "b1, b2, b3, s1, s2 and s3 are at their lower bound 0 and have no standard error: zero"
-    )
-    beside = COORDINATES.lower + 1e-9 * (COORDINATES.upper - COORDINATES.lower)
-    assert bound_findings(COORDINATES, beside, at_zero)[0].text == at_bound
-    (alone,) = texts(bound_findings(COORDINATES, COORDINATES.lower, np.array(LABELS) == "v_s"))
-    assert alone.startswith("v_s is at its lower bound 0.1 and has no standard error: widen")
-
-    wide = np.where([label in ("c1", "c3") for label in LABELS], 0.29, 0.1)
-    assert texts(error_findings(COORDINATES, wide)) == [
-        "c1 and c3 are poorly determined: their standard errors are 29 and 29 % of the width of their bounds."
-    ]
-    (without,) = texts(influence_findings(COORDINATES, COORDINATES.lower, at_zero))
-    assert without.startswith(
-        "b1, b2, b3, s1, s2 and s3 have no influence on these logs and were not estimated"
-    )
-    assert texts(prediction_findings({"x": 1.04, "y": 0.5, "psi": 1.2})) == [
-        "x and psi are not predicted better with friction than without (1.04 and 1.20 times the error on held-out "
-        "windows)."
-    ]
-
-
 @pytest.mark.parametrize(
     ("pair", "experiment"),
     [
         (("c1", "s1"), "slow motion through standstill"),
-        (("s2", "v_s"), "slow motion through standstill"),
         (("b3", "c3"), "high and low speeds"),
-        (("c1", "C_rr"), "upside down"),
         (("gain1", "l"), "data sheet's value"),
-        (("b2", "gain2"), "data sheet's torque constant"),
         (("late_imu", "delay"), "quick changes of torque"),
         (("offset2", "lean_x"), "half a turn apart"),
     ],

@@ -34,14 +34,14 @@ def estimate(values: np.ndarray, *, source: str = "the balancing logs", factor: 
 def test_chance_is_reported_as_rarely_as_it_should_be():
     random = np.random.default_rng(0)
     first, second = estimate(SWEEP), estimate(SWEEP, factor=2.0)
-    draws, reported = 4000, 0
+    draws, reported = 2000, 0
     for _ in range(draws):
         one, other = (
             estimate(random.multivariate_normal(SWEEP, stage.covariance), factor=factor)
             for stage, factor in ((first, 1.0), (second, 2.0))
         )
         reported += bool(agreement_findings(one, other))
-    # binomial: 10.8 expected, three deviations either way
+    # binomial: 5.4 expected, three deviations either way
     assert abs(reported - draws * LEAST_P_VALUE) < 3.0 * np.sqrt(draws * LEAST_P_VALUE)
 
 

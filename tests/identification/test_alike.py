@@ -111,7 +111,7 @@ def test_a_fit_of_motors_as_one_says_so_and_has_one_number_for_them(monkeypatch)
     monkeypatch.setattr(motors, "INSEPARABLE", 0.0)
     found = identify(
         alten(),
-        noisy(balancing_log(), seed=4).between(6.0, 12.0),
+        noisy(balancing_log(), seed=4).between(6.0, 10.0),
         law="coulomb",
         window=0.1,
         options=IdentificationOptions(

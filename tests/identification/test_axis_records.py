@@ -168,7 +168,7 @@ values = st.one_of(
     value=values,
     scale=st.sampled_from([1.0, -1.0, 0.0, 1e-12, 1e12]),
 )
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_column_gives_a_record_or_one_clear_sentence(
     tmp_path: Path, column: str, place: int, length: int, value: float, scale: float
 ) -> None:

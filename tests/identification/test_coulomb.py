@@ -56,10 +56,10 @@ def test_its_errors_are_those_of_drawn_parameters() -> None:
     for i in range(3):
         R[3 + i, 6 + i] = R[6 + i, 3 + i] = -0.9
     got = found(VALUES, errors, R)
-    drawn = np.random.default_rng(1).multivariate_normal(VALUES, R * np.outer(errors, errors), size=4000)
+    drawn = np.random.default_rng(1).multivariate_normal(VALUES, R * np.outer(errors, errors), size=1500)
     deviations = np.array([found(row).values for row in drawn]).std(axis=0)
-    # 4000 draws give a deviation to 1.1 %, and the derivatives are those at the estimate
-    np.testing.assert_allclose(got.standard_errors, deviations, rtol=0.05)
+    # 1500 draws give a deviation to 1.8 %, and the derivatives are those at the estimate
+    np.testing.assert_allclose(got.standard_errors, deviations, rtol=0.07)
     assert np.all(got.standard_errors < 0.6 * errors[3:6])
 
 

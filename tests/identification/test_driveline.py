@@ -89,14 +89,14 @@ def played_sweep(seed: int) -> Sweep:
 
 @pytest.mark.slow
 def test_noise_of_the_torque_and_play_do_not_bias_the_friction():
-    fits = [fit_driveline(played_sweep(seed)) for seed in (1, 2, 3)]
+    fits = [fit_driveline(played_sweep(seed)) for seed in (1, 2)]
     inside = [
         low <= value <= high
         for fit in fits
         for value, (low, high) in zip(TRUTH, fit.intervals.tolist(), strict=True)
     ]
-    # of twelve 95 % intervals fewer than ten hold the truth once in fifty times
-    assert sum(inside) >= 10
+    # of eight 95 % intervals fewer than six hold the truth once in a hundred and seventy times
+    assert sum(inside) >= 6
     for fit in fits:
         # c is known together with s and v_s only
         np.testing.assert_allclose(fit.values[:2] / TRUTH[:2], 1.0, atol=0.2)

@@ -116,7 +116,7 @@ def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> 
 
 @pytest.mark.slow
 def test_result_does_not_depend_on_the_number_of_threads():
-    log = noisy(balancing_log(), seed=2).between(6.0, 12.0)
+    log = noisy(balancing_log(), seed=2).between(6.0, 10.0)
     one, three = (
         quick(log, run=Run(executor=Threads(count=1))),
         quick(log, run=Run(executor=Threads(count=3))),
@@ -127,7 +127,7 @@ def test_result_does_not_depend_on_the_number_of_threads():
 @pytest.mark.slow
 def test_a_parameter_without_influence_gets_no_number():
     # without break-away friction nothing depends on where and how it fades
-    log = noisy(balancing_log(), seed=4).between(6.0, 12.0)
+    log = noisy(balancing_log(), seed=4).between(6.0, 10.0)
     found = quick(log, bounds=Bounds({"stribeck": (0.0, 0.0)}))
     assert math.isnan(found.parameters["v_s"])
     assert math.isnan(found.parameters["delta"])
@@ -140,7 +140,7 @@ def test_a_parameter_without_influence_gets_no_number():
 
 @pytest.mark.slow
 def test_active_bounds_are_kept_and_reported():
-    log = noisy(balancing_log(), seed=4).between(6.0, 12.0)
+    log = noisy(balancing_log(), seed=4).between(6.0, 10.0)
     bounds = Bounds({"rolling": (0.012, 0.05), "viscous": (0.0, 0.03)})  # the truth is 0.007
     found = quick(log, bounds=bounds)
     assert found.parameters["C_rr"] == 0.012
@@ -244,7 +244,7 @@ def test_command_and_sensor_delays_are_separated():
     """Truth: friction of `TRUTH`, commands two rows late, an IMU 16 ms late, velocities 6 ms."""
     seen = noisy(late(balancing_log(), imu=0.016, velocity=0.006), seed=1)
     torques = np.roll(seen.torques, -2, axis=0)
-    log = seen.with_columns({f"u{i + 1}": torques[:, i] for i in range(3)}).between(0.0, 20.0)
+    log = seen.with_columns({f"u{i + 1}": torques[:, i] for i in range(3)}).between(0.0, 15.0)
     found = identify(
         alten(),
         log,
@@ -261,7 +261,7 @@ def test_command_and_sensor_delays_are_separated():
 
 
 def test_unidentifiable_quantities_get_no_number():
-    log = noisy(balancing_log(), seed=4).between(6.0, 12.0)
+    log = noisy(balancing_log(), seed=4).between(6.0, 10.0)
     coordinates = estimated_parameters(alten(), free=("friction", "delay"), law="stribeck", bounds=Bounds())
     windows = cut_windows([log], wheel_count=3, duration=0.1)
     constant = replace(windows, torques=np.broadcast_to(windows.torques[:1, :1], windows.torques.shape))

@@ -107,10 +107,10 @@ def test_viscous_and_dry_pivot_friction_are_separated(viscous: float, dry: float
 
 
 def test_intervals_hold_the_truth(robot: Robot) -> None:
-    """Of 40 swings with noise that goes together over samples, and a mass and a distance that are mismeasured."""
+    """Of 25 swings with noise that goes together over samples, and a mass and a distance that are mismeasured."""
     truth = swung(duration=25.0, h=0.025)
     deviations = {"body.mass": 0.02, "body.center_of_mass": 0.002}
-    random, held, runs = np.random.default_rng(5), 0, 40
+    random, held, runs = np.random.default_rng(5), 0, 25
     for seed in range(runs):
         noise = sensor_noise(len(truth.t), deviation=0.003, seed=seed, memory=0.8)
         fit = fit_swing(swing_of(truth.t, truth.angle + noise + 0.1, kind="angle", source="angle"))
@@ -182,6 +182,7 @@ def test_gyro_about_any_axis_is_read(robot: Robot) -> None:
     assert inertia_of_swing(fit, robot, Pivot.of(robot)).about_pivot.value == pytest.approx(4.37, rel=2e-4)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_check_prints_and_writes_the_swing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = swung(duration=15.0, h=0.02)
     Log({"t": truth.t, "theta": np.pi + truth.angle}).write(tmp_path / "swing.csv")
@@ -249,14 +250,14 @@ def test_swing_recorded_wrongly_is_stopped_with_its_cause(
     assert f"--accept {code}" in str(refusal.value)
 
 
-@pytest.mark.parametrize("degrees", [2.0, 5.0, 20.0])
+@pytest.mark.parametrize("degrees", [2.0, 20.0])
 def test_rates_in_degrees_a_second_are_refused(degrees: float) -> None:
     truth = swung(duration=30.0, h=0.02, amplitude=np.radians(degrees), dry=0.0)
     with pytest.raises(InputError, match="rad/s"):
         fit_swing(swing_of(truth.t, np.degrees(truth.rate), kind="rate", source="gyro_x"))
 
 
-@pytest.mark.parametrize("amplitude", [0.1, 0.3, 0.6, 1.2])
+@pytest.mark.parametrize("amplitude", [0.1, 1.2])
 def test_correct_swings_have_no_findings(robot: Robot, amplitude: float) -> None:
     truth = swung(duration=25.0, h=0.02, amplitude=amplitude)
     swing = swing_of(

@@ -17,7 +17,7 @@ from tests.support.identification_examples import NOISE, TRUTH, balancing_log, n
 
 pytestmark = pytest.mark.slow
 
-DURATION = 14.0  # [s]
+DURATION = 10.0  # [s]
 STEP = 2.5e-3  # [s], inner step of the fits; it moves a cost by 1e-4 of itself
 
 
@@ -71,7 +71,7 @@ def test_estimated_initial_states_are_near_the_true_ones(problem, finished):
     truth = cut_windows([balancing_log(duration=DURATION)], wheel_count=3, duration=0.25).initial
     measured = np.sqrt(((problem.windows.initial - truth) ** 2).mean(axis=0))
     freed = np.sqrt(((finished.starts - truth) ** 2).mean(axis=0))
-    np.testing.assert_allclose(measured, NOISE, rtol=0.35)  # 56 windows give a deviation to 10 %
+    np.testing.assert_allclose(measured, NOISE, rtol=0.35)  # 40 windows give a deviation to 11 %
     # eleven samples tie a start and its rate: on average over the states at least halved
     assert np.exp(np.log(freed / measured).mean()) < 0.6
 

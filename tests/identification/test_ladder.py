@@ -45,15 +45,15 @@ def test_a_gain_is_the_share_by_which_errors_fall():
 def test_the_interval_contains_the_truth_at_its_stated_rate():
     # errors of both laws share what is hard in a window (neighbours in common), and differ by noise without mean
     random, held = np.random.default_rng(1), 0
-    repeats = 200
+    repeats = 100
     for _ in range(repeats):
         hard = np.repeat(random.gamma(2.0, size=(40, 1)), BLOCK, axis=0)
         noise = np.repeat(random.normal(size=(2, 40, 10)), BLOCK, axis=1)
         ours, theirs = hard * np.exp(0.2 * noise)
         gain = gain_between(ours, theirs, groups(160))
         held += gain.lower <= 0.0 <= gain.upper
-    # 95 % of 200 within three standard deviations, and the percentile bootstrap of 40 blocks is a little short
-    assert 0.88 < held / repeats < 0.995
+    # 95 % of 100 within three standard deviations, and the percentile bootstrap of 40 blocks is a little short
+    assert 0.86 < held / repeats < 1.0
 
 
 def test_blocks_are_neighbours_of_one_log():
@@ -84,7 +84,7 @@ def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
 def ladder() -> ModelSelection[Identification]:
     """Return the ladder of a log whose friction is the viscous and Coulomb's law."""
     plain = replace(FRICTION, stribeck=(0.0, 0.0, 0.0))
-    log = noisy(balancing_log(friction=plain), seed=8).between(4.0, 12.0)
+    log = noisy(balancing_log(friction=plain, duration=10.0), seed=8).between(4.0, 9.5)
 
     def fit(law: LawName, start: Identification | None) -> Identification:
         return identify(
@@ -95,12 +95,12 @@ def ladder() -> ModelSelection[Identification]:
             seed=3,
             options=IdentificationOptions(
                 warm_start=start,
-                generations=6,
-                population=12,
+                generations=3,
+                population=8,
                 evolution_windows=16,
-                gauss_newton_steps=6,
+                gauss_newton_steps=4,
                 most_profiles=0,
-                step=2.5e-3,
+                step=5e-3,
             ),
         )
 
@@ -147,15 +147,15 @@ STRIBECK_ASYMMETRY = (0.03, -0.03, 0.02)
 
 @pytest.fixture(scope="module")
 def directed_log() -> Log:
-    return balancing_log(friction=replace(FRICTION, stribeck_asymmetry=STRIBECK_ASYMMETRY))
+    return balancing_log(friction=replace(FRICTION, stribeck_asymmetry=STRIBECK_ASYMMETRY), duration=12.0)
 
 
-def problem_of(log: Log, law: LawName) -> Problem:
+def problem_of(log: Log, law: LawName, *, step: float = 1e-3) -> Problem:
     """Return the fit of a law to a log, C_rr held at the truth."""
     coordinates = estimated_parameters(
         alten(), free=("friction",), law=law, bounds=Bounds({"rolling": (0.007, 0.007)})
     )
-    predictor = Predictor(robot=alten(), formulation="exact", step=1e-3, layout=coordinates.layout)
+    predictor = Predictor(robot=alten(), formulation="exact", step=step, layout=coordinates.layout)
     windows = cut_windows([log], wheel_count=3, duration=0.1)
     none = coordinates.layout.without_friction(coordinates.nominal)[None]
     reference = predictor.square_sums(none, windows, every=windows.comparison_interval)[0]
@@ -188,18 +188,16 @@ def test_stribeck_asymmetry_is_identified_and_separated_from_that_of_coulomb_fri
     log = noisy(directed_log, seed=5)
     found = {}
     for law in ("asymmetric", "directed"):
-        problem = problem_of(log, law)
+        problem = problem_of(log, law, step=2.5e-3)
         start = true_values(problem)
         start[12:] = 0.0
         coordinates = problem.coordinates
-        fit = fit_with_initial_states(
-            problem, coordinates.scaled(start), free=coordinates.free, most_steps=12
-        )
+        fit = fit_with_initial_states(problem, coordinates.scaled(start), free=coordinates.free, most_steps=6)
         errors = np.sqrt(covariance(fit.equations.normal, coordinates.free & ~at_bound(fit.point)).diagonal())
         found[law] = (fit, coordinates.physical(fit.point), errors * coordinates.slopes(fit.point))
     (less, _, _), (fit, values, errors) = found["asymmetric"], found["directed"]
-    # the geometric mean of the states' errors falls by 8 % or more
-    assert fit.history[-1] < less.history[-1] - 0.08
+    # the geometric mean of the states' errors falls by 6 % or more
+    assert fit.history[-1] < less.history[-1] - 0.06
     e, offset = slice(12, 15), slice(15, 18)
     assert (errors[e] < 0.004).all()
     assert (np.abs(values[e] - STRIBECK_ASYMMETRY) < 4.0 * errors[e]).all()

@@ -124,7 +124,7 @@ def test_standard_errors_clustered_by_window_are_those_of_many_repeats():
     # a linear problem whose noise is one number a window and a little besides: independent-sample errors would be
     # sqrt(20) times too small
     random = np.random.default_rng(3)
-    windows, samples, repeats = 200, 20, 800
+    windows, samples, repeats = 200, 20, 500
     J = np.repeat(random.standard_normal((windows, 1, 2)), samples, axis=1)
     H = np.einsum("wki,wkj->ij", J, J)
     estimates, predicted = [], []
@@ -137,7 +137,7 @@ def test_standard_errors_clustered_by_window_are_those_of_many_repeats():
         predicted.append(
             covariance(NormalEquations(matrix=H, scores=scores), np.array([True, True])).diagonal()
         )
-    # 800 repeats give a standard deviation to 2.5 %; the small-sample bias at 200 windows is about 1 %
+    # 500 repeats give a standard deviation to 3.2 %; the small-sample bias at 200 windows is about 1 %
     np.testing.assert_allclose(np.sqrt(np.mean(predicted, axis=0)), np.std(estimates, axis=0), rtol=0.1)
 
 
@@ -201,10 +201,10 @@ def test_a_robot_without_play_does_not_chatter():
     assert chatter(log_of(0.5 * PLAY * np.sin(2 * np.pi * 10 * t)), rigid).share == 0.0
 
 
-def test_the_stiff_log_chatters_and_the_soft_ones_do_not(shared_data):
+def test_the_stiff_log_chatters_and_the_soft_one_does_not(shared_data):
     found = {
         name: chatter(Log.read(shared_data / "bbr" / f"{name}.csv"), alten())
-        for name in ("square_soft", "hold_soft", "thesis_step_soft", "square_stiff")
+        for name in ("square_soft", "square_stiff")
     }
     assert [name for name, one in found.items() if one.matters] == ["square_stiff"]
     said = chatter_finding(found["square_stiff"], alten(), "square_stiff").text

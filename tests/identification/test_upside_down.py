@@ -128,7 +128,7 @@ class TestPlant:
         assert not run(BALL, FRICTION, np.zeros(3), np.tile(0.999 * limits, (20, 1))).any()
         assert run(BALL, FRICTION, np.zeros(3), np.tile(1.001 * limits, (20, 1))).any()
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=30, deadline=None)
     @given(
         start=st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3),
         dry=st.lists(st.floats(0.0, 0.4), min_size=4, max_size=4),
@@ -225,8 +225,8 @@ def smooth() -> Log:
 
 
 def creeping_log(*, seed: int) -> Log:
-    """Return a run of 18 s in which the wheels creep on the ball by a speed that follows the force, encoders logged."""
-    samples, parts, h = 3600, 40, 0.005
+    """Return a run of 12 s in which the wheels creep on the ball by a speed that follows the force, encoders logged."""
+    samples, parts, h = 2400, 20, 0.005
     torques, J, A = multisine(samples, seed=seed), ALTEN.ball.inertia, BALL.A
     j = (BALL.inertia - J * np.eye(3))[0, 0] / (A.T @ A)[0, 0]
     grip, omega, w = 0.5, np.zeros(3), np.zeros(3)  # [N m s/rad]: creep of some per cent of the speed
@@ -271,9 +271,8 @@ def outside(found: UpsideDown) -> list[str]:
 
 @pytest.mark.slow
 class TestIdentification:
-    @pytest.mark.parametrize("seed", [5, 6, 7])
-    def test_known_friction_is_found(self, seed: int):
-        found = identify_upside_down(ALTEN, camera_log(duration=24.0, seed=seed), window=0.5)
+    def test_known_friction_is_found(self):
+        found = identify_upside_down(ALTEN, camera_log(duration=24.0, seed=5), window=0.5)
         # 10 intervals of 95 %, widened: two outside in less than one log of a hundred
         assert len(outside(found)) <= 1
         assert np.abs(np.array(found.parameters["c"]) / FRICTION.coulomb - 1.0).max() < 0.1
@@ -284,16 +283,15 @@ class TestIdentification:
         assert list(found.robot.friction.coulomb) == found.parameters["c"]
         assert found.robot.sources["friction.coulomb"].startswith("identified")
 
-    @pytest.mark.parametrize("seed", [1, 2])
-    def test_encoders_show_the_creep_between_wheels_and_ball(self, seed: int):
-        found = identify_upside_down(ALTEN, creeping_log(seed=seed), window=0.4)
+    def test_encoders_show_the_creep_between_wheels_and_ball(self):
+        found = identify_upside_down(ALTEN, creeping_log(seed=1), window=0.4)
         assert len(outside(found)) <= 1
         assert np.abs(np.array(found.parameters["b"]) / FRICTION.viscous - 1.0).max() < 0.1
         assert np.abs(np.array(found.parameters["c"]) / FRICTION.coulomb - 1.0).max() < 0.1
 
-    @pytest.mark.parametrize("seed", [3, 4])
-    def test_without_friction_none_is_found_and_that_is_said_first(self, seed: int, tmp_path, capsys):
-        log = camera_log(duration=24.0, seed=seed, law=NONE, size=0.05)  # clear of the speed limit
+    @pytest.mark.usefixtures("undrawn")
+    def test_without_friction_none_is_found_and_that_is_said_first(self, tmp_path, capsys):
+        log = camera_log(duration=24.0, seed=3, law=NONE, size=0.05)  # clear of the speed limit
         found = identify_upside_down(ALTEN, log, window=0.5)
         assert not found.verdict.usable
         assert found.verdict.reasons[0] == "no friction was found"

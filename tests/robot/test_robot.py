@@ -36,12 +36,8 @@ APPENDIX_III = {
 }
 
 
-@pytest.mark.parametrize(("name", "printed"), APPENDIX_III.items())
-def test_alten_holds_appendix_iii(alten: Robot, name: str, printed: float) -> None:
-    assert value_of(alten, BY_NAME[name]) == printed
-
-
-def test_alten_holds_the_wheels_of_appendix_iii(alten: Robot) -> None:
+def test_alten_holds_appendix_iii(alten: Robot) -> None:
+    assert {name: value_of(alten, BY_NAME[name]) for name in APPENDIX_III} == APPENDIX_III
     assert np.degrees(alten.wheels.azimuths) == pytest.approx([0.0, 120.0, 240.0], abs=1e-12)
     assert math.degrees(alten.wheels.tilt) == pytest.approx(45.0, abs=1e-12)
 
@@ -63,12 +59,6 @@ def test_alten_starts_without_friction_and_states_it(alten: Robot) -> None:
 
 def test_every_parameter_of_alten_has_a_source(alten: Robot) -> None:
     assert set(alten.sources) == {parameter.name for parameter in PARAMETERS}
-
-
-def test_every_preset_loads() -> None:
-    names = Robot.presets()
-    assert "alten" in names
-    assert [Robot.load(name).name for name in names] == names
 
 
 def test_inertia_about_either_point_differs_by_steiner(alten: Robot) -> None:

@@ -133,6 +133,8 @@ class Scene:
 _GAMMA = 2.2
 #: cells along a side of the map of distances, one about 0.003 rad
 _SIDE = 1024
+#: up to which the map tells distances apart [ball radii]
+_FAR = 0.15
 #: points of a pixel and instants of an exposure: a sharp frame takes few
 _SAMPLES_STILL, _SAMPLES_MOVING = 4, 10
 #: an exposure below this fraction is still
@@ -311,10 +313,11 @@ def _linear(colour: Colour) -> NDArray[np.float32]:
     return ((np.array(colour[::-1]) / 255.0) ** _GAMMA).astype(np.float32)
 
 
-@lru_cache(maxsize=4)  # two seconds each
+@lru_cache(maxsize=4)  # a second each
 def _distances(seam: Seam) -> NDArray[np.float32]:
-    chord = KDTree(seam.points).query(cell_directions(_SIDE))[0]
-    return (2.0 * np.arcsin(0.5 * chord)).astype(np.float32).reshape(_SIDE, _SIDE)
+    # farther than half of any seam's width it does not matter how far
+    chord = KDTree(seam.points).query(cell_directions(_SIDE), distance_upper_bound=_FAR)[0]
+    return (2.0 * np.arcsin(0.5 * np.minimum(chord, _FAR))).astype(np.float32).reshape(_SIDE, _SIDE)
 
 
 def _sampled(table: NDArray[np.float32], q: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -66,7 +66,7 @@ def noisy_validation() -> Validation:
 
 
 @cache
-def wheel_log(*, duration: float = 60.0) -> Log:
+def wheel_log(*, duration: float = 40.0) -> Log:
     """Return a noisy log of the known robot around a square, with encoders, its torques as they were commanded."""
     model, controller = Model(true_robot()), Controller(true_robot(), gain())
     reference, h = square(period=16.0), controller.sample_time

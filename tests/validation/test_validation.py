@@ -236,7 +236,7 @@ def test_only_holdout_intervals_count():
 
 @pytest.mark.slow
 def test_a_wrapped_heading_is_counted_on():
-    log = noisy_log().between(0.0, 8.0)
+    log = noisy_log().between(0.0, 6.0)
     heading = log["psi"] % (2.0 * np.pi)
     assert np.abs(np.diff(heading)).max() > 6.0
     wrapped = log.with_columns({"psi": heading})

@@ -65,7 +65,7 @@ def test_an_unknown_seam_is_refused():
         thesis_seam(0.4)
 
 
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(view=VIEWS, direction=VECTOR)
 def test_a_point_is_seen_where_it_projects_to(view, direction):
     point = direction / np.linalg.norm(direction)
@@ -146,11 +146,10 @@ def test_a_frame_shows_the_seam_where_the_curve_projects_to():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [2**32 - 1])
-def test_every_seed_that_a_command_takes_has_its_frames(seed):
+def test_every_seed_that_a_command_takes_has_its_frames():
     motion = motion_of(np.linspace(-0.1, 0.2, 301), np.tile([2.0, -3.0, 1.0], (301, 1)))
     drawn, again, other = (
-        next(render(Scene(camera=SMALL), motion, duration=0.1, seed=one)) for one in (seed, seed, 7)
+        next(render(Scene(camera=SMALL), motion, duration=0.1, seed=one)) for one in (2**32 - 1, 2**32 - 1, 7)
     )
     np.testing.assert_array_equal(drawn, again)
     assert not np.array_equal(drawn, other)
@@ -187,11 +186,10 @@ def made_track(*, seed: int, noise: float, blind: bool) -> tuple[np.ndarray, Tra
     return t, track, motion.omega_at(t)
 
 
-@pytest.mark.parametrize("blind", [False, True])
-def test_smoother_errors_match_its_covariance(blind):
+def test_smoother_errors_match_its_covariance():
     inside, errors = [], []
     for seed in range(3):
-        t, track, true = made_track(seed=seed, noise=2e-3, blind=blind)
+        t, track, true = made_track(seed=seed, noise=2e-3, blind=seed > 0)
         found = angular_velocity(t, track)
         size = np.sqrt(np.einsum("kii->ki", found.covariance))
         inside.append(np.abs(found.omega - true) < 2.0 * size)
