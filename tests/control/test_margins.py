@@ -201,8 +201,7 @@ def growth(name: str, *, factors: np.ndarray, delays: np.ndarray, seconds: float
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["nominal", "precise"])
-@pytest.mark.parametrize("wheels", [[0], [0, 1, 2]])
+@pytest.mark.parametrize(("name", "wheels"), [("nominal", [0]), ("precise", [0, 1, 2])])
 def test_law_that_runs_becomes_unstable_at_the_margin(name, wheels):
     one = found(name).together if len(wheels) > 1 else found(name).wheels[0]
     marked = np.isin(np.arange(3), wheels).astype(float)

@@ -82,6 +82,7 @@ def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp_path, capsys):
     robot = tmp_path / "robot.toml"
     write_robot(ROBOT, robot)
@@ -179,6 +180,7 @@ def test_excess_below_a_thousandth_is_no_alarm_and_one_above_is_shown():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_path, capsys):
     """The friction's errors are correlated, and rounded in the file."""
     labels = ("friction.viscous[0]", "friction.coulomb[0]", "friction.rolling")
@@ -202,16 +204,9 @@ def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_pa
         main(["simulate", robot, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"]) == 0
     )
     assert "warning" not in capsys.readouterr().err
-    assert main(["export", controller, "--robot", robot, "--out", f"{out}/firmware"]) == 0
-    assert "warning" not in capsys.readouterr().err
     heavy = robot.replace("robot.toml", "heavy.toml")
     text = (tmp_path / "robot.toml").read_text(encoding="utf-8")
     (tmp_path / "heavy.toml").write_text(text.replace("value = 17.076,", "value = 11.0,"), encoding="utf-8")
-    for command in (
-        ["simulate", heavy, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"],
-        ["compare", heavy, controller, "--scenarios", "hold", "--seeds", "1", "--out", f"{out}/compared"],
-        ["export", controller, "--robot", heavy, "--out", f"{out}/firmware"],
-        ["check", heavy, "--controller", controller, "--out", f"{out}/checked"],
-    ):
-        assert main(command) == 0, command
-        assert "body.mass was 17.076 and is 11 kg" in " ".join(capsys.readouterr().err.split()), command
+    command = ["simulate", heavy, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"]
+    assert main(command) == 0
+    assert "body.mass was 17.076 and is 11 kg" in " ".join(capsys.readouterr().err.split())
