@@ -11,7 +11,6 @@ from ballbot.control.references import square
 from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.export import export_controller
-from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
 from ballbot.link.frames import FrameReader, message_of
 from ballbot.link.live import (
@@ -192,12 +191,6 @@ def test_unconfirmed_arming_leaves_the_robot_disarmed():
     assert not live.emulated.motors.armed
 
 
-def test_robot_without_a_self_test_does_not_arm():
-    live = Connected()
-    with pytest.raises(InputError, match="self-test has not passed"):
-        live.robot.arm(lambda: True, controller=ControllerPlace.ROBOT)
-
-
 class Miswired:
     """A plant with cables in another place."""
 
@@ -277,12 +270,6 @@ def test_wiring_is_checked_once_after_the_start():
     live = Connected()
     with pytest.raises(InputError, match="switch the robot off and on"):
         measure_turns(live.robot, live.operator, watch=lambda _: None)
-
-
-def test_exchanged_pairs_pass_the_self_test():
-    live = Connected(Miswired(hand_of(), motors=(1, 0, 2), encoders=(1, 0, 2)))
-    live.robot.test()
-    assert live.session.state.self_test == SelfTestOutcome.PASSED
 
 
 def test_silent_robot_ends_the_run_in_one_sentence():

@@ -160,7 +160,7 @@ def test_a_wheel_breaks_away_at_the_limit_of_its_direction(direction, excess):
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_full_law_only_takes_energy(seed):
     rng = np.random.default_rng(seed)

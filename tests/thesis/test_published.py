@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields, replace
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -47,10 +46,6 @@ def test_cmus_own_planar_equations_are_ours_without_the_wheels_inertia() -> None
     cmu = Robot.load("cmu")
     ours = unstable_poles(Model(page.without_wheel_inertia(cmu)).linearize())
     assert ours == pytest.approx((page.planar_pole(cmu),) * 2, rel=1e-12)
-
-
-def test_rob311s_wheel_is_a_tenth_of_a_metre_across() -> None:
-    assert Robot.load("rob311").wheels.radius == 0.048  # and not .0048, as a class script says
 
 
 # --- entries --------------------------------------------------------------------------------------
@@ -123,17 +118,6 @@ def test_shapley_shares_of_a_known_game() -> None:
 
     found = alten.shares({mixture: value(mixture) for mixture in alten.mixtures()})
     assert [found[name] for name in names] == pytest.approx([3.0, 3.0, 5.0, 0.0])
-
-
-def test_shares_add_up_to_the_whole() -> None:
-    rng = np.random.default_rng(2)
-    values = {
-        frozenset(chosen): float(rng.normal())
-        for size in range(5)
-        for chosen in combinations(alten.AT_REST, size)
-    }
-    whole = values[frozenset(alten.AT_REST)] - values[frozenset()]
-    assert sum(alten.shares(values).values()) == pytest.approx(whole)
 
 
 def test_printed_geometry_of_the_thesis_comes_out() -> None:

@@ -335,20 +335,3 @@ def test_an_unknown_figure_is_refused_with_the_names(
     assert "There is no 'Table 4.9' to reproduce; there are Figure 3.1, " in refusal
     assert "Table 4.1" in refusal
     assert not (tmp_path / "out").exists()
-
-
-def test_folder_that_is_a_file_is_refused_before_any_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "file"
-    path.write_text("", encoding="utf-8")
-    assert main(["reproduce", "--out", str(path)]) == 2
-    assert "needs a folder" in capsys.readouterr().err
-
-
-def test_a_seed_below_zero_is_refused_before_any_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["reproduce", "--out", str(tmp_path / "out"), "--seed", "-1"]) == 2
-    assert "The seed is -1" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
