@@ -25,7 +25,6 @@ FOUND = np.dtype(
         ("body", "u1", LONGEST_PAYLOAD),
     ]
 )
-KEY = bytes(range(32))
 
 
 @pytest.fixture(scope="module")
