@@ -31,7 +31,6 @@ def test_rehearsal_goes_through_every_branch_that_random_states_find(name):
     updates = list(rehearse(controller, export_controller(controller), rehearsed))
     assert all(update.torques.any() for update in updates)
     assert updates[-1].state["safety"]["stop"][0] == 0
-    assert any(update.has_fix for update in updates) is (name == "everything")  # of the Kalman filter
     list(law_runs(controller, lanes=10, count=60, board=random))
     assert random.executed - rehearsed.executed == set()
 
