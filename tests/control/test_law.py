@@ -2,7 +2,6 @@
 
 import copy
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -29,11 +28,6 @@ designed = st.deferred(
         [(r, design_gain(r).gain) for r in (alten(FRICTION), four_wheeled(friction=True))]
     )
 )
-
-
-@cache
-def soft_controller() -> Controller:
-    return nominal_controller(alten())
 
 
 def encoder_speeds(robot: Robot, state: np.ndarray) -> np.ndarray:
@@ -88,21 +82,6 @@ def test_law_equals_its_numpy_reference(design, state, pose, compensation, limit
     # short polynomials for exp and sin stand in the compiled law, good to 1e-12; gains reach 50 N m/rad
     np.testing.assert_allclose(
         controller.update(0.0, state, pose), np.clip(u, -limit, limit), rtol=1e-9, atol=1e-9
-    )
-
-
-@settings(max_examples=40, deadline=None)
-@given(state=states, pose=poses, turn=st.floats(-4.0, 4.0))
-def test_feedback_does_not_depend_on_the_heading(state, pose, turn):
-    controller = soft_controller()
-
-    def turned(vector: np.ndarray) -> np.ndarray:
-        result = turned_back(vector, -turn)
-        result[4] += turn
-        return result
-
-    np.testing.assert_allclose(
-        controller.update(0.0, turned(state), turned(pose)), controller.update(0.0, state, pose), atol=1e-9
     )
 
 
