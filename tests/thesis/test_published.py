@@ -92,12 +92,11 @@ def test_pole_of_a_mixture(corrected: tuple[str, ...], pole: float) -> None:
 
 
 @pytest.mark.slow
-def test_some_corrections_change_nothing_at_rest_but_something_in_motion() -> None:
-    name = "body_rates"  # and nonholonomic_wheels, whose force in motion is in test_reproduce
+def test_a_correction_of_motion_changes_nothing_at_rest() -> None:
+    name = "nonholonomic_wheels"  # its force in motion: mistake 16, below
     without, having = (mixture_model(ALTEN, alten.corrections_with(names)) for names in ((), (name,)))
     assert pytest.approx(without.A, abs=1e-12) == having.A
     assert pytest.approx(without.B, abs=1e-12) == having.B
-    assert alten.change_while_moving(ALTEN, name, states=20) > 1e-3
 
 
 @pytest.mark.slow
@@ -134,9 +133,7 @@ def test_the_exact_models_gain_tracks_the_exact_model_better() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["inertia_about_center_of_mass", "counter_torque", "body_rates", "nonholonomic_wheels"]
-)
+@pytest.mark.parametrize("name", ["inertia_about_center_of_mass", "counter_torque", "nonholonomic_wheels"])
 def test_each_correction_alone_is_consistent_and_matters(name: str) -> None:
     q, q_dot, u = random_state(np.random.default_rng(3), 3)
     corrections = replace(corrections_of("thesis"), **{name: True})
