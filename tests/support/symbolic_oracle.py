@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.robot import Ball, Body, Friction, Robot, Wheels
-from tests.support.lagrangian import Equations
 
 
 def random_robot(rng: np.random.Generator, wheel_count: int) -> Robot:
@@ -77,12 +76,6 @@ def random_state(
     q = rng.uniform([-3, -3, -1.2, -1.2, -np.pi], [3, 3, 1.2, 1.2, np.pi])
     q_dot = rng.uniform(-3, 3, 5)
     return q, q_dot, rng.uniform(-6, 6, wheel_count)
-
-
-def force_along_speeds(model: Equations, q: NDArray, u: NDArray) -> NDArray:
-    """Return the transposed Jacobian of the wheel speed, times the torques."""
-    jacobian = np.stack([model.wheel_speed(q, rate) for rate in np.eye(5)], axis=1)
-    return jacobian.T @ u
 
 
 def relative_difference(actual: NDArray, expected: NDArray) -> float:
