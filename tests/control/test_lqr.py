@@ -171,9 +171,8 @@ def test_slow_plant_may_be_sampled_slowly():
     assert lqr(tank, [1.0], [1.0], sample_time=50.0).poles.real.max() < 0.0
 
 
-@pytest.mark.parametrize("options", [["--sample-time", "5"], ["--sample-time", "5", "--robust"]])
-def test_design_refuses_a_sample_time_in_milliseconds(tmp_path, capsys, options):
-    assert main(["design", "alten", *options, "--out", str(tmp_path / "out")]) == 2
+def test_design_refuses_a_sample_time_in_milliseconds(tmp_path, capsys):
+    assert main(["design", "alten", "--sample-time", "5", "--out", str(tmp_path / "out")]) == 2
     assert re.search(r"did you mean .*0.005 s", " ".join(capsys.readouterr().err.split()))
     assert not (tmp_path / "out" / "controller.toml").exists()
 

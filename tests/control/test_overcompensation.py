@@ -118,18 +118,6 @@ def test_controller_file_is_checked_against_the_robot_it_is_read_with(tmp_path):
         read_controller(path, unsure)
 
 
-def test_run_with_a_controller_file_reports_overcompensation(tmp_path, capsys):
-    write_robot(ROBOT, tmp_path / "robot.toml")
-    words = []
-    for share in (0.8, 1.3):
-        write_controller(compensating(share), tmp_path / "controller.toml")
-        given = ["simulate", str(tmp_path / "robot.toml"), "--controller", str(tmp_path / "controller.toml")]
-        assert main([*given, "--duration", "0.1", "--out", str(tmp_path / "out")]) == 0
-        words.append(capsys.readouterr().err)
-    assert "injects energy" not in words[0]
-    assert "injects energy" in words[1]
-
-
 DIRECTED = replace(
     FRICTION,
     coulomb_asymmetry=(0.03, -0.02, 0.04),
