@@ -120,14 +120,6 @@ def test_built_in_courses_state_the_newest_format_of_course_files() -> None:
     assert "format" not in built_in_sets()
 
 
-@pytest.mark.parametrize("kind", ["robot", "controller", "scenario"])
-def test_written_file_names_the_version(kind: Kind) -> None:
-    (line,) = (one for one in TEXTS[kind].splitlines() if one.startswith("format"))
-    assert (
-        line == f'format = "ballbot {kind} 1"  # of this file, written by Ballbot {VERSION}; may be left out'
-    )
-
-
 def test_recorded_run_states_the_version() -> None:
     scenario, controller = Scenario.nominal(ALTEN), nominal_controller(ALTEN)
     job = RecordJob(robot=ALTEN, scenario=scenario, experiment="balance", duration=1.0, controller=controller)

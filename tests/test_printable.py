@@ -142,9 +142,8 @@ def test_a_shell_reads_the_words_back(word):
     assert shown == os.fsencode(word)
 
 
-@pytest.mark.parametrize(
-    "name", ["[/x]", "\x1b[31m", r"$\frac$", os.fsdecode(b"\xff\xfe"), "a\nb", ":smile:", "-x"]
-)
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("name", ["[/x]", "\x1b[31m\n", os.fsdecode(b"\xff\xfe"), "-x"])
 def test_file_names_are_never_interpreted_as_options_or_markup(tmp_path, monkeypatch, capfd, name):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mine", "--out", f"./{name}.toml"]) == 0

@@ -175,8 +175,7 @@ def test_result_fits_a_screen(name):
 @pytest.mark.parametrize(
     "name",
     [
-        "robot", "log", "controller", "controller with every part", "gain", "gain with integral", "robust design",
-        "controller design", "upside down", "driveline", "limits",
+        "robot", "log", "controller", "gain with integral", "robust design", "upside down", "driveline", "limits",
     ],
 )  # fmt: skip
 def test_plot_returns_a_figure_that_a_notebook_shows(name):
@@ -233,7 +232,7 @@ TEXT = st.text(max_size=100)
     sentences=st.lists(TEXT, max_size=5),
     times=st.integers(1, 9),
 )
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_any_texts_fit_a_screen_and_are_not_obeyed(title, rows, sentences, times):
     summary = Summary(title=title, rows=tuple(rows * times), sentences=tuple(sentences * times))
     lines = repr(summary).split("\n")

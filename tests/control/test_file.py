@@ -75,16 +75,6 @@ def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     np.testing.assert_array_equal(read.record["feed_forward"]["by_second"], designed)
 
 
-def test_documented_prediction_table_is_accepted(tmp_path):
-    path, robot = tmp_path / "controller.toml", alten(FRICTION)
-    write_controller(precise_controller(robot), path)
-    added = "\n[prediction]\ndelay = 0.012\n"
-    path.write_text(path.read_text() + added)
-    parts = read_controller(path, robot).parts
-    assert parts.prediction is not None
-    assert parts.prediction.delay == 0.012
-
-
 def test_the_files_friction_is_compensated_and_not_the_robots(tmp_path):
     path = tmp_path / "controller.toml"
     write_controller(nominal_controller(alten(FRICTION), compensation="full"), path)
@@ -138,16 +128,6 @@ def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sente
     text = str(caught.value)
     assert text.startswith(f"{path}")
     assert "\n" not in text
-
-
-def test_file_for_its_own_robot_is_read_without_a_warning(tmp_path):
-    written = everything(alten(FRICTION))
-    write_controller(written, tmp_path / "controller.toml")
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        read = read_controller(tmp_path / "controller.toml", alten(FRICTION))
-    assert caught == []
-    np.testing.assert_array_equal(read.packed, written.packed)
 
 
 def test_unreadable_controller_file_is_refused(tmp_path):

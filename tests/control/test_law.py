@@ -1,9 +1,7 @@
 """The controller: its law against NumPy's words for it, and what friction compensation must and must not do."""
 
 import copy
-import time
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -32,11 +30,6 @@ designed = st.deferred(
 )
 
 
-@cache
-def soft_controller() -> Controller:
-    return nominal_controller(alten())
-
-
 def encoder_speeds(robot: Robot, state: np.ndarray) -> np.ndarray:
     """A (R^T Omega - w), Omega = (-y_dot, x_dot, 0)/r_b."""
     angles, (x_dot, y_dot) = state[2:5], state[5:7]
@@ -61,7 +54,7 @@ def rolling_force(robot: Robot, state: np.ndarray, band: float) -> np.ndarray:
     return np.array([force.real, force.imag])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     design=designed,
     state=states,
@@ -92,22 +85,7 @@ def test_law_equals_its_numpy_reference(design, state, pose, compensation, limit
     )
 
 
-@settings(max_examples=100, deadline=None)
-@given(state=states, pose=poses, turn=st.floats(-4.0, 4.0))
-def test_feedback_does_not_depend_on_the_heading(state, pose, turn):
-    controller = soft_controller()
-
-    def turned(vector: np.ndarray) -> np.ndarray:
-        result = turned_back(vector, -turn)
-        result[4] += turn
-        return result
-
-    np.testing.assert_allclose(
-        controller.update(0.0, turned(state), turned(pose)), controller.update(0.0, state, pose), atol=1e-9
-    )
-
-
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(design=designed, state=states, pose=poses)
 def test_partial_compensation_never_adds_against_the_intended_motion(design, state, pose):
     robot, gain = design
@@ -121,7 +99,7 @@ def test_partial_compensation_never_adds_against_the_intended_motion(design, sta
     np.testing.assert_allclose(partial[u * encoder_speeds(robot, state) < -1e-9], 0.0, atol=1e-9)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(design=designed, state=states, pose=poses, compensation=st.sampled_from(["full", "partial"]))
 def test_rolling_compensation_pushes_forward_and_does_not_turn(design, state, pose, compensation):
     robot, gain = design
@@ -153,7 +131,7 @@ def test_full_compensation_makes_the_robot_a_frictionless_one():
         fast = Controller(
             robot, controller.gain, sample_time=0.001, compensation=compensation, speed_band=0.02
         )
-        logs[name] = simulate(Model(robot), fast, circle(), duration=10.0, initial_state=start)
+        logs[name] = simulate(Model(robot), fast, circle(), duration=6.0, initial_state=start)
     distance = {
         name: np.abs(log.states[:, :2] - logs["free"].states[:, :2]).max() for name, log in logs.items()
     }
@@ -162,15 +140,14 @@ def test_full_compensation_makes_the_robot_a_frictionless_one():
     assert distance["bare"] > 10.0 * distance["full"]
 
 
-@pytest.mark.parametrize("compensation", ["full", "partial"])
-def test_compensation_at_least_halves_the_error_of_a_square(compensation):
+def test_compensation_at_least_halves_the_error_of_a_square():
     robot = alten(FRICTION)
     errors = {}
-    for mode in ("none", compensation):
+    for mode in ("none", "full", "partial"):
         log = simulate(Model(robot), nominal_controller(robot, compensation=mode), square(), duration=16.0)
         late = log.t >= 14.0
         errors[mode] = np.hypot(*(log.states[late, :2] - log.reference[late, :2]).T).max()
-    assert errors[compensation] < 0.5 * errors["none"]
+    assert max(errors["full"], errors["partial"]) < 0.5 * errors["none"]
 
 
 class WithoutHeadingFrame:
@@ -295,21 +272,6 @@ def test_history_holds_the_torques_that_act_and_what_compensates():
     )
     assert (history["friction_compensation"][0, :3] != 0.0).any()
     assert (controller.memory["disturbance_observer"]["estimate"][0, :3] != 0.0).any()
-
-
-def test_an_update_is_fast():
-    controller, state, reference = (
-        nominal_controller(alten(FRICTION), compensation="full"),
-        np.zeros(10),
-        np.zeros(10),
-    )
-    controller.update(0.0, state, reference)  # compiles
-    times = []
-    for _ in range(2000):
-        start = time.perf_counter()
-        controller.update(0.0, state, reference)
-        times.append(time.perf_counter() - start)
-    assert np.median(times) < 50e-6  # 4 us on an idle core; the rest is for a busy machine
 
 
 def test_design_passed_instead_of_gain_is_refused_with_a_hint() -> None:

@@ -40,7 +40,7 @@ def asked(gain: np.ndarray, state: np.ndarray, by: list[int], of: slice) -> floa
     return float(np.linalg.norm(np.linalg.lstsq(gain[:, of], gain[:, by] @ state[by], rcond=None)[0]))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(design=designed, state=states, size=st.sampled_from([0.01, 0.1, 1.0]))
 def test_lean_limit_equals_its_numpy_reference(design, state, size):
     robot, gain = design
@@ -57,7 +57,7 @@ def test_lean_limit_equals_its_numpy_reference(design, state, size):
     np.testing.assert_allclose(torques(robot, gain, state, BOUND), -gain @ bounded, rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(design=designed, state=states)
 def test_lean_limit_changes_nothing_within_the_limits(design, state):
     robot, gain = design

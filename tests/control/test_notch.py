@@ -38,7 +38,7 @@ notches = st.builds(
 )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(notch=notches, seed=st.integers(0, 99))
 def test_the_law_filters_each_wheels_torque_as_scipy_would(notch, seed):
     states = 0.02 * np.random.default_rng(seed).standard_normal((60, 10))
@@ -52,7 +52,7 @@ def test_the_law_filters_each_wheels_torque_as_scipy_would(notch, seed):
     np.testing.assert_array_equal(controller.update(0.0, states[0], np.zeros(10)), found[0])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(notch=notches)
 def test_response_is_scipys_and_leaves_its_depth(notch):
     frequencies = np.array([0.0, 1.0, 5.0, notch.frequency])
@@ -91,6 +91,7 @@ def test_notch_above_the_nyquist_frequency_is_refused():
         Controller(ROBOT, designed_gain(), parts=Parts(notch=Notch(frequency=95.0)))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_design_writes_the_requested_notch(tmp_path, capsys):
     words = ["design", "alten", "--notch", "27", "--out", str(tmp_path)]
     assert main(words) == 0

@@ -82,6 +82,7 @@ def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp_path, capsys):
     robot = tmp_path / "robot.toml"
     write_robot(ROBOT, robot)
@@ -115,18 +116,6 @@ def test_controller_file_is_checked_against_the_robot_it_is_read_with(tmp_path):
     unsure = ROBOT.annotated(standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)})
     with pytest.warns(UnsuitedController, match="More friction is compensated than is certain"):
         read_controller(path, unsure)
-
-
-def test_run_with_a_controller_file_reports_overcompensation(tmp_path, capsys):
-    write_robot(ROBOT, tmp_path / "robot.toml")
-    words = []
-    for share in (0.8, 1.3):
-        write_controller(compensating(share), tmp_path / "controller.toml")
-        given = ["simulate", str(tmp_path / "robot.toml"), "--controller", str(tmp_path / "controller.toml")]
-        assert main([*given, "--duration", "0.1", "--out", str(tmp_path / "out")]) == 0
-        words.append(capsys.readouterr().err)
-    assert "injects energy" not in words[0]
-    assert "injects energy" in words[1]
 
 
 DIRECTED = replace(
@@ -179,6 +168,7 @@ def test_excess_below_a_thousandth_is_no_alarm_and_one_above_is_shown():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_path, capsys):
     """The friction's errors are correlated, and rounded in the file."""
     labels = ("friction.viscous[0]", "friction.coulomb[0]", "friction.rolling")
@@ -202,16 +192,9 @@ def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_pa
         main(["simulate", robot, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"]) == 0
     )
     assert "warning" not in capsys.readouterr().err
-    assert main(["export", controller, "--robot", robot, "--out", f"{out}/firmware"]) == 0
-    assert "warning" not in capsys.readouterr().err
     heavy = robot.replace("robot.toml", "heavy.toml")
     text = (tmp_path / "robot.toml").read_text(encoding="utf-8")
     (tmp_path / "heavy.toml").write_text(text.replace("value = 17.076,", "value = 11.0,"), encoding="utf-8")
-    for command in (
-        ["simulate", heavy, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"],
-        ["compare", heavy, controller, "--scenarios", "hold", "--seeds", "1", "--out", f"{out}/compared"],
-        ["export", controller, "--robot", heavy, "--out", f"{out}/firmware"],
-        ["check", heavy, "--controller", controller, "--out", f"{out}/checked"],
-    ):
-        assert main(command) == 0, command
-        assert "body.mass was 17.076 and is 11 kg" in " ".join(capsys.readouterr().err.split()), command
+    command = ["simulate", heavy, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"]
+    assert main(command) == 0
+    assert "body.mass was 17.076 and is 11 kg" in " ".join(capsys.readouterr().err.split())

@@ -50,7 +50,7 @@ def test_a_step_within_the_limits_passes_four_lags():
         np.testing.assert_allclose(found[:, column], size * four_lags(t, frequency), atol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(x=st.floats(-3.0, 3.0), y=st.floats(-3.0, 3.0), psi=st.floats(-4.0, 4.0))
 def test_a_jump_is_a_straight_way_within_the_limits_and_without_overshoot(x, y, psi):
     shaping = ReferenceShaping()
@@ -79,9 +79,8 @@ def test_a_reference_that_bends_steadily_is_not_lagged():
     np.testing.assert_allclose(found[-1, :2], wanted, atol=3e-3)
 
 
-@pytest.mark.parametrize("digits", [None, 6])
-@pytest.mark.parametrize("amplitude", [0.2, 0.6])
-def test_torques_of_a_bend_are_smooth_where_it_is_rounded_or_passes_the_limit(digits, amplitude):
+@pytest.mark.parametrize(("amplitude", "digits"), [(0.2, 6), (0.6, None)])
+def test_torques_of_a_bend_are_smooth_where_it_is_rounded_or_passes_the_limit(amplitude, digits):
     def way(t: float) -> np.ndarray:
         pose = np.zeros(10)
         x = amplitude * np.sin(0.65 * t)
@@ -150,10 +149,10 @@ def test_integral_action_takes_away_an_error_that_stays():
     left = {}
     for name, part in (("without", None), ("with", IntegralAction(gain=design.integral_gain, memory=1e6))):
         controller = MisjudgedLean(Controller(robot, design.gain, parts=Parts(integral=part)), degrees=1.0)
-        log = simulate(Model(robot), controller, hold(psi=1.0), duration=25.0)
+        log = simulate(Model(robot), controller, hold(psi=1.0), duration=18.0)
         left[name] = float(np.hypot(log["x"][-1], log["y"][-1]))
     assert left["without"] > 0.04  # a degree times the gain's lean over its place, 3.5 m/rad
-    assert left["with"] < 1e-4  # the slowest pole is at -0.65 rad/s: 25 s leave exp(-16) of a transient
+    assert left["with"] < 1e-4  # the slowest pole is at -0.65 rad/s: 18 s leave exp(-11) of a transient
 
 
 def test_the_integral_rests_within_its_dead_band_and_at_the_torque_limit_and_stays_within_its_own():
@@ -230,8 +229,8 @@ def test_each_lane_keeps_its_own_controller_state():
     starts = np.array([leaning(0.01 * k, -0.005 * k) for k in range(9)])
     reference = square(period=8.0)
     batch = simulate_batch(Model(robot), controllers, reference, duration=4.0, initial_states=starts)
-    for lane, controller in enumerate(controllers):
-        log = simulate(Model(robot), controller, reference, duration=4.0, initial_state=starts[lane])
+    for lane in (0, 4, 8):  # one of each
+        log = simulate(Model(robot), controllers[lane], reference, duration=4.0, initial_state=starts[lane])
         # rounding of 1e-16, carried through 4 s of stick and slip; it grows a thousandfold in 2 s
         np.testing.assert_allclose(batch.torques[lane], log.torques, atol=1e-6)
 

@@ -40,8 +40,9 @@ def linear(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(model.A), np.asarray(model.B)
 
 
-@pytest.mark.parametrize("robot", [alten(), four_wheeled(friction=False)], ids=["three", "four"])
-@pytest.mark.parametrize("samples", [1, 2, 5])
+@pytest.mark.parametrize(
+    ("robot", "samples"), [(alten(), 1), (alten(), 5), (four_wheeled(friction=False), 2)]
+)
 def test_whole_samples_give_the_gain_of_the_riccati_equation_with_the_torques_under_way(robot, samples):
     n = robot.wheel_count
     F, G = held(*linear(robot), SAMPLE)
@@ -67,7 +68,7 @@ def test_whole_samples_give_the_gain_of_the_riccati_equation_with_the_torques_un
         under_way = np.concatenate((under_way[n:], found))
 
 
-@pytest.mark.parametrize("delay", [0.002, 0.005, 0.0123, 0.1])
+@pytest.mark.parametrize("delay", [0.002, 0.0123])
 def test_a_late_linear_robot_moves_as_a_punctual_one_from_where_it_is_when_the_first_torque_acts(delay):
     robot = alten()
     A, B = linear(robot)
@@ -211,6 +212,7 @@ def test_negligible_delay_equals_no_delay():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_design_writes_the_requested_prediction(tmp_path):
     path = tmp_path / "robot.toml"
     write_robot(alten(FRICTION), path)

@@ -44,11 +44,10 @@ def compared(
     return found, exact, of_c, of_python
 
 
-@pytest.mark.parametrize("preset", ["alten", "cmu"])
-@pytest.mark.parametrize("missing", [0.0, 0.05])
+@pytest.mark.parametrize(("preset", "missing"), [("alten", 0.0), ("cmu", 0.05)])
 def test_onboard_state_is_python_s_but_for_rounding(preset, missing):
     robot = Robot.load(preset)
-    found, exact, *_ = compared("onboard", robot, list(readings(robot, samples=1500, missing=missing)), H)
+    found, exact, *_ = compared("onboard", robot, list(readings(robot, samples=800, missing=missing)), H)
     assert (np.isnan(found) == np.isnan(exact)).all()
     speed = (
         np.nanmax(np.abs(transforms(robot).T_obw)) * 60.0 * robot.ball.radius
@@ -63,14 +62,15 @@ def test_onboard_state_is_python_s_but_for_rounding(preset, missing):
         <= 20.0 * ROUNDOFF * np.nanmax(np.abs(exact[:, 7:])) + ROUNDOFF
     )
     # a position's sum is compensated: errors of the velocity remain, which have either sign
-    assert np.nanmax(np.abs(found - exact)[:, :2]) <= bound * H * np.sqrt(1500.0) * 4.0 + 2.0 * ROUNDOFF
+    assert np.nanmax(np.abs(found - exact)[:, :2]) <= bound * H * np.sqrt(800.0) * 4.0 + 2.0 * ROUNDOFF
 
 
-@pytest.mark.parametrize("preset", ["alten", "cmu"])
-@pytest.mark.parametrize(("missing", "fixes"), [(0.0, 0.0), (0.05, 0.0), (0.02, 0.01)])
+@pytest.mark.parametrize(
+    ("preset", "missing", "fixes"), [("alten", 0.0, 0.0), ("cmu", 0.05, 0.0), ("alten", 0.02, 0.01)]
+)
 def test_kalman_state_is_python_s_but_for_rounding(preset, missing, fixes):
     robot = Robot.load(preset)
-    given = list(readings(robot, samples=1500, missing=missing, fixes=fixes))
+    given = list(readings(robot, samples=800, missing=missing, fixes=fixes))
     found, exact, of_c, of_python = compared("kalman", robot, given, H)
     assert (np.isnan(found) == np.isnan(exact)).all()
     assert isinstance(of_python, KalmanFilter)
@@ -161,7 +161,7 @@ def any_reading(draw: st.DrawFn) -> NDArray[np.void]:
     return record
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.sampled_from(sorted(MEMORIES)), st.lists(any_reading(), min_size=1, max_size=4))
 def test_wrong_readings_do_no_lasting_harm(name, wrong):
     """Every variance stays positive and finite, or the state is lost until a reset."""

@@ -223,7 +223,7 @@ samples = st.tuples(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.integers(0, 3), st.integers(0, 3), st.lists(samples, max_size=25))
 def test_safety_layer_decides_as_python_s(most_missing, most_unchanged, run):
     limits = SafetyLimits(

@@ -27,18 +27,6 @@ def test_errors_stay_within_what_the_header_states():
     assert {name: error for name, error in found.items() if not error <= STATED[name]} == {}
 
 
-def test_the_header_states_these_errors():
-    header = " ".join((firmware_math.SOURCES / "ballbot_math.h").read_text().split())
-    for text in (
-        f"The error is at most {STATED['sine']:g} ulp. * Both",
-        f"The error is at most {STATED['exponential']:g} ulp. NaN",
-        f"at most {STATED['power']:g} * 2^-23 (1 + |log2 result|)",
-        "the float nearest to it",
-        f"The error is at most {STATED['arctangent']:g} ulp for",
-    ):
-        assert text in header, text
-
-
 @given(single)
 def test_sine_is_odd_and_cosine_even_to_the_bit(angle):
     sine, cosine = of("sine_cosine", angle, results=2)

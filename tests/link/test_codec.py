@@ -25,7 +25,6 @@ FOUND = np.dtype(
         ("body", "u1", LONGEST_PAYLOAD),
     ]
 )
-KEY = bytes(range(32))
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +82,7 @@ def test_frame_in_c_is_the_frame_in_python(codec, message, session, sequence):
 
 
 @needs_compiler
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.one_of(faulty_streams(), st.binary(max_size=2000)))
 def test_receiver_in_c_finds_and_refuses_what_python_does(codec, stream):
     found, refused = np.zeros(200, FOUND), np.zeros(LAYERS, dtype=np.uint32)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.link.frames import LONGEST_FRAME, Frame, FrameReader, decode, encode, is_newer, message_of
@@ -24,6 +24,7 @@ def test_every_message_comes_back(message, session, sequence):
     assert pack_body(back) == pack_body(message)
 
 
+@settings(max_examples=40)
 @given(st.lists(messages(), max_size=4), st.data())
 def test_frames_come_back_from_pieces_of_any_size(sent, data):
     stream = b"".join(encode(one, session=7, sequence=k) for k, one in enumerate(sent))

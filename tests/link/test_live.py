@@ -11,7 +11,6 @@ from ballbot.control.references import square
 from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.export import export_controller
-from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
 from ballbot.link.frames import FrameReader, message_of
 from ballbot.link.live import (
@@ -106,18 +105,18 @@ def follow(reference):
 @pytest.mark.slow
 def test_controller_on_the_robot_follows_as_in_simulation():
     live = Connected()
-    log = live.run(follow(square(period=16.0)), duration=12.0)
+    log = live.run(follow(square(period=16.0)), duration=6.0)
     assert live.ending.kind == "time"
-    assert len(log) == 12.0 / STEP
+    assert len(log) == 6.0 / STEP
     np.testing.assert_allclose(log.t, STEP * np.arange(len(log)), atol=1e-9)
     # the course, a row for each sample, from the first on
     wanted = np.array([square(period=16.0)(t)[[0, 1, 4]] for t in log.t])
     np.testing.assert_allclose(log.reference[:, [0, 1, 4]], wanted, atol=1e-6)
     alone = SensedPlant(*_sensed())
-    simulated = simulate(alone, live.controller, square(period=16.0), duration=12.0, seed=1)
+    simulated = simulate(alone, live.controller, square(period=16.0), duration=6.0, seed=1)
     measured, expected = (one.without_truth() for one in (log, simulated))
     # another seed of the noise: the same kind of run, not the same run
-    ratio = score(measured, settle=3.0).rms_position_error / score(expected, settle=3.0).rms_position_error
+    ratio = score(measured, settle=2.0).rms_position_error / score(expected, settle=2.0).rms_position_error
     assert 0.4 < ratio < 2.5
     assert not live.emulated.motors.armed
 
@@ -149,7 +148,7 @@ def _sensed():
 def test_controller_on_the_host_balances():
     live = Connected()
     commander = ControlFromHost(nominal_controller(ROBOT), CourseReference(square()))
-    log = live.run(commander, place=ControllerPlace.HOST, duration=6.0)
+    log = live.run(commander, place=ControllerPlace.HOST, duration=3.0)
     assert live.ending.kind == "time"
     assert np.abs(log["theta"]).max() < 0.1
     # the torques of a row are those that the host computed for the sample before; the first two samples come together
@@ -178,10 +177,10 @@ def test_controller_on_the_host_is_called_once_before_the_run():
 def test_sweep_of_free_wheels_gives_its_torques():
     live = Connected(hand_of("in_air"), always_held=True)
     program = TorqueProgram(lambda t: np.full(3, 0.5 * np.sin(t)), sample_time=STEP)
-    log = live.run(program, place=ControllerPlace.HOST, duration=3.0)
+    log = live.run(program, place=ControllerPlace.HOST, duration=1.5)
     # the first two samples come together
     np.testing.assert_allclose(log.torques[2:], 0.5 * np.sin(log.t[2:, None]) * np.ones(3), atol=1e-6)
-    assert np.abs(log.wheel_angles[-1]).min() > 1.0
+    assert np.abs(log.wheel_angles[-1]).min() > 0.5
 
 
 def test_unconfirmed_arming_leaves_the_robot_disarmed():
@@ -190,12 +189,6 @@ def test_unconfirmed_arming_leaves_the_robot_disarmed():
     with pytest.raises(InputError, match="not confirmed"):
         live.robot.arm(lambda: False, controller=ControllerPlace.ROBOT)
     assert not live.emulated.motors.armed
-
-
-def test_robot_without_a_self_test_does_not_arm():
-    live = Connected()
-    with pytest.raises(InputError, match="self-test has not passed"):
-        live.robot.arm(lambda: True, controller=ControllerPlace.ROBOT)
 
 
 class Miswired:
@@ -241,64 +234,42 @@ def test_self_test_names_the_wheel(fault, words):
         live.robot.test()
 
 
-def checked(hand):
+def turned(hand):
     live = Connected(hand, imu_checked=False)
-    return check_turns(
-        measure_turns(live.robot, live.operator, watch=lambda _: None), transforms(ROBOT).T_obw
-    )
+    return measure_turns(live.robot, live.operator, watch=lambda _: None)
 
 
-def test_wiring_of_a_right_robot_passes():
-    check = checked(hand_of())
+def test_wiring_of_a_right_robot_passes_and_a_wrong_encoder_is_named():
+    turns, ball_from_wheels = turned(hand_of()), transforms(ROBOT).T_obw
+    check = check_turns(turns, ball_from_wheels)
     assert check.passed
     # the encoders' resolution and the noise of the attitude, 1 mrad in 0.26 rad
     np.testing.assert_allclose(check.wheel_scales, 1.0, atol=0.03)
-    turned = np.array([one.attitude for one in check.turns])
-    np.testing.assert_allclose(turned, np.radians([[0, 15, 0], [-15, 0, 0], [0, 0, 45]]), atol=0.01)
-
-
-_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-
-
-@pytest.mark.parametrize(
-    ("fault", "words"),
-    [
+    attitudes = np.array([one.attitude for one in check.turns])
+    np.testing.assert_allclose(attitudes, np.radians([[0, 15, 0], [-15, 0, 0], [0, 0, 45]]), atol=0.01)
+    for order, factors, words in (
         # motors and encoders exchanged together, which the self-test cannot find
-        ({"motors": (1, 0, 2), "encoders": (1, 0, 2)}, "Encoder 1 turned as wheel 2 must"),
-        ({"signs": (1, 1, -1)}, "Encoder 3 counts backward"),
-        pytest.param({"signs": (1, 2, 1)}, "Encoder 2 turned 2 times as far", marks=pytest.mark.slow),
-        pytest.param({"signs": (0, 1, 1)}, "Encoder 1 did not count", marks=pytest.mark.slow),
-    ],
-)
-def test_wiring_check_names_the_encoder_that_is_wrong(fault, words):
-    check = checked(Miswired(hand_of(), **fault))
-    assert not check.passed
-    assert any(words in one.text for one in check.findings)
+        ([1, 0, 2], [1, 1, 1], "Encoder 1 turned as wheel 2 must"),
+        ([0, 1, 2], [1, 1, -1], "Encoder 3 counts backward"),
+        ([0, 1, 2], [1, 2, 1], "Encoder 2 turned 2 times as far"),
+        ([0, 1, 2], [0, 1, 1], "Encoder 1 did not count"),
+    ):
+        wrong = [replace(one, wheels=(factors * one.wheels)[order]) for one in turns]
+        check = check_turns(wrong, ball_from_wheels)
+        assert not check.passed
+        assert any(words in one.text for one in check.findings)
 
 
-@pytest.mark.parametrize(
-    ("imu", "words"),
-    [
-        (_QUARTER, "tilted forward, .* It turned to the left about x"),
-        pytest.param(np.diag([-1.0, 1.0, 1.0]), "tilted to the left", marks=pytest.mark.slow),
-        pytest.param(np.diag([1.0, 1.0, -1.0]), "turned to the left", marks=pytest.mark.slow),
-    ],
-)
-def test_wiring_check_ends_with_a_wrong_imu(imu, words):
-    with pytest.raises(InputError, match=words):
-        checked(Miswired(hand_of(), imu=imu))
+def test_wiring_check_ends_with_a_wrong_imu():
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    with pytest.raises(InputError, match=r"tilted forward, .* It turned to the left about x"):
+        turned(Miswired(hand_of(), imu=quarter))
 
 
 def test_wiring_is_checked_once_after_the_start():
     live = Connected()
     with pytest.raises(InputError, match="switch the robot off and on"):
         measure_turns(live.robot, live.operator, watch=lambda _: None)
-
-
-def test_exchanged_pairs_pass_the_self_test():
-    live = Connected(Miswired(hand_of(), motors=(1, 0, 2), encoders=(1, 0, 2)))
-    live.robot.test()
-    assert live.session.state.self_test == SelfTestOutcome.PASSED
 
 
 def test_silent_robot_ends_the_run_in_one_sentence():
@@ -329,13 +300,13 @@ class Pushed:
 class NewRobot(Connected):
     """A robot whose IMU was mounted just now; the last steps of what its sensors give can be changed."""
 
-    def __init__(self, gyro=(0, 1, 2), sign=1.0):
+    def __init__(self, gyro=(0, 1, 2)):
         super().__init__(imu_checked=False)
         step = self.emulated.hand.step
 
         def changed(torques, duration):
             measured = step(torques, duration)
-            return replace(measured, gyro=sign * measured.gyro[list(gyro)])
+            return replace(measured, gyro=measured.gyro[list(gyro)])
 
         self.emulated.hand.step = changed
 
@@ -357,9 +328,8 @@ def test_new_robot_is_moved_by_hand_before_it_arms():
     live.robot.test()
 
 
-@pytest.mark.parametrize("options", [{"gyro": (1, 0, 2)}, {"sign": -1.0}])
-def test_new_robot_with_wrong_axes_does_not_arm(options):
-    live = NewRobot(**options)
+def test_new_robot_with_wrong_axes_does_not_arm():
+    live = NewRobot(gyro=(1, 0, 2))
     with pytest.raises(InputError, match="tilted forward, the gyro's turn was not the attitude's"):
         live.robot.test(live.operator)
     with pytest.raises(InputError, match="self-test has not passed"):

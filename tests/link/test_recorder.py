@@ -6,7 +6,7 @@ from threading import Event
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
@@ -57,7 +57,7 @@ def test_every_row_reads_back_to_the_same_bits(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_killed_process_loses_at_most_100_ms(tmp_path, seed):
     path = tmp_path / "log.recording.csv"
     with Child("-c", WRITER, str(path)) as writer:
@@ -74,6 +74,7 @@ def test_killed_process_loses_at_most_100_ms(tmp_path, seed):
         assert t[-1] - kept.t[-1] <= 0.1
 
 
+@settings(max_examples=40)
 @given(cut=st.integers(min_value=0), zeros=st.booleans())
 def test_cut_recording_keeps_its_whole_rows(tmp_path_factory, cut, zeros):
     path = tmp_path_factory.mktemp("cut") / "log.recording.csv"

@@ -9,12 +9,11 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.records import SelfTestOutcome
-from ballbot.link.messages import WATCHDOG, Layer, Result
-from ballbot.link.session import Session, stop_reason
+from ballbot.link.messages import Layer, Result
+from ballbot.link.session import Session
 from ballbot.link.transport import LinkError, SerialTransport, Transport, open_transport
 from tests.link.test_emulated import H, emulated
 from tests.support.processes import PATIENCE
@@ -141,29 +140,6 @@ def test_robot_balances_over_a_serial_port_whose_bytes_are_split_late_or_lost(fa
         for _ in range(10):  # a state may be lost or late
             session.poll(H)
         assert not session.state.armed
-
-
-@needs_compiler
-def test_pulled_plug_stops_the_robot():
-    with serial_line() as (port, far):
-        pulled = False
-        loop = Loop(port, far, to_robot=lambda data: b"" if pulled else data)
-        session = loop.session()
-        session.self_test()
-        assert session.arm(lambda: True) is Result.OK
-        session.poll(H)
-        assert session.state is not None
-        assert session.state.armed
-        pulled = True
-        for _ in range(round(WATCHDOG / H) + 2):
-            loop.read(0.0)
-        pulled = False
-        loop.session().poll(H)
-        again = loop.session()
-        again.poll(H)
-        assert again.state is not None
-        assert stop_reason(again.state) is StopReason.LINK
-        assert not loop.robot.motors.enabled
 
 
 def test_port_gives_what_has_come_and_waits_no_longer_than_it_is_asked_to():

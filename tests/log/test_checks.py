@@ -48,7 +48,7 @@ def test_a_clean_log_is_found_clean(log):
 
 
 @given(st.integers(1, 2900), st.integers(1, 50))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=15)
 def test_a_gap_is_found_where_it_is(row, lost):
     kept = np.r_[0:row, row + lost : len(CLEAN)]
     log = Log({name: CLEAN[name][kept] for name in CLEAN})
@@ -68,7 +68,7 @@ def test_a_rate_is_not_compared_over_a_pause():
 
 
 @given(st.floats(0.08, 0.3), st.integers(0, 1000))
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=10)
 def test_jitter_is_reported_and_is_not_a_gap(size, seed):
     # a uniform scatter of +-a has the deviation a / sqrt(3); the check speaks from 5 % on, so a = 0.087
     intervals = 0.005 * (1.0 + size * np.random.default_rng(seed).uniform(-1.0, 1.0, len(CLEAN) - 1))
@@ -85,7 +85,7 @@ def test_two_alternating_intervals_are_jitter_and_not_a_gap():
 
 
 @given(st.integers(0, 2999), st.integers(1, 40), st.sampled_from(["u1", "theta", "y_dot"]))
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=10)
 def test_missing_values_are_counted_and_located(row, number, name):
     rows = slice(row, row + number)
     finding = only(spoiled(CLEAN, name, rows, np.nan), "missing")
@@ -95,9 +95,8 @@ def test_missing_values_are_counted_and_located(row, number, name):
 
 
 @pytest.mark.parametrize("name", ["theta", "phi", "psi", "theta_dot", "phi_dot", "psi_dot"])
-@pytest.mark.parametrize("log", [CLEAN, NOISY], ids=["clean", "noisy"])
-def test_degrees_in_one_column_are_found(log, name):
-    found = [f for f in check(log.with_columns({name: np.degrees(log[name])})) if f.severity == "error"]
+def test_degrees_in_one_column_are_found(name):
+    found = [f for f in check(NOISY.with_columns({name: np.degrees(NOISY[name])})) if f.severity == "error"]
     assert {f.code for f in found} == {"degrees"}
     assert f"{name} is in degrees" in found[0].text
 
@@ -108,35 +107,8 @@ def test_degrees_in_wheel_angles_are_found():
     assert "wheel1 is in degrees" in only(log, "degrees").text
 
 
-def test_degrees_in_angles_and_rates_alike_are_found_by_the_lean():
-    names = ("theta", "phi", "theta_dot", "phi_dot")
-    log = CLEAN.with_columns({name: np.degrees(CLEAN[name]) for name in names})
-    assert only(log, "degrees").severity == "error"
-
-
-def test_degrees_in_the_gyro_are_found():
-    # near upright, at small psi, the body's rates are those of the angles
-    log = CLEAN.with_columns({"psi": np.zeros(len(CLEAN)), "psi_dot": np.zeros(len(CLEAN))})
-    names = {"gyro_x": "theta_dot", "gyro_y": "phi_dot", "gyro_z": "psi_dot"}
-    fine = log.with_columns({gyro: log[rate] for gyro, rate in names.items()})
-    wrong = log.with_columns({gyro: np.degrees(log[rate]) for gyro, rate in names.items()})
-    assert "degrees" not in kinds(fine)
-    assert {f.where.columns for f in check(wrong) if f.code == "degrees"} == {("gyro_x",), ("gyro_y",)}
-
-
-@pytest.mark.parametrize("name", ["x", "theta_dot", "psi"])
-def test_a_flipped_sign_is_found(name):
-    finding = only(CLEAN.with_columns({name: -CLEAN[name]}), "sign")
-    assert finding.severity == "error"
-    assert name in finding.where.columns
-
-
-def test_a_wrong_scale_is_reported():
-    assert only(CLEAN.with_columns({"y": 3.0 * CLEAN["y"]}), "scale").where.columns == ("y", "y_dot")
-
-
 @given(st.integers(100, 2800))
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=8)
 def test_a_fall_is_found_where_it_begins(row):
     # a lean that grows by 5 /s, the unstable pole's own pace, and stays down
     lean = np.minimum(1.4, 0.01 * np.exp(5.0 * np.maximum(0.0, CLEAN.t - CLEAN.t[row])))
@@ -163,15 +135,8 @@ def test_a_log_at_rest_gives_one_finding_for_all_columns():
     assert finding.where.columns == tuple(name for name in CLEAN if name != "t")
 
 
-@pytest.mark.parametrize(
-    ("name", "code"), [("u2", "dead-motor"), ("theta", "constant"), ("x_dot", "constant")]
-)
-def test_a_dead_column_is_found(name, code):
-    assert only(spoiled(CLEAN, name, slice(None), 0.25), code).where.columns == (name,)
-
-
 @given(st.integers(0, 2900), st.integers(25, 90))
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=8)
 def test_a_sensor_that_froze_is_found(row, rows):
     log = spoiled(NOISY, "phi", slice(row, row + rows), 0.0123)
     finding = only(log, "stuck")
@@ -180,7 +145,7 @@ def test_a_sensor_that_froze_is_found(row, rows):
 
 
 @given(st.floats(0.2, 0.55))
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=8)
 def test_saturation_is_found(limit):
     log = CLEAN.with_columns({"u1": np.clip(CLEAN["u1"], -limit, limit)})
     assert only(log, "saturation").where.columns == ("u1",)
@@ -223,7 +188,7 @@ def test_wheels_of_the_states_agree_with_rigid_motion():
 
 
 @given(st.permutations([0, 1, 2]), st.tuples(*[st.sampled_from([1, -1])] * 3), st.floats(0.95, 1.05))
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=12)
 def test_the_mapping_that_the_wheel_check_proposes_is_the_true_one(order, signs, gain):
     truth = ROLLING.wheel_speeds
     # the file's wheel order[i] is the robot's wheel i, turned by signs[i]
@@ -242,27 +207,15 @@ def test_the_mapping_that_the_wheel_check_proposes_is_the_true_one(order, signs,
         assert f"order = {[k + 1 for k in order]} and sign = {in_files_order}" in errors[0].text
 
 
-def test_a_wrong_radius_shows_in_the_gains():
-    log = ROLLING.with_columns({f"wheel{i}_dot": 1.3 * ROLLING[f"wheel{i}_dot"] for i in (1, 2, 3)})
-    assert kinds(log, robot=ALTEN) == ["wheels"]
-
-
 def test_wheels_at_rest_give_no_finding():
     still = {name: 0.0 * CLEAN[name] for name in CLEAN if name != "t"}
     log = CLEAN.with_columns(still).with_columns({f"wheel{i}_dot": 0.0 * CLEAN.t for i in (1, 2, 3)})
     assert wheel_agreement(log, ALTEN) is None
 
 
-@pytest.mark.parametrize("name", ["hold_soft", "square_soft", "thesis_step_soft"])
+@pytest.mark.parametrize("name", ["hold_soft", "square_soft"])
 def test_the_shared_balancing_logs_are_found_clean(shared_data, name):
     assert kinds(Log.read(shared_data / "bbr" / f"{name}.csv"), robot=ALTEN) == []
-
-
-@pytest.mark.parametrize("name", ["theta", "phi", "psi", "psi_dot"])
-def test_degrees_are_found_in_a_shared_log(shared_data, name):
-    log = Log.read(shared_data / "bbr" / "hold_soft.csv")
-    errors = [f for f in check(log.with_columns({name: np.degrees(log[name])})) if f.severity == "error"]
-    assert f"{name} is in degrees" in errors[0].text
 
 
 def test_falling_shared_log_is_reported_as_saturated(shared_data):

@@ -126,10 +126,8 @@ def of_negated_rates(*, scale: float = 1.0) -> Log:
 @pytest.mark.parametrize(
     ("function", "robot"),
     [
-        (ballbot.identify, alten()),
         (ballbot.identify, "alten"),
         (ballbot.study, alten()),
-        (ballbot.study, "alten"),
         (validate, true_robot()),
     ],
 )

@@ -2,7 +2,6 @@
 
 import io
 import json
-import re
 import sys
 import tempfile
 from datetime import UTC, datetime, timedelta
@@ -37,7 +36,7 @@ COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_
 #: names that a format can hold, where it cannot hold all of these
 NAMES_OF = {".mat": st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,62}", fullmatch=True)}
 #: examples, fewer where a file takes milliseconds
-EXAMPLES = {".csv": 150, ".parquet": 100, ".npz": 100, ".mat": 60, ".mcap": 40, ".db3": 8}
+EXAMPLES = {".csv": 50, ".parquet": 30, ".npz": 30, ".mat": 20, ".mcap": 15, ".db3": 4}
 
 
 @st.composite
@@ -163,8 +162,8 @@ def test_every_format_reads_or_refuses_a_file_cut_or_changed_anywhere(tmp_path, 
     random = np.random.default_rng(0)
     path = written(one, tmp_path, {name: random.normal(size=5) for name in ("t", "x", "u1")})
     content = path.read_bytes()
-    changes = [content[:size] for size in range(0, len(content), max(len(content) // 60, 1))]
-    for _ in range(150):
+    changes = [content[:size] for size in range(0, len(content), max(len(content) // 20, 1))]
+    for _ in range(30):  # the campaign of damaged logs tries more
         changed = bytearray(content)
         for place in random.integers(0, len(content), 3):
             changed[place] = random.integers(256)
@@ -181,7 +180,7 @@ def test_every_format_reads_or_refuses_a_file_cut_or_changed_anywhere(tmp_path, 
             assert all(values.dtype == np.float64 for values in read.values())
             accepted += 1
     assert refused + accepted == len(changes), "a refusal does not begin with the file's path"
-    assert refused > 50
+    assert refused > 15
 
 
 @every_format
@@ -200,20 +199,6 @@ def test_a_column_name_that_cannot_be_printed_is_not_written(tmp_path, suffix):
     with pytest.raises(InputError, match="cannot be printed"):
         Log({"t": np.zeros(1), "a\x07": np.ones(1)}).write(path)
     assert not path.exists()
-
-
-def test_the_documents_show_every_format():
-    wanted = []
-    for one in FORMATS:
-        suffixes = ", ".join(f"`{suffix}`" for suffix in one.suffixes)
-        option = f"; `--format {one.suffixes[0].removeprefix('.')}`" if one.write else ""
-        wanted.append(f"**{one.name}** ({suffixes}{option})")
-    text = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
-    section = text.partition("## File formats\n")[2].partition("\n### ")[0]
-    assert re.findall(r"^- (\*\*.*?\))", section, flags=re.M) == wanted
-    *names, last = [one.name for one in FORMATS if one.extra]
-    assert f"{', '.join(names)} and {last}s need\n`pip install 'ballbot[formats]'`" in section
-    assert {one.extra for one in FORMATS} == {"", "formats"}
 
 
 @pytest.mark.parametrize(
@@ -279,7 +264,7 @@ def test_a_column_whose_header_cell_is_empty_keeps_its_place(tmp_path):
     """pandas' `to_csv` leaves the name of the index empty: no other name may move to its column."""
     path = tmp_path / "run.csv"
 
-    @settings(max_examples=100, deadline=None)
+    @settings(max_examples=40, deadline=None)
     @given(
         named=st.lists(st.booleans(), min_size=2, max_size=8).filter(any),
         separator=st.sampled_from([",", ";", "\t"]),
@@ -559,7 +544,7 @@ def test_parquet_columns_have_their_units_as_metadata(tmp_path):
     zone=st.sampled_from(["", "Z", "+02:00", "-0530"]),
     decimal=st.sampled_from([".", ","]),
 )
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_dates_with_times_are_seconds(tmp_path, start, mark, zone, decimal):
     path, separator = tmp_path / "run.csv", ";" if decimal == "," else ","
     moments = [start + timedelta(milliseconds=5 * k) for k in range(3)]

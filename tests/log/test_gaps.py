@@ -43,9 +43,9 @@ def gaps(draw) -> list[tuple[int, int, list[str]]]:
     return found
 
 
-@pytest.mark.slow  # 40 times all checks of a log of 12 s
+@pytest.mark.slow  # 12 times all checks of a log of 12 s
 @given(gaps(), st.booleans())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_random_gaps_are_findings_and_no_failures(missing, wheels):
     log, robot = balancing()
     kept = Log({name: log[name] for name in log.names if wheels or not name.startswith("wheel")})

@@ -36,7 +36,6 @@ def found_for(path: Path, habits: Habits = COURSE, stated: Stated | None = None)
 @pytest.mark.parametrize(
     "habits",
     [
-        {},
         {
             "order": (1, 2, 0),
             "signs": (1, -1, 1),

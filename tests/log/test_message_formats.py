@@ -210,8 +210,8 @@ def split_bag(
 
 @pytest.mark.parametrize(
     ("plugin", "packed"),
-    [(plugin, packed) for packed in (False, True) for plugin in (StoragePlugin.SQLITE3, StoragePlugin.MCAP)],
-    ids=["db3", "mcap", "db3.zstd", "mcap.zstd"],
+    [(StoragePlugin.SQLITE3, False), (StoragePlugin.MCAP, True)],
+    ids=["db3", "mcap.zstd"],
 )
 def test_a_split_bag_is_read_as_one_table(tmp_path, log, plugin, packed):
     columns = read_columns(split_bag(tmp_path, log, plugin, packed=packed))
@@ -256,6 +256,7 @@ def test_a_ros_1_bag_is_read_from_its_standard_messages(tmp_path):
     np.testing.assert_array_equal(columns["gyro.z"], [0.0, -0.2, -0.4])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_commands_take_a_bag_for_a_log(tmp_path):
     log = smooth_log(rows=600)
     bag = str(split_bag(tmp_path, log, StoragePlugin.MCAP, own=True))

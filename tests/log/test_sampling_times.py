@@ -29,9 +29,7 @@ def test_a_fit_finds_a_cubics_value_and_slope_at_uneven_times():
     np.testing.assert_allclose(slope, np.column_stack([3.0 * t**2 - 1.0, 4.0 * t]), atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("period", "poll"), [(0.005, 0.0115), pytest.param(0.005, 0.0051, marks=pytest.mark.slow), (0.01, 0.0115)]
-)
+@pytest.mark.parametrize(("period", "poll"), [(0.005, 0.0115), (0.01, 0.0115)])
 def test_times_of_messages_are_found(period, poll):
     host, sent = latest_messages(period=period, poll=poll)
     angles = COUNT * np.round(wheels(sent) / COUNT)

@@ -9,12 +9,12 @@ from numpy.testing import assert_allclose
 from ballbot import InputError, Model, Robot
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.geometry import rotation, transforms
 from ballbot.robot import Friction
 from ballbot.state import STATE_NAMES
 from tests.support.control_examples import FRICTION, four_wheeled
 from tests.support.lagrangian import equations
-from tests.support.symbolic_oracle import random_robot, random_state
+from tests.support.symbolic_oracle import random_robot, random_state, relative_difference
 
 
 def alten(friction: Friction | None = None) -> Robot:
@@ -33,7 +33,7 @@ def alten(friction: Friction | None = None) -> Robot:
 )
 def test_equations_equal_the_symbolic_lagrangian(formulation, wheel_count):
     rng = np.random.default_rng(7)
-    for _ in range(40):
+    for _ in range(15):
         robot = random_robot(rng, wheel_count)
         q, q_dot, u = random_state(rng, wheel_count)
         model, oracle = Model(robot, formulation), equations(robot, formulation)
@@ -47,6 +47,38 @@ def test_equations_equal_the_symbolic_lagrangian(formulation, wheel_count):
         assert_allclose(model.wheel_jacobian(q) @ q_dot, oracle.wheel_speed(q, q_dot), rtol=1e-11, atol=1e-12)
         if formulation == "exact":
             assert model.energy(q, q_dot) == pytest.approx(oracle.energy(q, q_dot), rel=1e-11)
+
+
+def velocity_of(points, q, q_dot):
+    """Return the velocities (k, 3) of points (k, 3) fixed in the body, by a complex step along the motion."""
+    h = 1e-40
+    moved = q + 1j * h * q_dot
+    return np.imag(np.array([*moved[:2], 0]) + points @ rotation(*moved[2:]).T) / h
+
+
+@pytest.mark.slow
+def test_symbolic_energies_of_the_thesis_are_those_of_its_appendix():
+    """(II.20), (II.25), (II.27) in plain NumPy, with Phi_dot for the body's angular velocity."""
+    rng = np.random.default_rng(8)
+    for _ in range(15):
+        robot = random_robot(rng, 3)
+        q, q_dot, _ = random_state(rng, 3)
+        ball, body, T = robot.ball, robot.body, transforms(robot)
+        v_g, Phi_dot, R = np.array([*q_dot[:2], 0.0]), q_dot[2:], rotation(*q[2:])
+        Omega_ball = np.linalg.pinv(T.T_vgb) @ v_g
+        v_body = velocity_of(np.array([[0, 0, body.center_of_mass]]), q, q_dot)[0]
+        wheels = T.T_owr @ R.T @ Phi_dot + T.T_owb @ R.T @ Omega_ball
+        expected = (
+            ball.mass * v_g @ v_g
+            + ball.inertia * Omega_ball @ Omega_ball
+            + body.mass * v_body @ v_body
+            + Phi_dot @ body.inertia_matrix() @ Phi_dot
+            + robot.wheels.inertia * wheels @ wheels
+        ) / 2
+        thesis = equations(robot, "thesis")
+        # some thousand operations in double precision and a solve of condition below 1e3; 6e-15 was seen
+        assert thesis.kinetic_energy(q, q_dot) == pytest.approx(expected, rel=1e-12)
+        assert relative_difference(thesis.wheel_speed(q, q_dot), wheels) <= 1e-12
 
 
 def test_leading_shapes_are_kept():

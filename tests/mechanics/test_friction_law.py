@@ -19,13 +19,11 @@ from ballbot.mechanics.friction import (
     stribeck_gradient,
     wheel_friction,
 )
-from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.file import robot_text, write_robot
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.sensed_plant import SensedPlant
-from tests.mechanics.test_stick_slip import random_problem
 
 PLAIN = Friction(
     viscous=(0.014, 0.016, 0.013),
@@ -146,32 +144,6 @@ def test_moving_wheels_decelerate_by_the_friction_of_their_direction():
     np.testing.assert_allclose(rate, expected, rtol=0, atol=2e-4)
 
 
-def asymmetric_violation(nu, M, free, C, limits, rolling, h):
-    """Return the largest violation of the optimality conditions; rows of `limits` act forward and backward."""
-    from scipy.optimize import lsq_linear
-
-    force, speeds, speed = M @ (free - nu) / h, C @ nu, np.hypot(nu[0], nu[1])
-    tiny = 1e-9 * (np.abs(C) @ np.abs(nu)).max() if np.abs(nu).any() else 0.0
-    forward, backward = limits.T
-    low, high = np.where(speeds > tiny, forward, -backward), np.where(speeds < -tiny, -backward, forward)
-    r = rolling * nu[:2] / speed if speed > tiny else np.full(2, rolling)
-    low, high = np.concatenate([low, r if speed > tiny else -r]), np.concatenate([high, r])
-    columns = np.concatenate([C.T, np.eye(5)[:, :2]], axis=1)
-    widen = 1e-12 * (1 + np.abs(high))
-    found = lsq_linear(columns, force, (low - widen, high + widen), tol=1e-15)
-    return np.abs(columns @ found.x - force).max() / (1.0 + np.abs(force).max())
-
-
-@pytest.mark.parametrize("wheel_count", [3, 4])
-def test_minimiser_of_asymmetric_boxes_satisfies_the_optimality_conditions(wheel_count):
-    rng = np.random.default_rng(5)
-    for _ in range(200):
-        M, free, C, limits, rolling, h = random_problem(rng, wheel_count)
-        pairs = np.stack([limits, limits * rng.uniform(0.0, 1.0, wheel_count)], axis=1)
-        nu = minimise(M, free, C, pairs, rolling, h)
-        assert asymmetric_violation(nu, M, free, C, pairs, rolling, h) < 1e-9
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("excess", [-1e-6, 1e-6])
@@ -188,7 +160,7 @@ def test_a_wheel_breaks_away_at_the_limit_of_its_direction(direction, excess):
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_full_law_only_takes_energy(seed):
     rng = np.random.default_rng(seed)

@@ -11,7 +11,7 @@ from ballbot.control.references import hold, square
 from tests.support.control_examples import FRICTION, MisjudgedLean, alten, four_wheeled, leaning
 
 
-@pytest.mark.parametrize("compensation", ["none", "full", "partial"])
+@pytest.mark.parametrize("compensation", ["full", "partial"])
 @pytest.mark.parametrize(
     ("robot", "formulation"),
     [

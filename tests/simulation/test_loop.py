@@ -158,8 +158,13 @@ IMPERFECTIONS = {
 }
 
 
-@pytest.mark.parametrize("backlash", [0.0, PLAY], ids=["rigid", "play"])
-@pytest.mark.parametrize("name", IMPERFECTIONS)
+@pytest.mark.parametrize(
+    ("name", "backlash"),
+    [
+        *((name, 0.0) for name in IMPERFECTIONS),
+        *((name, PLAY) for name in ("lag", "rollers", "load dependence")),
+    ],
+)
 def test_an_imperfection_that_is_off_leaves_the_loop_without_it(name, backlash):
     """Bit for bit, beside robots that have it; the first and the last of a block, where vector code begins and ends."""
     without = Imperfections(sensors=SENSORS, backlash=backlash, seed=3)

@@ -168,13 +168,13 @@ def test_a_robot_is_given_by_value_or_name():
 
 
 @pytest.mark.parametrize("friction", [None, FRICTION], ids=["without friction", "with friction"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_controllers_that_cannot_work_fall_from_the_default_start(friction, seed):
     robot = alten() if friction is None else alten(friction)
     good = nominal_controller(robot)
     for controller in (Controller(robot, -good.gain), Answering(lambda _: np.zeros(3))):
-        assert simulate(robot, controller, hold(), duration=8.0, seed=seed).ended is not None
-    log = simulate(robot, good, hold(), duration=8.0, seed=seed)
+        assert simulate(robot, controller, hold(), duration=5.0, seed=seed).ended is not None
+    log = simulate(robot, good, hold(), duration=5.0, seed=seed)
     assert log.ended is None
     np.testing.assert_array_equal(log.states[0], initial_state_of(seed))
     assert 0.0 < np.abs(log.states[0, 2:4]).max() <= 0.02

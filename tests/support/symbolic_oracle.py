@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.robot import Ball, Body, Friction, Robot, Wheels
-from tests.support.lagrangian import Equations
 
 
 def random_robot(rng: np.random.Generator, wheel_count: int) -> Robot:
@@ -77,24 +76,6 @@ def random_state(
     q = rng.uniform([-3, -3, -1.2, -1.2, -np.pi], [3, 3, 1.2, 1.2, np.pi])
     q_dot = rng.uniform(-3, 3, 5)
     return q, q_dot, rng.uniform(-6, 6, wheel_count)
-
-
-def linearized_about_upright(equations: Equations) -> NDArray[np.float64]:
-    """Return A (10, 10) of x_dot = A x, by central differences of the acceleration."""
-    h = 1e-5  # truncation h^2 and rounding eps/h meet near 1e-10
-    u = np.zeros(equations.robot.wheel_count)
-    A = np.zeros((10, 10))
-    A[:5, 5:] = np.eye(5)
-    for i, x in enumerate(h * np.eye(10)):
-        ahead, behind = equations.acceleration(x[:5], x[5:], u), equations.acceleration(-x[:5], -x[5:], u)
-        A[5:, i] = (ahead - behind) / (2 * h)
-    return A
-
-
-def force_along_speeds(model: Equations, q: NDArray, u: NDArray) -> NDArray:
-    """Return the transposed Jacobian of the wheel speed, times the torques."""
-    jacobian = np.stack([model.wheel_speed(q, rate) for rate in np.eye(5)], axis=1)
-    return jacobian.T @ u
 
 
 def relative_difference(actual: NDArray, expected: NDArray) -> float:
