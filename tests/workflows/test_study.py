@@ -137,7 +137,7 @@ def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
 
 @pytest.mark.usefixtures("small")
 def test_progress_names_each_stage(shown: list[Progress]):
-    stages = ["identifying friction", "comparing controllers"]
+    stages = ["identifying friction", "validating", "comparing controllers"]
     stages += ["measuring what brings the gain", "measuring where friction matters"]
     assert list(dict.fromkeys(one.stage for one in shown)) == stages
     assert all(0.0 <= one.share <= 1.0 for one in shown)

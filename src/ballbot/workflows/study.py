@@ -1,6 +1,6 @@
 """The main job: a robot and its logs in; friction, validation and the best controller out.
 
-    identify -> design the candidates, choose one on perturbed plants | validate on held-out intervals
+    identify -> validate on held-out intervals -> design the candidates -> choose one on perturbed plants
 
 Identification is that of `ballbot identify` with the same logs and seed: the same numbers and findings. It holds out
 whole intervals (`ballbot.identification.stages`), as validation in closed loop, and in open loop to a fall, needs
@@ -14,7 +14,6 @@ own gain is recovered for the closed-loop validation, and the report shows both.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -35,7 +34,7 @@ from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
-from ballbot.progress import ignore_progress, in_stage
+from ballbot.progress import in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.summary import Summary, counted, first_texts, listed, plotted, summarized
 from ballbot.twin.scenario import Scenario
@@ -212,16 +211,22 @@ def study(
             f"{found.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
             "identify` shows the fit."
         )
-    with ThreadPoolExecutor(1) as beside:  # no stage fills all cores throughout
-        validating = beside.submit(_validated, found.robot, studied, seed=run.seed)
-        choice = choose_controller(
-            candidates(found, sample_time=sample_time),
-            draw_plants(found, scenario=tried, count=options.draws, seed=run.seed),
-            course=NamedCourse(name=SQUARE.name, duration=options.duration),
-            run=_named(run, "comparing controllers"),
-        )
-        confirmation = confirm(choice, run=_named(run, "confirming on the twin")) if confirmed else None
-        by_log = validating.result()
+    models = ModelPair.by_friction(Model(found.robot))
+    by_log = tuple(
+        validate_logs(
+            models,
+            {one.name: one.log for one in studied},
+            holdouts={one.name: one.held_out for one in studied},
+            run=_named(run, "validating"),
+        ).values()
+    )
+    choice = choose_controller(
+        candidates(found, sample_time=sample_time),
+        draw_plants(found, scenario=tried, count=options.draws, seed=run.seed),
+        course=NamedCourse(name=SQUARE.name, duration=options.duration),
+        run=_named(run, "comparing controllers"),
+    )
+    confirmation = confirm(choice, run=_named(run, "confirming on the twin")) if confirmed else None
     steps = {} if options.quick else measure_steps(choice, run=_named(run, "measuring what brings the gain"))
     stiffness = (
         None
@@ -244,17 +249,6 @@ def study(
         options=options,
         seed=run.seed,
     )
-
-
-def _validated(robot: Robot, studied: Sequence[StudiedLog], *, seed: int) -> tuple[Validation, ...]:
-    """Return the validation of an identified robot on what each log held out."""
-    found = validate_logs(
-        ModelPair.by_friction(Model(robot)),
-        {one.name: one.log for one in studied},
-        holdouts={one.name: one.held_out for one in studied},
-        run=Run(seed=seed, progress=ignore_progress),
-    )
-    return tuple(found.values())
 
 
 def _named(run: Run, stage: str) -> Run:
