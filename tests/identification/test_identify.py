@@ -157,7 +157,7 @@ def test_progress_rises_and_the_cost_falls(search, stage, steps):
     reported: list[Progress] = []
     identify(
         alten(),
-        noisy(balancing_log(), seed=4).between(6.0, 12.0),
+        noisy(balancing_log(), seed=4).between(6.0, 10.0),
         window=0.1,
         options=IdentificationOptions(
             search=search,

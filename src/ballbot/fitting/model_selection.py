@@ -246,9 +246,14 @@ def _free_dependences(
     fit: RepeatableFit, dependences: Sequence[Dependence]
 ) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
     """Return what is free of each dependence: what the others act through (p,), and these (p,)."""
-    free, names = fit.coordinates.free, np.array(fit.coordinates.names)
+    free, names = _influential(fit), np.array(fit.coordinates.names)
     pairs = [((names == one.through) & free, np.isin(names, one.dependent) & free) for one in dependences]
     return [(through, dependent) for through, dependent in pairs if through.any() and dependent.any()]
+
+
+def _influential(fit: RepeatableFit) -> NDArray[np.bool_]:
+    """Return the free parameters (p,) that any residual depends on; the others have no covariance."""
+    return fit.coordinates.free & (fit.equations.normal.matrix.diagonal() > 0.0)
 
 
 def _has_effect(
@@ -284,7 +289,7 @@ def _limit(through: NDArray[np.bool_], dependent: NDArray[np.bool_]) -> float:
 
 def _spread(fit: RepeatableFit, through: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Return the parameters (p,) that vary with those marked in `through` (p,), and the covariance of the latter."""
-    moved = through | (fit.coordinates.free & (fit.point > 0.0))
+    moved = through | (_influential(fit) & (fit.point > 0.0))
     return moved, covariance(fit.equations.normal, moved)[np.ix_(through, through)]
 
 
