@@ -13,14 +13,13 @@ from hypothesis import strategies as st
 from ballbot import InputError, Model, Robot
 from ballbot.cli.main import main
 from ballbot.control.presets import design_gain
-from ballbot.robot.components import PARAMETERS, Correlation, InertiaPoint
+from ballbot.robot.components import PARAMETERS, Correlation
 from ballbot.robot.file import robot_text, write_robot
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
 from ballbot.workflows.robot_check import pole_spread
 
 ALTEN = Robot.load("alten")
-CENTER: InertiaPoint = "center_of_mass"
 SOME = {
     "body.center_of_mass": 0.004,
     "body.mass": 0.1,
