@@ -215,8 +215,8 @@ def test_copy_of_a_controller_keeps_what_it_was_designed_for(tmp_path):
     heavy = robot.replace(body=replace(robot.body, mass=18.0))
     with pytest.warns(UnsuitedController, match="body.mass"):
         write_controller(read_controller(path, heavy).with_compensation("partial"), path)
-    with pytest.warns(UnsuitedController, match=r"body.mass was 17.076 and is 18 kg"):
-        read_controller(path, heavy)
+    (text,) = warnings_of(path, heavy)
+    assert "body.mass was 17.076 and is 18 kg" in text
 
 
 def test_controller_that_cannot_work_with_its_robot_is_named(tmp_path):

@@ -18,6 +18,7 @@ from ballbot.robot.derived import encoder_step
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, leaning
 
 finite = st.floats(-1.0, 1.0)
+SOFT = nominal_controller(alten())
 states = st.lists(finite, min_size=10, max_size=10).map(np.array)
 poses = st.lists(finite, min_size=3, max_size=3).map(
     lambda p: np.array([p[0], p[1], 0, 0, p[2], 0, 0, 0, 0, 0])
@@ -82,6 +83,21 @@ def test_law_equals_its_numpy_reference(design, state, pose, compensation, limit
     # short polynomials for exp and sin stand in the compiled law, good to 1e-12; gains reach 50 N m/rad
     np.testing.assert_allclose(
         controller.update(0.0, state, pose), np.clip(u, -limit, limit), rtol=1e-9, atol=1e-9
+    )
+
+
+@settings(max_examples=40, deadline=None)
+@given(state=states, pose=poses, turn=st.floats(-4.0, 4.0))
+def test_feedback_does_not_depend_on_the_heading(state, pose, turn):
+    controller = SOFT
+
+    def turned(vector: np.ndarray) -> np.ndarray:
+        result = turned_back(vector, -turn)
+        result[4] += turn
+        return result
+
+    np.testing.assert_allclose(
+        controller.update(0.0, turned(state), turned(pose)), controller.update(0.0, state, pose), atol=1e-9
     )
 
 

@@ -5,11 +5,14 @@ import json
 import numpy as np
 import pytest
 
+import ballbot
 from ballbot import Log
 from ballbot.cli.main import main
 from ballbot.errors import InputError
+from ballbot.identification import identify
 from ballbot.log.checks import CheckedLogs, checked_logs
 from tests.support.identification_examples import alten, balancing_log, noisy
+from tests.support.validation_examples import true_robot
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +74,17 @@ def test_validate_goes_on_and_shows_what_was_accepted(tmp_path, bad_file, capsys
     assert "accepted" in page
     assert "bad.csv" in page
     assert "error (accepted): " in capsys.readouterr().out
+
+
+def test_python_functions_check_their_logs(good, bad):
+    with pytest.raises(InputError, match=r"accept=\['sign'\]"):
+        ballbot.identify(alten(), bad)
+    with pytest.raises(InputError, match=r"^log 2: .*accept=\['sign'\]"):
+        identify(alten(), [good, bad])
+    with pytest.raises(InputError, match=r"accept=\['sign'\]"):
+        ballbot.validate(true_robot(), bad)
+    with pytest.raises(InputError, match=r"^bad: .*accept=\['sign'\]"):
+        ballbot.study(alten(), {"good": good, "bad": bad})
 
 
 def test_logs_that_are_checked_are_not_checked_again(monkeypatch, good):

@@ -76,6 +76,26 @@ def test_accelerations_mass_and_energy_equal_the_engine_s(engine: str, kind: str
         assert_allclose(model.energy(q, q_dot) - model.energy(q, np.zeros(6)), kinetic, rtol=TOLERANCE * 10)
 
 
+@pytest.mark.parametrize("wheel_count", [3, 4])
+def test_the_wheels_power_is_the_energy_s_growth(wheel_count: int) -> None:
+    """dE/dt along the motion, by central differences, is (u - b w) . w, spin and all."""
+    rng = np.random.default_rng(32)
+    h = 1e-5  # truncation h^2 and rounding eps/h meet near 1e-10, times energies of some hundred joules
+    for _ in range(20):
+        robot = random_robot(rng, wheel_count)
+        model = Model(robot, pivoting=0.0)
+        q, q_dot, u = spinning_states(rng, wheel_count, 10)
+        q_ddot = model.acceleration(q, q_dot, u)
+        middle = (
+            h * q_ddot[:, :5] / 2
+        )  # q at second order, so that the central difference is one along the motion
+        ahead = model.energy(q + h * (q_dot[:, :5] + middle), q_dot + h * q_ddot)
+        behind = model.energy(q - h * (q_dot[:, :5] - middle), q_dot - h * q_ddot)
+        speeds = model.wheel_speed(q, q_dot)
+        power = np.sum((u - np.array(robot.friction.viscous) * speeds) * speeds, axis=1)
+        assert_allclose((ahead - behind) / (2 * h), power, atol=1e-5)
+
+
 # --- held: the five-DOF model comes back -----------------------------------------------------------
 
 
@@ -105,6 +125,30 @@ def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     assert_array_equal(pivoting[:, 10], 0.0)
     # 500 steps; differences of rounding, 1e-16, grow with the robot's fall and the wheels' sticking
     assert_allclose(pivoting[:, :10], plain, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("wheel_count", [3, pytest.param(4, marks=pytest.mark.sample)])  # 4: compiles a step
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_held_the_acceleration_is_the_five_dof_one_and_free_it_is_the_frictionless_pivot_s(
+    seed: int, wheel_count: int
+) -> None:
+    """Over one short step from random states, without other dry friction: limit 0 and a high one."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, wheel_count)
+    (q,), (q_dot,), (u,) = spinning_states(rng, wheel_count, 1)
+    q_dot[5] = 0.0
+    h = 1e-7
+    start = np.concatenate([q, q_dot])
+    for pivoting, expected in (
+        (HIGH, np.append(Model(robot).acceleration(q, q_dot[:5], u), 0.0)),
+        (0.0, Model(robot, pivoting=0.0).acceleration(q, q_dot, u)),
+    ):
+        end = Model(robot, pivoting=pivoting).advance(start, u, h)
+        # a one-sided difference: h times a jerk of some hundred accelerations, and rounding 1e-15 / h
+        scale = 1.0 + np.abs(expected).max()
+        assert_allclose((end[5:] - q_dot) / h, expected, rtol=0, atol=1e-4 * scale**1.5)
+        assert pivoting == 0.0 or end[10] == 0.0
 
 
 # --- break-away ------------------------------------------------------------------------------------

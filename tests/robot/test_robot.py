@@ -42,6 +42,11 @@ def test_alten_holds_appendix_iii(alten: Robot) -> None:
     assert math.degrees(alten.wheels.tilt) == pytest.approx(45.0, abs=1e-12)
 
 
+def test_alten_holds_the_wheels_of_appendix_iii(alten: Robot) -> None:
+    assert np.degrees(alten.wheels.azimuths) == pytest.approx([0.0, 120.0, 240.0], abs=1e-12)
+    assert math.degrees(alten.wheels.tilt) == pytest.approx(45.0, abs=1e-12)
+
+
 def test_alten_holds_appendix_i(alten: Robot) -> None:
     assert alten.drive.torque_constant == 0.0315
     assert alten.drive.supply_voltage == 24.0

@@ -229,6 +229,17 @@ def test_motors_stay_within_their_play_and_push_only_at_its_stops(play, seed, si
         assert np.all(force * place >= 0.0)
 
 
+def test_wheels_and_floor_that_hold_the_ball_settle_slowly_by_sweeps_alone():
+    """Why `play.py` extrapolates: Gauss and Seidel's iteration over five contacts that all stick, without rotors."""
+    robot = alten()
+    bare = Model(robot.replace(drive=replace(robot.drive, motor_inertia=0.0, gear_inertia=0.0)))
+    J = np.vstack([bare.wheel_jacobian(np.zeros(5)), np.eye(5)[:2]])
+    G = J @ np.linalg.solve(bare.mass_matrix(np.zeros(5)), J.T)
+    ratios = np.sort(np.abs(np.linalg.eigvals(np.eye(5) - np.linalg.solve(np.tril(G), G))))
+    assert ratios[-2:] == pytest.approx([0.976, 0.976], abs=5e-4)
+    assert ratios[2] < 0.02
+
+
 def test_play_that_vanishes_leaves_the_model():
     controller = nominal_controller(STUCK.robot)
     start = leaning(0.05, -0.03)

@@ -71,6 +71,15 @@ def test_mixtures_end_in_the_two_formulations(formulation: Formulation) -> None:
     assert pytest.approx(model.B, abs=1e-10) == mixture.B
 
 
+@pytest.mark.parametrize(
+    ("formulation", "pole", "within"),
+    # the design page prints 5.20, and 3.63 for what is 3.62499
+    [("thesis", 3.625, 5e-4), ("exact", 5.20, 5e-3)],
+)
+def test_unstable_poles_of_the_thesis_s_robot(formulation: Formulation, pole: float, within: float) -> None:
+    assert unstable_poles(Model(ALTEN, formulation).linearize()) == pytest.approx((pole, pole), abs=within)
+
+
 def test_mixtures_know_every_correction() -> None:
     assert set(alten.APPROXIMATIONS) == {field.name for field in fields(Corrections)}
     assert len(alten.mixtures()) == 2 ** len(alten.AT_REST)

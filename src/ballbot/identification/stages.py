@@ -290,8 +290,10 @@ def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -
         point, starts, history = descend(problem, *end[:2], free=free, most_steps=steps, run=reported)
         return point, starts, history[-1]
 
+    # a cluster works on the pieces of each descent
+    threads = run.executor if isinstance(run.executor, Threads) else Threads()
     for count, steps in rounds:
-        ends = sorted(Threads()(descent, steps, ends[:count]), key=lambda one: one[2])
+        ends = sorted(threads(descent, steps, ends[:count]), key=lambda one: one[2])
     best = ends[0][0]
     others = (point for point, _, _ in ends[1 : rounds[-1][0]] if elsewhere(best, point))
     return SearchResult(best=best, history=(), other=next(others, None))

@@ -336,9 +336,9 @@ class Log:
     def of_checked(
         columns: dict[str, NDArray[np.float64]], ended: str | None, changes: tuple[Finding, ...] = ()
     ) -> Log:
-        """Return a log of columns that are known to be right, as a log makes them; nothing is checked or copied.
+        """Return a log of columns as the class would keep them, read-only and without jumps of the heading.
 
-        A comparison makes thousands of logs.
+        Nothing is checked or copied: a comparison makes thousands of logs.
         """
         made = object.__new__(Log)
         for name, value in (("columns", MappingProxyType(columns)), ("ended", ended), ("changes", changes)):

@@ -153,8 +153,9 @@ def rms(values: NDArray[np.float64]) -> float:
 
 def _jump_times(log: Log) -> NDArray[np.float64]:
     """Return when the run starts and the reference jumps [s]."""
-    log.require("ref_x", "ref_y", "ref_psi")
-    jumps = [np.abs(np.diff(log[name])) > _JUMP for name in ("ref_x", "ref_y", "ref_psi")]
+    names = ("ref_x", "ref_y", "ref_psi")
+    log.require(*names)
+    jumps = [np.abs(np.diff(log[name])) > _JUMP for name in names]
     return log.t[np.concatenate([[True], np.logical_or.reduce(jumps)])]
 
 

@@ -62,9 +62,10 @@ from ballbot.mechanics.parameters import MAX_WHEELS, Exact, Pivoting, Thesis, Wh
 _SWEEPS = 100
 #: a sweep that changes no contact's speed by more than this is the last [rad/s, m/s]
 _SETTLED = 1e-10
-#: in the first of them the changes of every third are extrapolated: three wheels that stick are one slow mode, which
-#: turns the ball about the vertical
+#: in the first of them the changes of every third are extrapolated (Aitken's method). Wheels and floor that both hold
+#: the ball share its x and y: what is wrong with the shares falls by 2.4 % a sweep only (preset alten)
 _EXTRAPOLATED = 30
+#: of two sweeps' changes, above the 0.976 of those
 _LARGEST_RATIO = 0.99
 
 # Scratch rows: the velocities ahead, Y, G, the contacts' speeds before and now, what stays of the disc, the motors, and
@@ -225,7 +226,7 @@ def _moves(work, first, last):
 
 @traced
 def _extrapolate(selected, work, first, last):
-    """Take the changes of all sweeps to come, as if each were the last one's times the ratio of the last two."""
+    """Make all further changes at once, as if each were the last one times the ratio of the last two."""
     count = len(_contacts_like(selected))
     for lane in lanes(first, last):
         ratio = least(greatest(entry(work, _RATIO, lane), 0.0), _LARGEST_RATIO)
