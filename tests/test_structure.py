@@ -161,3 +161,30 @@ def test_compiled_code_copies_arrays_number_by_number():
                     ):
                         assigned.append(f"{module}:{node.lineno} {ast.unparse(target)}")
     assert assigned == []
+
+
+def names_at_top(module: str) -> set[str]:
+    """Return the names that a module defines or imports."""
+    found = {one.removeprefix(f"{module}.") for one in modules() if one.startswith(f"{module}.")}
+    for node in nodes_of(module):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            found |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.add(node.id)
+    return found
+
+
+def test_what_benchmarks_campaigns_and_examples_import_exists():
+    """No type checker reads them, and benchmarks run for minutes and in no test."""
+    missing = [
+        f"{path.relative_to(ROOT)}: {node.module}.{alias.name}"
+        for folder in ("benchmarks", "campaigns", "examples")
+        for path in (ROOT / folder).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module in modules() and node.module != "ballbot"
+        for alias in node.names
+        if alias.name not in names_at_top(node.module)
+    ]
+    assert not missing
