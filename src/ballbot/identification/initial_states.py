@@ -114,12 +114,21 @@ class Linearized:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Descended:
-    """Result of a descent."""
+    """Result of a descent, from which others go on."""
 
     problem: Problem
-    point: NDArray[np.float64]  #: (p,), scaled
-    starts: NDArray[np.float64]  #: (w, 10), estimated, as sensors without noise would see them
-    cost: float  #: there, the starts' residuals among the others
+    at: At
+    history: tuple[float, ...]  #: the cost after each step
+
+    @property
+    def point(self) -> NDArray[np.float64]:
+        """The parameters (p,), scaled."""
+        return self.at.point
+
+    @property
+    def cost(self) -> float:
+        """The cost there, the starts' residuals among the others."""
+        return self.at.cost
 
     def repeated(
         self,
@@ -131,17 +140,9 @@ class Descended:
         run: Run = DEFAULT_RUN,
     ) -> Descended:
         """Descend again from here; see `ballbot.fitting.intervals.Repeated`."""
-        point, starts, history = descend(
-            self.problem,
-            self.point,
-            self.starts,
-            free=free,
-            most_steps=most_steps,
-            moved=moved,
-            target=target,
-            run=run,
+        return descend(
+            self.problem, self.at, free=free, most_steps=most_steps, moved=moved, target=target, run=run
         )
-        return Descended(problem=self.problem, point=point, starts=starts, cost=history[-1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,7 +150,6 @@ class InitialStatesFit(Descended):
     """Result of a fit."""
 
     equations: WindowEquations  #: there
-    history: tuple[float, ...]  #: the cost after each step
 
     @property
     def coordinates(self) -> Coordinates:
@@ -164,38 +164,30 @@ class InitialStatesFit(Descended):
 
 def fit_with_initial_states(
     problem: Problem,
-    point: NDArray[np.float64],
+    begin: NDArray[np.float64] | At,
     *,
     free: NDArray[np.bool_],
     most_steps: int,
-    starts: NDArray[np.float64] | None = None,
     most_renewals: int = MOST_RENEWALS,
     target: float = np.inf,
     run: Run = DEFAULT_RUN,
 ) -> InitialStatesFit:
-    """Descend from `point` (p,), scaled, in the parameters marked in `free` (p,) and all starts at once.
+    """Descend in the parameters marked in `free` (p,) and all starts at once.
 
-    `starts` (w, 10) are those to begin with; by default as measured. The rest is as for `descend`.
+    `begin` is a point (p,), scaled, with the starts as measured, or where another descent ended. The rest is as for
+    `descend`.
     """
-    begin = problem.windows.initial if starts is None else starts
-    end, starts, history = descend(
+    end = descend(
         problem,
-        point,
-        begin,
+        begin if isinstance(begin, At) else beginning(problem, begin),
         free=free,
         most_steps=most_steps,
         most_renewals=most_renewals,
         target=target,
         run=run,
     )
-    return InitialStatesFit(
-        problem=problem,
-        point=end,
-        starts=starts,
-        cost=history[-1],
-        equations=linearize(problem, end, starts).equations,
-        history=tuple(history),
-    )
+    equations = linearize(problem, end.at.point, end.at.starts).equations
+    return InitialStatesFit(problem=problem, at=end.at, history=end.history, equations=equations)
 
 
 def costs(problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -221,10 +213,16 @@ def compared(problem: Problem) -> int:
     return len(windows) * (1 + windows.samples // windows.comparison_interval)
 
 
+def beginning(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64] | None = None) -> At:
+    """Return where a descent begins: a scaled point (p,) and the best starts near those given (w, 10), or measured."""
+    return _settled(
+        problem, _at(problem, point, problem.windows.initial if starts is None else starts), point
+    )
+
+
 def descend(
     problem: Problem,
-    point: NDArray[np.float64],
-    starts: NDArray[np.float64],
+    at: At,
     *,
     free: NDArray[np.bool_],
     most_steps: int,
@@ -232,8 +230,8 @@ def descend(
     moved: NDArray[np.float64] | None = None,
     target: float = np.inf,
     run: Run = DEFAULT_RUN,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[float]]:
-    """Descend from a point (p,) and starts (w, 10); return where it ended, likewise, and the cost after each step.
+) -> Descended:
+    """Descend from where another descent ended, or from a `beginning`.
 
     Parameters
     ----------
@@ -249,8 +247,7 @@ def descend(
     run : Run, optional
         The stage "gauss_newton" is reported after each step.
     """
-    at = _settled(problem, _at(problem, point, starts), point)
-    fixed = np.zeros(len(point)) if moved is None else moved
+    fixed = np.zeros(len(at.point)) if moved is None else moved
     radius, history = _RADIUS, list[float]()
     scale = 2.0 * compared(problem) * int(problem.cost.counted.sum())
     short_steps = renewals = 0
@@ -273,7 +270,7 @@ def descend(
         little = _LITTLE if renewals == most_renewals else _SLOW
         short = gain < little and (promised < little or radius < _SHORT) and not fixed.any()
         hopeless = not fixed.any() and gain > 0.0 and at.cost - _MORE_GAINS * gain > target
-        short_steps, fixed = short_steps + 1 if short else 0, np.zeros(len(point))
+        short_steps, fixed = short_steps + 1 if short else 0, np.zeros(len(at.point))
         if short_steps == _PATIENCE and not hopeless and renewals < most_renewals and number < most_steps:
             renewed = _renewed(problem, at, seed=renewals)
             renewals = renewals + 1 if renewed.cost < at.cost - _WORTH else most_renewals
@@ -282,11 +279,11 @@ def descend(
         run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
         if short_steps == _PATIENCE or hopeless:
             break
-    return at.point, at.starts, history
+    return Descended(problem=problem, at=at, history=tuple(history))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _At:
+class At:
     """A point, starts, what is predicted there, and its slopes by the free parameters and the starts."""
 
     point: NDArray[np.float64]  #: (p,), scaled
@@ -318,7 +315,7 @@ class _At:
         return found
 
 
-def _at(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64]) -> _At:
+def _at(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64]) -> At:
     """Return what is predicted at a point (p,) with starts (w, 10), without slopes."""
     values = problem.coordinates.physical(point[None])
     pieces = [(values, starts[None, rows], rows) for rows in problem.work.rows]
@@ -336,13 +333,13 @@ def _weighed(
     ties: NDArray[np.float64] | float = 0.0,
     *,
     others: NDArray[np.float64],
-) -> _At:
+) -> At:
     squares = (residuals**2).sum(axis=(0, 1))
     # a state that does not count still ties its start, or nothing would
     tied = replace(problem.cost, counted=np.ones(_STATES, dtype=bool))
     weights = np.tile(problem.cost.weights(squares, compared(problem)), (residuals.shape[1], 1))
     weights[0] = tied.weights(squares, compared(problem))
-    return _At(
+    return At(
         point=point,
         starts=starts,
         residuals=residuals,
@@ -380,8 +377,8 @@ def _step(
 
 
 def _settled(
-    problem: Problem, near: _At, point: NDArray[np.float64], offered: NDArray[np.float64] | None = None
-) -> _At:
+    problem: Problem, near: At, point: NDArray[np.float64], offered: NDArray[np.float64] | None = None
+) -> At:
     """Return what is predicted at a point (p,) from the best starts near those there were or offered (n, w, 10)."""
     about = _differences(problem, point, near.weights, _NARROW)
     starts = near.starts[None] if offered is None else np.concatenate([near.starts[None], offered])
@@ -392,13 +389,14 @@ def _settled(
     return _weighed(problem, point, *settled, others=others)
 
 
-def _renewed(problem: Problem, at: _At, *, seed: int) -> _At:
+def _renewed(problem: Problem, at: At, *, seed: int) -> At:
     """Return the same point with the best start of each window, after settling from random ones as well."""
-    about = _differences(problem, at.point, at.weights, _NARROW)
+    about = _differences(problem, at.point, at.weights, _NARROW, starts_alone=True)
+    slopes = at.slopes[:, -_STATES:]
     pieces = [
         (
             about,
-            _Lanes(rows=rows, starts=at.starts[rows], residuals=at.residuals[rows], slopes=at.slopes[rows]),
+            _Lanes(rows=rows, starts=at.starts[rows], residuals=at.residuals[rows], slopes=slopes[rows]),
             at.others[:, rows],
             seed,
         )
@@ -430,9 +428,11 @@ def _differences(
     widths: tuple[float, float],
     *,
     central: bool = False,
+    starts_alone: bool = False,
 ) -> _Differences:
-    """Return differences about a point (p,) by these widths of parameters and starts."""
-    places = np.flatnonzero(problem.coordinates.free)
+    """Return differences about a point (p,) by these widths of parameters, unless of starts alone, and starts."""
+    free = problem.coordinates.free
+    places = np.flatnonzero(np.zeros_like(free) if starts_alone else free)
     width = widths[0] * np.eye(len(point))[places]
     ahead, behind = point + width, np.clip(point - width, 0.0, 1.0)
     if central:
@@ -603,7 +603,7 @@ def _renewed_piece(
 ) -> NDArray[np.float64]:
     """Return the best starts (1 + n, rows, 10), of the own one and those that settle from measured and random ones."""
     about, own, others, seed = piece
-    S, r = _flat(own.slopes, about.weights)[:, about.parameters :], _flat(own.residuals, about.weights)
+    S, r = _flat(own.slopes, about.weights), _flat(own.residuals, about.weights)
     A = S @ S.transpose(0, 2, 1)
     spread = np.linalg.inv(np.linalg.cholesky(A)).transpose(0, 2, 1)
     drawn = np.random.default_rng([seed, int(own.rows[0])]).standard_normal((_DRAWN, *own.starts.shape, 1))
@@ -641,6 +641,8 @@ def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[
     """Return weighted residuals or slopes (..., (1 + k) 10) of those in SI units (..., 1 + k, 10)."""
     with np.errstate(invalid="ignore", over="ignore"):
         flat = (values * weights).reshape(*values.shape[:-2], -1)
+    if flat.size and flat.max() < _LOST and flat.min() > -_LOST:  # as nearly always, and cheaper
+        return flat
     return np.where(np.abs(flat) < _LOST, flat, _LOST)
 
 

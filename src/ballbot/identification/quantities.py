@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -397,20 +398,22 @@ class Layout:
         """All quantities, in order."""
         return (*FRICTION, *self.extra)
 
-    @property
+    @cached_property
     def labels(self) -> tuple[str, ...]:
         """The label of each number (p,)."""
         return tuple(label for name in self.names for label in BY_NAME[name].labels(self.wheel_count))
 
+    @cached_property
+    def _columns(self) -> dict[str, slice]:
+        """Where each quantity stands in a row of parameters."""
+        sizes = [len(BY_NAME[name].labels(self.wheel_count)) for name in self.names]
+        ends = np.cumsum(sizes).tolist()
+        places = zip(self.names, sizes, ends, strict=True)
+        return {name: slice(end - size, end) for name, size, end in places}
+
     def columns(self, name: str) -> slice | None:
         """Return where a quantity stands in a row of parameters, None if it is not among them."""
-        first = 0
-        for other in self.names:
-            size = len(BY_NAME[other].labels(self.wheel_count))
-            if other == name:
-                return slice(first, first + size)
-            first += size
-        return None
+        return self._columns.get(name)
 
     def part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Return a quantity's numbers (..., k) out of rows of parameters (..., p), None if it is not among them."""

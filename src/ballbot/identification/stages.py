@@ -26,7 +26,13 @@ from ballbot.fitting.run import DEFAULT_RUN, Executor, Run, Threads
 from ballbot.fitting.search import SearchResult, at_bound, elsewhere, evolve
 from ballbot.fitting.uncertainty import without_influence
 from ballbot.identification.excitation import Excitation, check_count, check_excitation
-from ballbot.identification.initial_states import InitialStatesFit, descend, fit_with_initial_states
+from ballbot.identification.initial_states import (
+    At,
+    InitialStatesFit,
+    beginning,
+    descend,
+    fit_with_initial_states,
+)
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
 from ballbot.identification.result import Identification, OtherOptimum, WindowErrors
@@ -267,15 +273,10 @@ def search(problem: Problem, *, options: IdentificationOptions, run: Run) -> Sea
     return (_multistart if options.search == "multistart" else _genetic)(problem, options=options, run=run)
 
 
-#: where a descent ends: the scaled point (p,), the windows' states at their starts, and the cost
-_End = tuple[NDArray[np.float64], NDArray[np.float64], float]
-
-
 def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -> SearchResult:
     """Descend from each of the fixed starts, from the best ones farther, and return the best end."""
     rounds = _rounds(options)
     total, done, least = sum(count * steps for count, steps in rounds), 0, np.inf
-    ends = [(point, problem.windows.initial, np.inf) for point in _fixed_starts(problem.coordinates)]
     reporting = Lock()  # descents go side by side
 
     def report(step: Progress) -> None:
@@ -284,18 +285,20 @@ def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -
             done, least = done + 1, min(least, step.cost)
             run.progress(Progress(stage="search", done=min(done, total), total=total, cost=least))
 
-    def descent(steps: int, end: _End) -> _End:
+    def descent(steps: int, begin: NDArray[np.float64] | At) -> At:
         reported = replace(run, progress=report)
-        free = problem.coordinates.free
-        point, starts, history = descend(problem, *end[:2], free=free, most_steps=steps, run=reported)
-        return point, starts, history[-1]
+        at = begin if isinstance(begin, At) else beginning(problem, begin)
+        return descend(problem, at, free=problem.coordinates.free, most_steps=steps, run=reported).at
 
     # a cluster works on the pieces of each descent
     threads = run.executor if isinstance(run.executor, Threads) else Threads()
+    ends: list[NDArray[np.float64] | At] = [*_fixed_starts(problem.coordinates)]
+    found: list[At] = []
     for count, steps in rounds:
-        ends = sorted(threads(descent, steps, ends[:count]), key=lambda one: one[2])
-    best = ends[0][0]
-    others = (point for point, _, _ in ends[1 : rounds[-1][0]] if elsewhere(best, point))
+        found = sorted(threads(descent, steps, ends[:count]), key=lambda one: one.cost)
+        ends = [*found]
+    best = found[0].point
+    others = (one.point for one in found[1:] if elsewhere(best, one.point))
     return SearchResult(best=best, history=(), other=next(others, None))
 
 
@@ -365,9 +368,8 @@ def refine(
         own = problem.coordinates.scaled(problem.coordinates.nominal)
         again = np.where(without_effect.through, 0.0, np.where(without_effect.dependent, own, again))
         rest = free & ~no_influence
-        finished = fit_with_initial_states(
-            problem, again, free=rest, most_steps=steps, starts=finished.starts, run=run
-        )
+        begin = beginning(problem, again, finished.at.starts)
+        finished = fit_with_initial_states(problem, begin, free=rest, most_steps=steps, run=run)
     refused = prepared.excitation.refused & ~no_influence
     return PointEstimate(
         finished=finished,
@@ -403,9 +405,7 @@ def _elsewhere_too(
     )
     if not elsewhere(finished.point, other.point) or other.cost > finished.cost + _NEAR:
         return None
-    other = fit_with_initial_states(
-        finished.problem, other.point, free=free, most_steps=most_steps, starts=other.starts, run=run
-    )
+    other = fit_with_initial_states(finished.problem, other.at, free=free, most_steps=most_steps, run=run)
     return other if elsewhere(finished.point, other.point) else None
 
 
