@@ -8,8 +8,8 @@ depend on the phase: the RMS of its deviation from the reference, and the amplit
 What is random in a run is the noise of a measured state, of covariance S: it moves the start, is added to the states,
 and as the controller feeds it back it acts as torques of covariance K S K^T.
 
-If the log is one more run of the model, each of its numbers is equally likely to fall between any two of the runs', so
-the range of n runs contains it with a probability of (n - 1) / (n + 1), whatever the distribution: 95 % for 39.
+If the log is one more run of the model, each of its numbers is equally likely to fall between any two of the runs' next
+to each other: between the 5th and the 195th of 199 with 190 / 200, which is 95 %, whatever the distribution.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.validation.models import ModelPair, Trajectories, stretches
 
-RUNS = 39  #: of each model
+RUNS = 199  #: of each model
+_RANKS = (5, 100, 195)  #: of the ends of the range that contains 95 % of runs, and of the median
 QUANTITIES = ("rms", "amplitude", "period")
 #: no more of a log is compared [s]: the work grows with its length
 _LONGEST = 100.0
@@ -55,14 +56,14 @@ class WholeLog:
 
     @property
     def ranges(self) -> NDArray[np.float64]:
-        """Least, median and largest number of each model's runs (3, 2, 3, 10); the range contains 95 % of runs."""
-        return np.quantile(self.models, (0.0, 0.5, 1.0), axis=1, method="nearest")
+        """Lower end, median and upper end of the range that contains 95 % of each model's runs (3, 2, 3, 10)."""
+        return np.sort(self.models, axis=1)[:, np.array(_RANKS) - 1].swapaxes(0, 1)
 
     @property
     def places(self) -> NDArray[np.int64]:
         """Where the log's numbers lie (2, 3, 10): -1 below a model's range, 0 inside, 1 above."""
-        least, _, largest = self.ranges
-        return np.where(self.measured < least, -1, np.where(self.measured > largest, 1, 0))
+        lower, _, upper = self.ranges
+        return np.where(self.measured < lower, -1, np.where(self.measured > upper, 1, 0))
 
     @property
     def nearer(self) -> tuple[int, int]:

@@ -3,7 +3,8 @@
 Straight-line arithmetic is `traced` (`ballbot.mechanics.engine.tracing`), what has loops or branches is compiled by
 Numba. Numba optimises and assembles a function, and does so again wherever it is called by another; so what only
 compiled code calls is small, or is called from one place. "No NaNs" and "no infinities" are not assumed, so that a NaN
-stays visible.
+stays visible. A process that compiles links the copy of a called function that was optimised by itself, one that reads
+the code from disk the copy within its caller: their results differ by rounding (1e-15 a step).
 """
 
 import os
