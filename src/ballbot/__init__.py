@@ -1,6 +1,6 @@
 """Ballbot: model, identify, validate and control ball-balancing robots.
 
-The names below are loaded when first used, so that ``import ballbot`` is quick.
+The names and packages below are loaded when first used, so that ``import ballbot`` is quick.
 """
 
 from __future__ import annotations
@@ -39,14 +39,21 @@ _HOME = {
     "validate": "ballbot.validation",
 }
 
+_PACKAGES = (
+    "robot", "mechanics", "log", "estimation", "control", "simulation", "twin", "fitting",
+    "identification", "validation", "vision", "workflows", "firmware", "link", "viewer", "report",
+)  # fmt: skip
+
 __all__ = ["__version__", *sorted(_HOME)]
 
 
 def __getattr__(name: str) -> object:
+    if name in _PACKAGES:
+        return import_module(f"ballbot.{name}")
     if name not in _HOME:
         from ballbot.errors import nearest
 
-        near = nearest(name, _HOME)
+        near = nearest(name, [*_HOME, *_PACKAGES])
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise AttributeError(f"Module 'ballbot' has no attribute {name!r}.{hint}")
     value = getattr(import_module(_HOME[name]), name)
@@ -55,4 +62,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return sorted([*__all__, *_PACKAGES])

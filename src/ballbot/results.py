@@ -101,6 +101,8 @@ def plain(value: object) -> object:
             return "Infinity" if value > 0.0 else "-Infinity"
     if is_dataclass(value) and not isinstance(value, type):
         return to_results(value)
+    if hasattr(value, "to_dict"):  # a controller
+        return plain(value.to_dict())  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [plain(one) for one in value]
     return value

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, by_severity, texts
 from ballbot.printable import printable_line
 from ballbot.progress import as_clock
+from ballbot.results import to_results
 from ballbot.rounding import between, digits, plus_minus
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ S = TypeVar("S", bound=HasSummary)
 
 
 def summarized(kind: type[S]) -> type[S]:
-    """Give a class the `repr` and the notebook's picture of its summary."""
+    """Give a dataclass the `repr` and the notebook's picture of its summary, and `to_dict` unless it has its own."""
 
     def __repr__(self: S) -> str:  # noqa: N807
         return repr(self.summary())
@@ -113,7 +114,10 @@ def summarized(kind: type[S]) -> type[S]:
     def _repr_html_(self: S) -> str:
         return self.summary()._repr_html_()
 
-    for method in (__repr__, _repr_html_):
+    def to_dict(self: S) -> dict[str, object]:
+        return to_results(self)  # pyright: ignore[reportArgumentType]
+
+    for method in (__repr__, _repr_html_, *(() if hasattr(kind, "to_dict") else (to_dict,))):
         setattr(kind, method.__name__, method)
     return kind
 

@@ -8,7 +8,7 @@ import pytest
 from ballbot import Controller, InputError, Model, simulate, simulate_batch
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold, square
-from tests.support.control_examples import FRICTION, MisjudgedLean, alten, four_wheeled, leaning
+from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
 
 
 @pytest.mark.parametrize("compensation", ["full", "partial"])
@@ -127,5 +127,3 @@ def test_names_are_taken_for_controllers_references_and_robots():
     np.testing.assert_array_equal(by_name.states, by_value.states)
     with pytest.raises(InputError, match="did you mean 'nominal'"):
         simulate_batch(model, "nominl", "hold", duration=0.1)
-    with pytest.raises(InputError, match=r"not one of type MisjudgedLean; run it with `simulate`"):
-        simulate_batch(model, MisjudgedLean(nominal_controller("alten"), degrees=1.0), "hold", duration=0.1)  # pyright: ignore[reportArgumentType]

@@ -19,6 +19,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
 from ballbot.mechanics.geometry import wheel_load
+from ballbot.results import to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import Value
@@ -174,6 +175,12 @@ class Controller:
     def plot(self) -> Figure:
         """Return the Bode diagram of the loop; of an unstable one its poles are drawn."""
         return plotted(self)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return its settings; the robot by name and with the friction that is compensated."""
+        names = ("sample_time", "compensation", "torque_limit", "speed_band", "estimator", "gain", "parts")
+        own = {"robot": self.robot.name, "friction": self.robot.friction}
+        return to_results(own | {name: getattr(self, name) for name in names})
 
     def with_compensation(self, compensation: Compensation) -> Controller:
         """Return a copy that compensates friction in another way."""

@@ -146,6 +146,11 @@ def lqr(
         and optimal because a pole on the border of stability costs nothing, or the sample time is so long that no loop
         has a stability margin.
     """
+    if isinstance(model, np.ndarray | Sequence) and not isinstance(model, str):
+        raise InputError(
+            "The first argument of lqr is a matrix; it must be a model, a robot or a state space: "
+            "lqr(StateSpace(A, B), Q, R), where python-control has lqr(A, B, Q, R)."
+        )
     if isinstance(model, StateSpace):
         space = model
     else:

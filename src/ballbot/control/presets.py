@@ -13,10 +13,11 @@ play. It is made for the state of the Kalman filter (`ballbot.estimation.kalman`
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.arrays import checked_sample_time
 from ballbot.control.controller import Compensation, Controller, default_speed_band, grip_torque_limit
@@ -166,12 +167,33 @@ PRESETS: Mapping[str, Callable[[RobotLike], Controller]] = {
     "nominal": nominal_controller,
     "precise": precise_controller,
 }
-#: a controller, the name of a ready-made one, or the path of a controller file
-ControllerLike = Feedback | str | Path
+#: u = f(t, x, r): wheel torques (n,) [N m] from the time [s], the state (10,) and the reference (10,)
+Law = Callable[[float, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+#: a controller, a function, the name of a ready-made one, or the path of a controller file
+ControllerLike = Feedback | Law | str | Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class FunctionController:
+    """A controller that is a function without memory."""
+
+    law: Law
+    sample_time: float  #: [s]
+
+    def reset(self) -> None:
+        """Do nothing: there is nothing to forget."""
+
+    def update(
+        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the wheel torques (n,) [N m]; see `Feedback`."""
+        return self.law(t, state, reference)
 
 
 def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
     """Return the controller itself, or for a robot the ready-made one of that name or the one in that file.
+
+    A function f(t, x, r) is called at the sample time of the robot's sensors.
 
     Raises
     ------
@@ -181,11 +203,13 @@ def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
     if isinstance(source, Feedback):
         checked_sample_time(source.sample_time, "The controller's sample time")
         return source
+    if callable(source) and not isinstance(source, type):
+        return FunctionController(law=source, sample_time=as_robot(robot).sensors.sample_time)
     if not isinstance(source, str | Path):
         raise InputError(
             f"A controller is given as an object of type {type(source).__name__}; give a Controller, an object with "
-            f"sample_time, reset() and update(t, state, reference), {either(map(repr, PRESETS))}, or the path of a "
-            "controller file."
+            f"sample_time, reset() and update(t, state, reference), a function f(t, x, r), "
+            f"{either(map(repr, PRESETS))}, or the path of a controller file."
         )
     return named_controller(source, robot)
 

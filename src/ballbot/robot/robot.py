@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ballbot.errors import InputError, nearest
+from ballbot.errors import InputError, nearest, suggest
 from ballbot.files import nearest_file
 from ballbot.robot.checks import check_correlation, check_deviations, check_robot
 from ballbot.robot.components import (
@@ -59,6 +59,8 @@ class Robot(RobotValues):
 
     def replace(
         self,
+        values: Mapping[str, Value] | None = None,
+        /,
         *,
         name: str | None = None,
         ball: Ball | None = None,
@@ -69,25 +71,32 @@ class Robot(RobotValues):
         friction: Friction | None = None,
         gravity: float | None = None,
     ) -> Robot:
-        """Return a copy with other components; each may be left out.
+        """Return a copy with other values by dotted name in SI units, or with other components; each may be left out.
 
-        A value that stays keeps its source and its standard deviation. A value that changes loses both: a file then
-        gives "assumed" as its source. `annotated` states them anew.
+        One number stands for all wheels. A value that stays keeps its source and its standard deviation. A value that
+        changes loses both: a file then gives "assumed" as its source. `annotated` states them anew.
 
         Raises
         ------
         InputError
-            If the copy would not be a robot (see `ballbot.robot.checks`).
+            If a name is not a parameter's, or the copy would not be a robot (see `ballbot.robot.checks`).
+
+        Examples
+        --------
+        >>> heavier = Robot.load("alten").replace({"body.mass": 20.0, "friction.coulomb": 0.1})
+        >>> heavier.body.mass, heavier.friction.coulomb
+        (20.0, (0.1, 0.1, 0.1))
         """
+        changed = with_values(self, {name: _shaped(self, name, one) for name, one in (values or {}).items()})
         copy = Robot(
             name=self.name if name is None else name,
-            ball=ball or self.ball,
-            body=body or self.body,
-            wheels=wheels or self.wheels,
-            drive=drive or self.drive,
-            sensors=sensors or self.sensors,
-            friction=friction or self.friction,
-            gravity=self.gravity if gravity is None else gravity,
+            ball=ball or changed.ball,
+            body=body or changed.body,
+            wheels=wheels or changed.wheels,
+            drive=drive or changed.drive,
+            sensors=sensors or changed.sensors,
+            friction=friction or changed.friction,
+            gravity=changed.gravity if gravity is None else gravity,
         )
         stays = {key for key, one in BY_NAME.items() if value_of(copy, one) == value_of(self, one)}
         return copy.annotated(
@@ -262,6 +271,17 @@ def is_model_file(path: str | Path) -> bool:
 @cache
 def _preset(name: str) -> Robot:
     return read_robot(_PRESETS / f"{name}.toml", Robot)
+
+
+def _shaped(robot: Robot, name: str, value: Value) -> Value:
+    """Return a value of a parameter as a robot holds it: one number for all wheels stands for each of them."""
+    if name not in BY_NAME:
+        hint = suggest(name, BY_NAME, otherwise="there are")
+        raise InputError(f"{name!r} is not a parameter of a robot; {hint}")
+    own = value_of(robot, BY_NAME[name])
+    if not isinstance(own, tuple):
+        return value
+    return tuple(value) if np.ndim(value) else (float(value),) * len(own)  # pyright: ignore[reportArgumentType]
 
 
 def with_values(robot: Robot, changes: Mapping[str, Value]) -> Robot:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
+from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.law import LAW_TYPE, law_code
 from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.records import fill_record
@@ -25,17 +25,22 @@ from ballbot.errors import InputError
 from ballbot.estimation.heading import JUMP, Heading
 from ballbot.estimation.kalman import filter_row
 from ballbot.estimation.kalman_model import sample_code
+from ballbot.log.columns import wheel_angle_names, wheel_speed_names
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of, over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model, ModelLike, as_model
+from ballbot.progress import ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
+from ballbot.simulation.draws import draws_of, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
-from ballbot.simulation.loop import Draws, Inputs, Outcome, Sampling, new_block, run_block
-from ballbot.simulation.model_plant import checked_states, lift_off, pack_contacts
-from ballbot.simulation.run import initial_state_of, sample_count
+from ballbot.simulation.loop import Inputs, Outcome, Sampling, new_block, run_block
+from ballbot.simulation.model_plant import LIFTED, ModelPlant, checked_states, lift_off, pack_contacts
+from ballbot.simulation.plant import Plant
+from ballbot.simulation.run import initial_state_of, sample_count, simulate
+from ballbot.simulation.sensed_plant import SensedPlant
 
 T = TypeVar("T")
 
@@ -88,23 +93,15 @@ def _models(source: ModelLike | Sequence[ModelLike]) -> list[Model]:
     return models
 
 
-def _compiled_controllers(
-    source: ControllerLike | Sequence[ControllerLike], robot: Robot
-) -> list[Controller]:
-    """Return the controllers, whose laws are compiled into the lanes."""
+def _controllers(source: ControllerLike | Sequence[ControllerLike], robot: Robot) -> list[Feedback]:
     if isinstance(source, Sequence) and not isinstance(source, str):
-        return [one for each in source for one in _compiled_controllers(each, robot)]
-    controller = as_controller(source, robot)
-    if not isinstance(controller, Controller):
-        raise InputError(
-            f"A batch runs controllers of Ballbot, not one of type {type(controller).__name__}; run it with `simulate`."
-        )
-    return [controller]
+        return [as_controller(one, robot) for one in source]
+    return [as_controller(source, robot)]
 
 
 def simulate_batch(
     model: ModelLike | Sequence[ModelLike],
-    controller: Controller | str | Path | Sequence[Controller | str | Path],
+    controller: ControllerLike | Sequence[ControllerLike],
     reference: ReferenceLike,
     *,
     duration: float,
@@ -121,8 +118,9 @@ def simulate_batch(
     model : Model, robot, preset or robot file, or a sequence of them
         One for all lanes or one for each; of one formulation and inner step, and a pivoting ball in all or in none.
         A ball that pivots starts without spin.
-    controller : Controller, "nominal", "precise" or controller file, or a sequence of them
-        One for all lanes or one for each; of one sample time. A name stands for that of the first model's robot.
+    controller : Controller, "nominal", "precise", controller file or your own, or a sequence of them
+        One for all lanes or one for each; of one sample time. A name stands for that of the first model's robot. Where
+        one is your own, as `simulate` takes it, all lanes run one after another, one period at a time.
     reference : callable, name or reference file
         f(t) -> (10,), the same for all lanes.
     duration : float
@@ -151,7 +149,7 @@ def simulate_batch(
     """
     models = _models(model)
     robots = [one.robot for one in models]
-    controllers = _compiled_controllers(controller, robots[0])
+    controllers = _controllers(controller, robots[0])
     initial = checked_states(initial_state_of(0) if initial_states is None else initial_states)
     borne = _listed(imperfections)
     lanes = _lanes(
@@ -163,12 +161,48 @@ def simulate_batch(
         }
     )
     sample_time = _common_sample_time(controllers)
-    n = _common_wheel_count([*robots, *(one.known for one in borne if one.known)], controllers)
     _check_imperfections(borne, models[0], sample_time)
     samples = sample_count(duration, sample_time)
-    every = whole_number(every, "every", least=0) or samples
-    records = samples // every
-    out = empty_outcome(lanes, records, samples, n)
+    ends = Verdict(settled=np.zeros((0, 10)), lost=LARGEST_LEAN) if verdict is None else verdict
+    sampling = Sampling(
+        references=_sampled(as_reference(reference), samples, sample_time),
+        sample_time=sample_time,
+        steps=models[0].steps_in(sample_time),
+        every=whole_number(every, "every", least=0) or samples,
+        settled=ends.settled,
+        lost=min(ends.lost, LARGEST_LEAN),
+        grip=ends.grip,
+    )
+    laws = [one for one in controllers if isinstance(one, Controller)]
+    if len(laws) == len(controllers):
+        out = _side_by_side(models, laws, initial, borne, sampling, threads)
+    elif verdict is None:
+        plants = [_plant(k, models, borne, controllers) for k in range(lanes)]
+        runs = (
+            (plant, controllers[k % len(controllers)], initial[k % len(initial)], seed)
+            for k, (plant, seed) in enumerate(plants)
+        )
+        out = _one_by_one(list(runs), as_reference(reference), sampling)
+    else:
+        raise InputError("A verdict needs controllers of Ballbot in every lane; your own run to the end.")
+    leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])
+    return _result(out, initial, sampling, leans)
+
+
+def _side_by_side(
+    models: Sequence[Model],
+    controllers: Sequence[Controller],
+    initial: NDArray[np.float64],
+    borne: Sequence[Imperfections],
+    sampling: Sampling,
+    threads: int | None,
+) -> Outcome:
+    """Run laws that are compiled, lanes side by side."""
+    robots, sample_time = [one.robot for one in models], sampling.sample_time
+    lanes = max(map(len, (models, controllers, initial, borne)))
+    n = _common_wheel_count([*robots, *(one.known for one in borne if one.known)], controllers)
+    samples = len(sampling.references)
+    out = empty_outcome(lanes, samples // sampling.every, samples, n)
     selected = models[0].selected
     loops, filters = _loops(borne, robots, controllers, sample_time)
     inputs = Inputs(
@@ -185,16 +219,6 @@ def simulate_batch(
         initial=initial,
         pushes=push_table(borne, sample_time),
     )
-    ends = Verdict(settled=np.zeros((0, 10)), lost=LARGEST_LEAN) if verdict is None else verdict
-    sampling = Sampling(
-        references=_sampled(as_reference(reference), samples, sample_time),
-        sample_time=sample_time,
-        steps=models[0].steps_in(sample_time),
-        every=every,
-        settled=ends.settled,
-        lost=min(ends.lost, LARGEST_LEAN),
-        grip=ends.grip,
-    )
     alone = len(borne) == 1
 
     def run(first: int) -> None:
@@ -206,8 +230,57 @@ def simulate_batch(
         run_block(selected, inputs, draws, sampling, block, first, width, out)
 
     over_threads(run, lanes, threads)
-    leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])
-    return _result(out, inputs.initial, sampling, leans)
+    return out
+
+
+def _plant(
+    lane: int, models: Sequence[Model], borne: Sequence[Imperfections], controllers: Sequence[Feedback]
+) -> tuple[Plant, int]:
+    """Return what `simulate` runs in a lane, and its seed."""
+    model = models[lane % len(models)]
+    if not borne:
+        return ModelPlant(model), 0
+    one = borne[lane % len(borne)]
+    estimator = estimator_of(controllers[lane % len(controllers)])
+    return SensedPlant(model, one, estimator=estimator), one.seed + (lane if len(borne) == 1 else 0)
+
+
+def _one_by_one(
+    runs: Sequence[tuple[Plant, Feedback, NDArray[np.float64], int]], reference: Reference, sampling: Sampling
+) -> Outcome:
+    """Run controllers that are called from Python by `simulate`: plant, controller, start and seed of each lane.
+
+    One sample more is run: it begins with the state at the end of the last.
+    """
+    samples, n = len(sampling.references), runs[0][0].robot.wheel_count
+    out = empty_outcome(len(runs), samples, samples, n)
+    for k, (plant, controller, start, seed) in enumerate(runs):
+        duration = (samples + 1) * sampling.sample_time
+        log = simulate(
+            plant,
+            controller,
+            reference,
+            duration=duration,
+            initial_state=start,
+            seed=seed,
+            progress=ignore_progress,
+        )
+        done = min(len(log.t), samples)
+        # row after row; a lane that ended stays where it was
+        begun = np.minimum(np.arange(samples), done - 1)
+        truth = log.truth().states
+        out.states[k] = truth[np.minimum(begun + 1, len(truth) - 1)]
+        out.torques[k] = out.commanded[k] = log.torques[begun]
+        out.seen[k] = log.states[begun]
+        wheels = [log[name] for name in (*wheel_angle_names(n), *wheel_speed_names(n))]
+        out.encoders[k] = np.column_stack(wheels)[begun]
+        out.gyro[k] = np.column_stack([log[f"gyro_{axis}"] for axis in "xyz"])[begun]
+        out.changes[k] = (np.diff(log.torques[:done], axis=0) ** 2).sum()
+        if len(log.t) <= samples:
+            out.ended[k], out.lifted[k] = done, LIFTED in str(log.ended)
+    rows = slice(sampling.every - 1, None, sampling.every)
+    recorded = ("states", "torques", "seen", "commanded", "encoders", "gyro")
+    return out._replace(**{name: getattr(out, name)[:, rows] for name in recorded})
 
 
 def _result(
@@ -235,23 +308,6 @@ def _result(
         lifted=out.lifted,
         slipped=out.slipped,
         torque_change=np.sqrt(out.changes / (n * np.maximum(decided - 1, 1))),
-    )
-
-
-def empty_outcome(lanes: int, records: int, samples: int, n: int) -> Outcome:
-    """Return the arrays for the outcome of so many lanes, which so far run to the end."""
-    return Outcome(
-        states=np.empty((lanes, records, 10)),
-        torques=np.empty((lanes, records, n)),
-        seen=np.empty((lanes, records, 10)),
-        commanded=np.empty((lanes, records, n)),
-        encoders=np.empty((lanes, records, 2 * n)),
-        gyro=np.empty((lanes, records, 3)),
-        ended=np.full(lanes, samples, np.int64),
-        settled=np.full(lanes, samples, np.int64),
-        lifted=np.zeros(lanes, np.bool_),
-        slipped=np.zeros(lanes, np.bool_),
-        changes=np.zeros(lanes),
     )
 
 
@@ -329,51 +385,13 @@ def _perfect(sample_time: float) -> NDArray[np.float64]:
     return record.view(np.float64)[None]
 
 
-def push_table(borne: Sequence[Imperfections], sample_time: float) -> NDArray[np.float64]:
-    """Return (1 or lanes, m, 6): first sample, the first one after it, force [N] and height [m] of each push."""
-    most = max((len(one.pushes) for one in borne), default=0)
-    table = np.zeros((max(len(borne), 1), most, 6))
-    for row, one in zip(table, borne, strict=False):
-        for place, push in zip(row, one.pushes, strict=False):
-            ends = [push.time / sample_time, (push.time + push.duration) / sample_time]
-            place[:] = [*np.ceil(np.subtract(ends, 1e-4)), *push.force, push.height]
-    return table
-
-
-def draws_of(
-    runs: Sequence[tuple[Imperfections, int]], width: int, *, n: int, samples: int, sample_time: float
-) -> Draws:
-    """Return what is random in the runs of a block, each with its seed, as `SensedPlant` draws it."""
-    borne = {id(one): one for one, _ in runs}.values()
-    noisy, faulty = any(one.random for one in borne), any(one.sensor_faults is not None for one in borne)
-    jitters, plays = any(one.jitter > 0.0 for one in borne), any(one.backlash > 0.0 for one in borne)
-    noise = np.empty((width, (6 + n) * samples if noisy else 0))
-    faults = np.empty((width, 5 * (samples + 1) if faulty else 0))
-    places, turns = np.zeros((2, width, n))
-    durations = np.zeros((width, samples if jitters else 0))
-    for k, (one, seed) in enumerate(runs):
-        random = np.random.default_rng(seed)
-        if faulty:
-            random.spawn(1)[0].standard_normal(out=faults[k])
-        if noisy:
-            random.standard_normal(out=noise[k])
-        if plays:
-            places[k] = np.random.default_rng([seed, 7]).uniform(-0.5, 0.5, n)
-        if one.contacts is not None:
-            turns[k] = np.random.default_rng([seed, 11]).uniform(0.0, 2.0 * np.pi, n)
-        if jitters:
-            late = one.jitter * np.random.default_rng([seed, 5]).uniform(-1.0, 1.0, samples)
-            durations[k] = sample_time + np.diff(late, prepend=0.0)
-    return Draws(noise=noise, faults=faults, places=places, turns=turns, durations=durations)
-
-
 def _rows(row_of: Callable[[T], NDArray[np.float64] | float], values: Sequence[T]) -> NDArray[np.float64]:
     """Return a row for each value, made once where a value is there more than once."""
     made = {id(value): row_of(value) for value in {id(value): value for value in values}.values()}
     return np.array([made[id(value)] for value in values])
 
 
-def _common_sample_time(controllers: Sequence[Controller]) -> float:
+def _common_sample_time(controllers: Sequence[Feedback]) -> float:
     times = {one.sample_time for one in controllers}
     if len(times) != 1:
         raise InputError(

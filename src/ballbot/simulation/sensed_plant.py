@@ -22,7 +22,7 @@ from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.simulation.batch import draws_of, empty_outcome, push_table
+from ballbot.simulation.draws import draws_of, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, Imperfections, loop_record
 from ballbot.simulation.loop import Inputs, Sampling, new_block, start_alone, step_alone
 from ballbot.simulation.model_plant import FALLEN, LIFTED, checked_states, lift_off, pack_contacts

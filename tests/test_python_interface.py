@@ -1,0 +1,117 @@
+"""The Python interface as its users expect it: changed values, functions as controllers, packages, dictionaries."""
+
+import json
+
+import numpy as np
+import pytest
+
+import ballbot
+from ballbot import InputError, Model, Robot, simulate, simulate_batch
+from ballbot.control.presets import nominal_controller
+from ballbot.results import as_json
+from ballbot.simulation.batch import Verdict
+from ballbot.simulation.imperfections import Imperfections
+from tests.support.control_examples import FRICTION, alten, leaning
+from tests.test_summary import RESULTS
+
+ROBOT = alten(FRICTION)
+
+
+def test_values_are_replaced_by_dotted_name():
+    changed = ROBOT.replace(
+        {"body.mass": 9.0, "friction.coulomb": 0.2, "friction.viscous": [0.01, 0.02, 0.03]}
+    )
+    assert changed.body.mass == 9.0
+    assert changed.friction.coulomb == (0.2, 0.2, 0.2)
+    assert changed.friction.viscous == (0.01, 0.02, 0.03)
+    assert changed.friction.stribeck == FRICTION.stribeck
+    assert changed.ball == ROBOT.ball
+    assert "body.mass" not in changed.sources
+    assert changed.sources["ball.mass"] == ROBOT.sources["ball.mass"]
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"body.mas": 9.0}, "did you mean 'body.mass'"),
+        ({"body.mass": -9.0}, "body.mass is -9 kg; it cannot be negative"),
+        ({"friction.coulomb": [0.1, 0.2]}, "coulomb"),
+    ],
+)
+def test_values_that_a_robot_cannot_have_are_refused(values, sentence):
+    with pytest.raises(InputError, match=sentence):
+        ROBOT.replace(values)
+
+
+def test_a_function_is_a_controller():
+    nominal = nominal_controller(ROBOT)
+    by_function = simulate(Model(ROBOT), nominal.update, "hold", duration=1.0, seed=3)
+    assert by_function.ended is None
+    assert by_function.sample_time == pytest.approx(ROBOT.sensors.sample_time)
+    by_object = simulate(Model(ROBOT), nominal, "hold", duration=1.0, seed=3)
+    np.testing.assert_array_equal(by_function.states, by_object.states)
+
+
+class Own:
+    """The nominal controller as a user's own."""
+
+    def __init__(self) -> None:
+        self.inner = nominal_controller(ROBOT)
+        self.sample_time, self.estimator = self.inner.sample_time, self.inner.estimator
+
+    def reset(self):
+        self.inner.reset()
+
+    def update(self, t, state, reference):
+        return self.inner.update(t, state, reference)
+
+
+@pytest.mark.parametrize("imperfections", [None, Imperfections(delay=1, torque_noise=0.01, seed=4)])
+def test_own_controllers_run_in_a_batch_as_compiled_ones_do(imperfections):
+    starts = np.array([leaning(0.01), leaning(-0.02, 0.01), leaning(0.6, 0.6)])
+    both = [
+        simulate_batch(
+            Model(ROBOT),
+            one,
+            "hold",
+            duration=1.0,
+            initial_states=starts,
+            imperfections=imperfections,
+            every=2,
+        )
+        for one in (nominal_controller(ROBOT), Own())
+    ]
+    compiled, own = both
+    np.testing.assert_array_equal(own.survived, compiled.survived)
+    assert own.survived.tolist() == [True, True, False]
+    np.testing.assert_array_equal(own.t, compiled.t)
+    # lanes and one robot alone round in another order
+    for name in ("states", "seen", "commanded", "wheel_speeds", "gyro"):
+        np.testing.assert_allclose(getattr(own, name)[:2], getattr(compiled, name)[:2], atol=1e-6)
+    np.testing.assert_allclose(own.torque_change[:2], compiled.torque_change[:2], rtol=0.02)
+
+
+def test_a_verdict_needs_compiled_controllers():
+    verdict = Verdict(settled=np.full((1, 10), np.inf), lost=0.5)
+    with pytest.raises(InputError, match="A verdict needs controllers of Ballbot"):
+        simulate_batch(Model(ROBOT), Own(), "hold", duration=0.1, verdict=verdict)
+
+
+def test_lqr_called_as_python_control_s_says_what_is_expected():
+    linear = Model(Robot.load("alten")).linearize()
+    with pytest.raises(InputError, match=r"lqr\(StateSpace\(A, B\), Q, R\)"):
+        ballbot.lqr(linear.A, linear.B, np.eye(10), np.eye(3))
+
+
+def test_packages_are_there_without_an_import_of_their_own():
+    assert ballbot.twin.Twin.__module__.startswith("ballbot.twin")  # pyright: ignore[reportAttributeAccessIssue]
+    assert {"twin", "simulate", "workflows", "Robot"} <= set(dir(ballbot))
+
+
+@pytest.mark.parametrize(
+    "name", ["batch", "gain", "controller design", "limits", "robust design", "driveline"]
+)
+def test_results_are_dictionaries_that_json_holds(name):
+    found = RESULTS[name]().to_dict()
+    assert found
+    assert json.loads(as_json(found))
