@@ -58,7 +58,7 @@ def test_a_log_lies_within_its_own_model_s_range_and_outside_that_without_fricti
     found = _beside_own_model(logs=4, duration=16.0)
     inside = np.mean([one.places == 0 for one in found], axis=0)  # (model, quantity, state)
     # nominally 95 % of 120 numbers; those of a log depend on each other, so that they scatter like those of four logs
-    # with a few independent numbers each. 24 logs of 32 s, seeds of their own: 95.1 %
+    # with a few independent numbers each. 24 logs of 32 s, seeds of their own: 91.5 %
     assert 0.85 <= inside[0].mean() <= 0.995
     # the sticky robot's limit cycle: its heading swings, which nothing without friction does
     heading = STATE_NAMES.index("psi")
