@@ -11,8 +11,9 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks import check
-from ballbot.log.formats import is_foreign, read_columns
+from ballbot.log.formats import is_foreign
 from ballbot.log.formats.inference import infer_text_table
+from ballbot.log.mapping import parse_mapping
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import evaluate, propose
 from ballbot.robot import Robot
@@ -124,7 +125,10 @@ def test_cells_in_quotes_may_have_decimal_commas(tmp_path):
     assert list(table.columns) == names
     np.testing.assert_allclose(table.columns["time_s"], 0.005 * np.arange(20))
     assert set(table.columns["roll_deg"]) == {1.25}
-    np.testing.assert_array_equal(read_columns(path, table.layout)["pitch_deg"], -0.5)
+    mapping = parse_mapping(
+        '[file]\ndecimal = "comma"\n[columns]\nt = "time_s"\nphi = "pitch_deg"\n', source="mine"
+    )
+    np.testing.assert_array_equal(Log.read(path, mapping=mapping)["phi"], -0.5)
 
 
 def test_rows_of_two_sensors_that_end_with_empty_cells_are_whole(tmp_path):
@@ -145,8 +149,8 @@ def test_a_time_of_day_over_midnight_keeps_all_rows(tmp_path):
         lines.append([clock, *row[1:], *(f"{np.sin(0.05 * k + i) * 8.0:.4f}" for i in range(3))])
     path = write(tmp_path, "time,u1,u2,u3,theta,phi,psi,wheel1,wheel2,wheel3", lines)
     found = propose(path, ALTEN)
-    assert found.base.rows is None
-    np.testing.assert_allclose(np.diff(found.base.table.columns["time"]), 0.005, atol=2e-6)
+    assert found.base.layout.rows is None
+    np.testing.assert_allclose(np.diff(found.base.cut["time"]), 0.005, atol=2e-6)
     assert any("begins again" in one.text for one in found.findings)
 
 
@@ -208,7 +212,7 @@ def test_what_a_shared_case_is(name, what):
     columns = None if what == "held by hand" else RAMP
     found = propose(path, Robot.load("rob311"), Stated(command="duty", columns=columns))
     assert found.what == what
-    assert found.base.rows is None
+    assert found.base.layout.rows is None
 
 
 def test_only_the_columns_that_a_mapping_uses_must_be_numbers(tmp_path):

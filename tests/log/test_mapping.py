@@ -229,23 +229,10 @@ def test_the_michigan_log_reads_through_a_mapping(shared_data, tmp_path):
     assert np.abs(log.wheel_speeds).max() < 30.0
 
 
-def test_a_time_may_be_seconds_and_nanoseconds_of_two_columns(tmp_path):
-    table = "sec nsec a\n7 999000000 1\n8 4000000 2\n8 4000000 2\n8 9000000 3\n"
-    mapping = (
-        '[file]\nseparator = "blanks"\nrepeated_rows = "drop"\n'
-        '[columns]\nt = { from = "sec", nanoseconds = "nsec" }\nx = "a"\n'
-    )
-    log = read(tmp_path, table, mapping)
-    np.testing.assert_allclose(log.t, [7.999, 8.004, 8.009], rtol=1e-12)
-    np.testing.assert_array_equal(log["x"], [1.0, 2.0, 3.0])  # the repeated row is one
-    wrong = mapping.replace('x = "a"', 'x = { from = "a", nanoseconds = "nsec" }')
-    assert "only t may have them" in refused(tmp_path, wrong)
-    log_of_clock = read(
-        tmp_path,
-        "t x\n23:59:59.990 1\n23:59:59,995 2\n",
-        '[file]\nseparator = "blanks"\n[columns]\nt = "t"\nx = "x"\n',
-    )
-    np.testing.assert_allclose(log_of_clock.t, [86399.99, 86399.995], rtol=1e-12)
+def test_a_repeated_row_is_one_and_a_time_of_day_is_in_seconds(tmp_path):
+    table = "t x\n23:59:59.990 1\n23:59:59,995 2\n23:59:59,995 2\n"
+    log = read(tmp_path, table, '[file]\nseparator = "blanks"\n[columns]\nt = "t"\nx = "x"\n')
+    np.testing.assert_allclose(log.t, [86399.99, 86399.995], rtol=1e-12)
 
 
 def test_commands_have_a_zero_and_directions(tmp_path):

@@ -54,11 +54,6 @@ def mark_missing(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(missing, np.nan, values) if missing.any() else values
 
 
-def direction_sign(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return 1 where a direction is above zero, -1 where it is not, and a missing value where it is missing."""
-    return np.where(np.isnan(direction), np.nan, np.where(direction > 0.0, 1.0, -1.0))
-
-
 def check_column_names(names: Iterable[str], *, source: str) -> None:
     """Check that all names can be printed.
 

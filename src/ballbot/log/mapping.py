@@ -4,12 +4,11 @@ An example with everything in it::
 
     [file]                        # the text table; may be left out for CSV with a header
     separator = "blanks"          # comma (default), semicolon, tab, blanks
-    decimal = "comma"             # 0,5 is a half; "point" (default)
+    decimal = "comma"             # 0,5 is a half, in quotes beside commas; "point" (default)
     missing = ["NA"]              # marks of a missing value, beside an empty cell and nan
     header_lines = 1              # lines before the first row, the last of them with the names
     names = ["i", "t_now"]        # the columns' names, if the header has none or wrong ones
     damaged_rows = "drop"         # skip rows of another width or with words; "refuse" (default)
-    repeated_rows = "drop"        # rows that repeat the row before, its time too, are one; "refuse" (default)
     unordered_rows = "drop"       # rows out of order: the longest series of rows in which time increases is kept;
                                   # "refuse" (default)
     rows = [1, 5000]              # first and last row to take, from 1; may be left out
@@ -20,7 +19,7 @@ An example with everything in it::
     keep = [[2.0, 57.5]]          # [s], intervals of the file's clock to keep
 
     [columns]
-    t = { from = "t_now", unit = "ms" }   # of two columns: { from = "stamp.sec", nanoseconds = "stamp.nanosec" }
+    t = { from = "t_now", unit = "ms" }
     x = { from = "pos_x", unit = "mm", sign = -1, offset = 0.01, delay = 0.016 }
     y = "pos_y"                   # short for { from = "pos_y" }: Ballbot's unit and sign
     x_dot = { derivative_of = "x" }
@@ -92,9 +91,7 @@ from pydantic import (
     ConfigDict,
     Field,
     FiniteFloat,
-    NonNegativeInt,
     PositiveFloat,
-    PositiveInt,
 )
 
 from ballbot.arrays import rows_between
@@ -107,13 +104,12 @@ from ballbot.log.columns import (
     MAX_WHEELS,
     Columns,
     check_column_names,
-    direction_sign,
     factor_to,
     mark_missing,
     numbered_names,
     unit_of,
 )
-from ballbot.log.formats.text import TextLayout
+from ballbot.log.formats.text import OWN_LAYOUT, TextLayout
 from ballbot.log.imu_angles import (
     QUATERNION_ANGLES,
     about_body_axes,
@@ -124,31 +120,15 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
-from ballbot.log.row_order import check_time, later_runs, repeated_rows, rows_in_order, rows_with_times
+from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
-from ballbot.log.wrapping import continuous_clock, continuous_headings
+from ballbot.log.wrapping import continuous_headings
 from ballbot.schema import validate_table
 
-_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
 Floats = NDArray[np.float64]
 Table = Mapping[str, Floats]  #: a file's columns (M,) by the file's names
 Sign = Literal[1, -1]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FileTable:
-    """[file]: the layout of the text."""
-
-    separator: Literal["comma", "semicolon", "tab", "blanks"] = "comma"
-    decimal: Literal["point", "comma"] = "point"
-    missing: tuple[str, ...] = ()
-    header_lines: NonNegativeInt = 1
-    names: tuple[str, ...] | None = None
-    damaged_rows: Literal["refuse", "drop"] = "refuse"
-    repeated_rows: Literal["refuse", "drop"] = "refuse"
-    unordered_rows: Literal["refuse", "drop"] = "refuse"
-    rows: tuple[PositiveInt, PositiveInt] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +152,6 @@ class ColumnTable:
     sign: Sign = 1
     offset: FiniteFloat = 0.0
     delay: FiniteFloat = 0.0
-    nanoseconds: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -324,7 +303,7 @@ class MappingTable:
     __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
 
     complete: bool = True
-    file: FileTable = FileTable()
+    file: TextLayout = OWN_LAYOUT
     time: TimeTable = TimeTable()
     columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
     attitude: AttitudeTable | None = None
@@ -340,8 +319,7 @@ class Source:
     factor: float = 1.0  #: unit, scale and sign in one
     offset: float = 0.0  #: in Ballbot's unit
     delay: float = 0.0  #: [s]
-    #: of a time, the column with its nanoseconds; of a motor's magnitude, its direction
-    beside: str | None = None
+    direction: str | None = None  #: of a motor's magnitude, the column with its direction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -353,32 +331,18 @@ class LogMapping:
     #: by Ballbot's name, which one to differentiate; by wheel angle, the speed to integrate
     derivatives: Mapping[str, str] = field(default_factory=dict)
     integrals: Mapping[str, str] = field(default_factory=dict)
-    file: FileTable = FileTable()
+    layout: TextLayout = OWN_LAYOUT  #: how the file is read if it is a text
     time: TimeTable = TimeTable()
     attitude: AttitudeTable | None = None
     angle: WheelTable = WheelTable()
     input: InputTable | None = None
 
     @property
-    def layout(self) -> TextLayout:
-        """How the file is read if it is a text."""
-        file = self.file
-        return TextLayout(
-            separator=_SEPARATORS[file.separator],
-            decimal_comma=file.decimal == "comma",
-            missing=file.missing,
-            header_lines=file.header_lines,
-            names=file.names,
-            drop_damaged=file.damaged_rows == "drop",
-            rows=file.rows,
-        )
-
-    @property
     def used_columns(self) -> set[str] | None:
         """The file's columns that it takes; None if rows with words in any column are left out."""
-        if self.file.damaged_rows == "drop":
+        if self.layout.damaged_rows == "drop":
             return None
-        named = {name for one in self.columns.values() for name in (one.column, one.beside) if name}
+        named = {name for one in self.columns.values() for name in (one.column, one.direction) if name}
         return named | set(self.attitude.quaternion if self.attitude else ())
 
     @property
@@ -478,7 +442,7 @@ def _mapping(table: MappingTable) -> LogMapping:
         columns=columns,
         derivatives=derivatives,
         integrals=integrals,
-        file=table.file,
+        layout=table.file,
         time=table.time,
         attitude=table.attitude,
         angle=wheels.angle,
@@ -486,11 +450,9 @@ def _mapping(table: MappingTable) -> LogMapping:
     )
 
 
-def _check_file(file: FileTable) -> None:
+def _check_file(file: TextLayout) -> None:
     if file.header_lines == 0 and file.names is None:
         raise InputError("[file] has header_lines = 0 and therefore needs names = [..] of the columns")
-    if file.decimal == "comma" and file.separator == "comma":
-        raise InputError('[file] decimal = "comma" needs another separator, such as "semicolon"')
     if file.names is not None and len(set(file.names)) < len(file.names):
         raise InputError("[file] names contains a name twice")
     check_column_names(file.names or (), source="[file] names")
@@ -519,15 +481,12 @@ def _source(name: str, entry: ColumnTable) -> Source:
         raise InputError(f'[columns] {name} needs from = "..", a column of the file, or derivative_of = ".."')
     if name == "t" and entry.delay:
         raise InputError("[columns] t cannot have a delay; give the delay to the columns that are delayed")
-    if name != "t" and entry.nanoseconds is not None:
-        raise InputError(f"[columns] {name} has nanoseconds; only t may have them")
     unit = _unit_factor(f"[columns] {name}", name, entry.unit, entry.counts_per_turn)
     return Source(
         column=entry.source,
         factor=entry.sign * entry.scale * unit,
         offset=entry.offset,
         delay=entry.delay,
-        beside=entry.nanoseconds,
     )
 
 
@@ -588,7 +547,7 @@ def _motor_sources(table: InputTable, wheels: WheelsTable) -> dict[str, Source]:
             factor=factors[k],
             offset=-zeros[k] * factors[k] if zeros[k] else 0.0,
             delay=table.delay,
-            beside=directions[k],
+            direction=directions[k],
         )
         for i, k in enumerate(_order(wheels, len(columns)), start=1)
     }
@@ -651,10 +610,8 @@ def apply_mapping(
 
 
 def _applied(mapping: LogMapping, table: Table, even_from: float | None, changes: list[Finding]) -> Columns:
-    clock, notes = mapping.columns["t"].column, list[str]()
-    table = whole_rows(mapping, table)
-    if clock in table:
-        table = rows_with_times(table, clock, notes)
+    notes = list[str]()
+    table = taken_rows(mapping, table, notes)
     t = row_times(mapping, table)
     changes += [note("time", sentence) for sentence in notes]
     raw = _raw_columns(mapping, table, t, changes)
@@ -723,35 +680,28 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
 
 def row_times(mapping: LogMapping, table: Table) -> Floats:
     """Return the times of the file's rows (N,) by the file's own clock [s]; InputError if they do not increase."""
-    t = _clock(mapping.columns["t"], table)
+    t = _scaled("t", mapping.columns["t"], table)
     check_time(t)
     return t
 
 
-def whole_rows(mapping: LogMapping, table: Table) -> Columns:
-    """Return a file's table with the rows that a mapping takes; InputError if it would mix the rows of two runs."""
-    source, file = mapping.columns["t"], mapping.file
-    unordered = file.unordered_rows == "drop"
-    if source.column not in table or not (unordered or file.repeated_rows == "drop"):
-        return {**table}  # `row_times` reports a time that is missing
-    t = _clock(source, table)
-    repeated = repeated_rows(table, source.column) & (file.repeated_rows == "drop")
-    if unordered and file.rows is None:
-        runs = later_runs(t, repeated)
-        again = runs[t[runs] < t[runs - 1]]
-        if again.size:
-            raise InputError(f"Time starts again at row {again[0] + 1}; split the log, or give [file] rows.")
-    return rows_in_order(table, t, repeated=repeated, unordered=unordered)
+def taken_rows(mapping: LogMapping, table: Table, notes: list[str]) -> Columns:
+    """Return a file's table with the rows that a mapping takes, see `rows_with_times`.
 
-
-def _clock(source: Source, table: Table) -> Floats:
-    """Return the times of all rows (N,) by the file's own clock [s], continued where it begins again."""
-    if source.column in table:
-        table = {**table, source.column: continuous_clock(table[source.column])[0]}
-    t = _scaled("t", replace(source, beside=None), table)
-    if source.beside is None:
-        return t
-    return t + _scaled("the nanoseconds", Source(column=source.beside, factor=1e-9), table)
+    InputError if it would mix the rows of two runs.
+    """
+    source, layout = mapping.columns["t"], mapping.layout
+    if source.column in table:  # `row_times` reports a time that is missing
+        table = rows_with_times(table, source.column, notes)
+    if layout.unordered_rows == "refuse":
+        return {**table}
+    t = _scaled("t", source, table)
+    runs = later_runs(t)
+    again = runs[t[runs] < t[runs - 1]]
+    if again.size and layout.rows is None:
+        raise InputError(f"Time starts again at row {again[0] + 1}; split the log, or give [file] rows.")
+    kept = increasing_rows(t)
+    return {name: values[kept] for name, values in table.items()}
 
 
 def _even_rows(t: Floats, interval: float, counted_from: float, *, columns: int) -> Floats:
@@ -764,12 +714,15 @@ def _even_rows(t: Floats, interval: float, counted_from: float, *, columns: int)
 
 
 def _scaled(name: str, source: Source, table: Table) -> Floats:
-    for column in (source.column, source.beside):
+    for column in (source.column, source.direction):
         if column is not None and column not in table:
             hint = suggest(column, table, otherwise="it has")
             raise InputError(f"The mapping takes {name} from column {column!r}, which does not exist; {hint}")
     values = mark_missing(source.factor * table[source.column] + source.offset)
-    return values if source.beside is None else values * direction_sign(table[source.beside])
+    if source.direction is None:
+        return values
+    direction = table[source.direction]
+    return values * np.where(np.isnan(direction), np.nan, np.where(direction > 0.0, 1.0, -1.0))
 
 
 def _wheel_angles(columns: Columns) -> tuple[str, ...]:

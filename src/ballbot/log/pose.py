@@ -31,7 +31,7 @@ from ballbot.log.columns import STATE_NAMES, wheel_angle_names, wheel_speed_name
 from ballbot.log.formats import read_columns
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
-from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping, row_times, whole_rows
+from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping, row_times, taken_rows
 from ballbot.robot import Robot
 
 _LEAN = ("theta", "phi", "theta_dot", "phi_dot")
@@ -151,7 +151,7 @@ def causal_states(
         If the file or the mapping cannot be read or does not make a log.
     """
     mapping = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
-    table = whole_rows(mapping, read_columns(path, mapping.layout))
+    table = taken_rows(mapping, read_columns(path, mapping.layout), [])
     t, late = row_times(mapping, table), mapping.sensor_delay
     everything = replace(mapping, time=replace(mapping.time, keep=None))
     states = np.full((len(moments), len(STATE_NAMES)), np.nan)

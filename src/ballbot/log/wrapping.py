@@ -96,11 +96,3 @@ def continuous_clock(t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
                 found = np.concatenate((found[: row + 1], found[row + 1 :] + period))
                 rows.append(row + 1)
     return found, np.array(rows, dtype=np.intp)
-
-
-def clock_note(name: str, rows: NDArray[np.intp]) -> str:
-    """Return the sentence on a clock that begins again at rows."""
-    return (
-        f"{name} begins again {counted(rows.size, 'time')}, first at row {rows[0] + 1}, as a counter that overflows or "
-        "a time of day at midnight: it is continued there."
-    )

@@ -190,7 +190,7 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
     columns = _table(one, Path(path))
     if names is not None:
         raise InputError(f"{path} has names of its own; --columns is for tables of text.")
-    return ForeignTable(layout=OWN_LAYOUT, separator="comma", columns=columns, named=True, notes=())
+    return ForeignTable(layout=OWN_LAYOUT, columns=columns, named=True, notes=())
 
 
 def write_columns(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:

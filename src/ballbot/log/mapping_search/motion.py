@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.columns import FACTORS, Columns
-from ballbot.log.formats.inference import ForeignTable
+from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import correlations
 from ballbot.log.mapping_search.names import InputKind, Roles
@@ -65,11 +65,8 @@ class Columned:
     """The columns that have a role."""
 
     path: Path
-    table: ForeignTable
+    layout: TextLayout
     cut: Columns  #: the rows that are taken
-    rows: tuple[int, int] | None  #: the first and the last of them, from 1; None for all
-    repeated: bool  #: whether repeated rows are left out
-    unordered: bool  #: whether rows whose time decreases are left out
     roles: Roles
     time: Unit
     robot: Robot
