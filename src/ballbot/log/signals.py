@@ -201,54 +201,23 @@ def without_resets(
     """Return encoders' angles without the steps that no wheel makes: resets, overflows, and ends of a turn.
 
     An angle that stays within one turn, and jumps from end to end of it again and again, is unwrapped: on a fast wheel
-    or with slow rows such a jump may be less than what the wheel could turn. A step to zero is a reset if the wheel
-    hardly moves before and after it, and one that is less clear if another encoder is reset in the same row.
+    or with slow rows such a jump may be less than what the wheel could turn.
 
     Missing values of the angles (N,) or (N, n) [rad] stay missing; the wheels cannot reach `largest_speed` [rad/s].
     """
-    columns = list(np.asarray(angles).reshape(len(t), -1).T)
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    found = [unwrapped(column) if _is_wrapped(column) else column for column in columns]
-    certain, likely = np.zeros((2, len(columns), len(t)), dtype=np.bool_)
-    for i, column in enumerate(columns):
+    found = np.array(angles, dtype=np.float64).reshape(len(t), -1)
+    for column in found.T:
         known = np.isfinite(column)
-        if found[i] is column and known.sum() > 1:
-            rows = np.flatnonzero(known)[1:]
-            certain[i, rows], likely[i, rows] = _resets(t[known], column[known], usual, largest_speed)
-    reset = certain | (likely & certain.any(axis=0))
-    for i in range(len(columns)):
-        known = np.isfinite(found[i])
-        if reset[i].any():
-            steps = np.diff(found[i][known])
-            steps[reset[i, known][1:]] = 0.0
-            found[i] = found[i].copy()
-            found[i][known] = found[i][known][0] + np.concatenate(([0.0], np.cumsum(steps)))
-    return np.column_stack(found).reshape(np.shape(angles))
-
-
-#: a step to zero is a reset if it exceeds this many times the steps beside it by this many counts; the third number
-#: stands for the first, without counts, if another encoder is reset in the same row
-_ALONE, _COUNTS, _TOGETHER = 4.0, 8.0, 2.0
-#: a step leads to zero if the angle after it is less than this fraction of the step
-_TO_ZERO = 0.2
-
-
-def _resets(
-    t: NDArray[np.float64], values: NDArray[np.float64], usual: float, largest_speed: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which steps (N - 1,) of an angle (N,) are resets, and which are if another encoder is reset there."""
-    steps = np.diff(values)
-    size, between = np.abs(steps), np.maximum(np.diff(t), usual)
-    # three usual intervals, so that a late row is not taken for a reset
-    impossible = size > largest_speed * np.maximum(between, 3.0 * usual)
-    rates = np.pad(size * usual / between, 2)
-    beside = np.max([rates[place : len(rates) - 4 + place] for place in (0, 1, 3, 4)], axis=0)
-    to_zero = np.abs(values[1:]) < _TO_ZERO * size
-    count = float(size[size > 0.0].min(initial=np.inf))
-    alone = to_zero & (rates[2:-2] > _ALONE * beside + _COUNTS * count)
-    for place in np.flatnonzero(alone):  # a value of zero that ends again is a spike
-        alone[place] = not (np.abs(steps + steps[place]) < _TO_ZERO * size[place]).any()
-    return impossible | alone, to_zero & (rates[2:-2] > _TOGETHER * beside)
+        if _is_wrapped(column):
+            column[:] = unwrapped(column)
+        elif known.sum() > 1:
+            steps = np.diff(column[known])
+            # three usual intervals, so that a late row is not taken for a reset
+            impossible = np.abs(steps) > largest_speed * np.maximum(np.diff(t[known]), 3.0 * usual)
+            lost = np.cumsum(np.where(impossible, steps, 0.0))
+            column[known] -= np.concatenate(([0.0], lost))
+    return found.reshape(np.shape(angles))
 
 
 #: an angle is wrapped if it fills this share of a turn, with so many jumps of more than half a turn at least: one that

@@ -26,7 +26,6 @@ from ballbot.log.checks.torque_balance import (
     Driving,
     Gains,
     bound_findings,
-    change_findings,
     driving_of,
     gain_findings,
     gains_of,
@@ -53,7 +52,7 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     """Check a log of balancing with the robot's equations, and return findings and the scales of the log.
 
     Order, sign and scale of the torques are checked only against a motion that the lean confirms: not if the lean
-    contradicts the ball's acceleration or is not conclusive. A change within the log shows without it.
+    contradicts the ball's acceleration or is not conclusive.
     Checks whose columns the log lacks are skipped. The robot's friction is not used.
     """
     names = torque_names(robot.wheel_count)
@@ -67,24 +66,18 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     wrong = lean_findings(lean)
     if wrong or found.findings:
         return replace(found, findings=(*found.findings, *wrong))
-    driving = driving_of(log, rows, motion, robot)
-    sums = motor_sums(driving, motion, robot) if driving else ()
-    fit = torque_findings(driving, names=names) if driving else []
-    # another order explains all torques at once; a change explains one of them
-    ordered = any(one.code == "torque-order" for one in fit) and lean.conclusive
-    changed = [] if ordered else change_findings(sums, motion, names=names[: len(sums)])
-    if any(one.severity == "error" for one in changed):
-        return replace(found, findings=tuple(changed))
     if not lean.conclusive:
         text = (
             "The signs and scales of lean and torques cannot be checked: the acceleration of the ball does not follow "
             "the lean clearly enough (too little motion, slipping wheels, or a robot that is held)."
         )
-        return replace(found, findings=(*changed, warning("physics", text)), lean=None)
-    if fit or not sums:
-        return replace(found, findings=(*changed, *fit))
-    gains = gains_of(sums)
-    return replace(found, findings=(*changed, *gain_findings(gains, names=names)), gains=gains)
+        return replace(found, findings=(warning("physics", text),), lean=None)
+    driving = driving_of(log, rows, motion, robot)
+    fit = torque_findings(driving, names=names) if driving else []
+    if fit or driving is None:
+        return replace(found, findings=tuple(fit))
+    gains = gains_of(motor_sums(driving, motion, robot))
+    return replace(found, findings=tuple(gain_findings(gains, names=names)), gains=gains)
 
 
 LONGEST_DELAY = 0.5  #: [s], in either direction
