@@ -361,14 +361,7 @@ IMU_NAMES = ("roll", "pitch", "yaw", "imu_rate_x", "imu_rate_y", "imu_rate_z")
 
 
 def read_mapping(path: str | Path) -> LogMapping:
-    """Read a mapping file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not TOML, or does not describe a log; the sentence names the key and
-        its allowed values.
-    """
+    """Read a mapping file; InputError names the key that is wrong and its allowed values."""
     return parse_mapping(read_text(path, largest=LARGEST_SETTINGS), source=str(path))
 
 
@@ -582,27 +575,11 @@ def apply_mapping(
     even_from: float | None = None,
     changes: list[Finding] | None = None,
 ) -> Columns:
-    """Return the log's columns (N,) from the file's.
+    """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
-    Parameters
-    ----------
-    mapping : LogMapping
-    table : mapping of str to (M,) array
-        The file's columns by the file's names.
-    even_from : float, optional
-        A time from which rows at even intervals are counted [s]; the table's first if not given.
-    changes : list of Finding, optional
-        Findings on what is left out or continued are added to it.
-
-    Returns
-    -------
-    dict of str to (N,) array
-        In Ballbot's names and units; rows at the ends are cut if a delay requires it.
-
-    Raises
-    ------
-    InputError
-        If the file lacks a column that the mapping names, its time does not increase, or no row is left.
+    Rows at even intervals are counted from `even_from` [s], by default the table's first time. Findings on what is left
+    out or continued are added to `changes`. InputError if the file lacks a column that the mapping names, its time does
+    not increase, or no row is left.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a scale may turn a cell into an infinity
         columns = _applied(mapping, table, even_from, [] if changes is None else changes)

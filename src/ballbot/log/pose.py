@@ -41,18 +41,9 @@ _HEADING = ("psi", "psi_dot")
 def with_odometry(log: Log, robot: Robot) -> Log:
     """Return the log with x, y [m] and x_dot, y_dot [m/s] from its wheel speeds and attitude, where it has these.
 
-    Parameters
-    ----------
-    log : Log
-        With theta, phi, their rates, and every wheel's speed; with psi and its rate, or without both. Then theta and
-        phi are those of a heading that stays zero, and the log returned has the heading that the wheels give.
-    robot : Robot
-        Gives the geometry.
-
-    Raises
-    ------
-    InputError
-        If a column is missing, or no row has a value in all of them.
+    It has theta, phi, their rates, and every wheel's speed; with psi and its rate, or without both. Then theta and phi
+    are those of a heading that stays zero, and the log returned has the heading that the wheels give. InputError if a
+    column is missing, or no row has a value in all of them.
     """
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
@@ -96,13 +87,7 @@ def _with_heading(log: Log, robot: Robot) -> Log:
 
 
 def with_position(log: Log, robot: Robot) -> Log:
-    """Return the log itself if it has x, else with the position, and a heading that it lacks, of `with_odometry`.
-
-    Raises
-    ------
-    InputError
-        If it has neither x nor the columns that give it.
-    """
+    """Return the log itself if it has x, else with the position, and a heading that it lacks, of `with_odometry`."""
     return log if "x" in log else with_odometry(log, robot)
 
 
@@ -128,27 +113,9 @@ def causal_states(
 ) -> NDArray[np.float64]:
     """Return the states (m, 10) at rows of a mapped log, from the rows that the file has by then.
 
-    Parameters
-    ----------
-    path : str or Path
-        The foreign file.
-    mapping : str, Path or LogMapping
-        How the file becomes a log.
-    robot : Robot
-        Its wheels give the ball's path if the log has no position. The path starts anew for each moment, so that
-        only its rates have a meaning.
-    moments : ndarray (m,)
-        Times of rows of the log that file and mapping make [s].
-
-    Returns
-    -------
-    ndarray (m, 10)
-        NaN if too little of the file precedes the moment.
-
-    Raises
-    ------
-    InputError
-        If the file or the mapping cannot be read or does not make a log.
+    They are those at `moments` (m,) [s], times of rows of the log that file and mapping make; NaN if too little of the
+    file precedes one. If the log has no position, the ball's path by the wheels starts anew for each moment, so that
+    only its rates have a meaning.
     """
     mapping = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
     table = taken_rows(mapping, read_columns(path, mapping.layout), [])
@@ -213,10 +180,7 @@ class Poses:
 def read_poses(mocap: Log) -> Poses:
     """Return the poses of a log of motion capture; without x, y and z the places are NaN.
 
-    Raises
-    ------
-    InputError
-        If there are no unit quaternions qw, qx, qy, qz.
+    InputError if there are no unit quaternions qw, qx, qy, qz.
     """
     wxyz = np.column_stack([mocap[name] for name in QUATERNION_NAMES])
     seen = np.isfinite(wxyz).all(axis=1) & (np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < _NORM_TOLERANCE)

@@ -77,19 +77,9 @@ REPEATED = 0.2
 
 
 def sampling_times(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the times at which the rows' angles were read, up to a constant.
+    """Return the times (N,) [s] at which the rows' angles were read, up to a constant; equal for one message.
 
-    Parameters
-    ----------
-    t : ndarray (N,)
-        The rows' own times [s], increasing.
-    angles : ndarray (N, n)
-        Wheel angles [rad], finite, two wheels or more.
-
-    Returns
-    -------
-    ndarray (N,)
-        Not decreasing; equal for rows with the same message.
+    Of the rows' own times (N,) [s], increasing, and angles (N, n) [rad] of two wheels or more, finite.
     """
     rows = _course_rows(t)
     times, farthest = t.copy(), rows * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
@@ -263,15 +253,8 @@ def smooth(
 ) -> Smooth:
     """Return a signal and its derivatives on even rows; near the ends it is fitted from one side.
 
-    Parameters
-    ----------
-    rows : ndarray (N,)
-        [s], at intervals of `INTERVAL`.
-    t : ndarray (M,)
-        When the values were measured [s], increasing.
-    values : ndarray (M, c)
-    width : float
-        Standard deviation of the weights [s].
+    The rows (N,) [s] are `INTERVAL` apart, the values (M, c) were measured at t (M,) [s], increasing, and `width` [s]
+    is the standard deviation of the weights.
     """
     reach = round(REACH * width / INTERVAL)
     even = np.column_stack([_on_even_rows(rows, t, column) for column in values.T])

@@ -116,14 +116,9 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
 
 
 def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding, ...]:
-    """Return the findings of a robot's logs, errors first, each with the log that it is about.
+    """Return the findings of a robot's logs by the names of messages, errors first, each with the log that it is about.
 
-    Parameters
-    ----------
-    logs : mapping of str to Log
-        By the names that messages use.
-    robot : Robot, optional
-        Whose logs they are; without it only the checks that need none are made.
+    Without a robot only the checks that need none are made.
     """
     examined: dict[str, PhysicsOfLog] = {}
     of_all: list[Finding] = []
@@ -192,12 +187,9 @@ class CheckedLogs:
 
 
 def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
-    """Return what is wrong with logs by their names, and with the robot that they are of; errors first.
+    """Return what is wrong with logs by their names, and with their robot; errors first.
 
-    Raises
-    ------
-    InputError
-        If two logs are of the same run.
+    InputError if two logs are of the same run.
     """
     refuse_copies(logs)
     of_robot = () if robot is None else robot_findings(robot, file=f"robot {robot.name}")

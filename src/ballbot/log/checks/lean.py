@@ -131,11 +131,7 @@ class Rows:
 def usable_rows(log: Log, robot: Robot) -> Rows | None:
     """Return the rows on which the physics of a log can be checked.
 
-    Returns
-    -------
-    Rows or None
-        None if the log lacks a column of `COLUMNS`, is sampled too slowly, or has less than `LEAST_BLOCKS` seconds
-        of balancing.
+    None if the log lacks a column of `COLUMNS`, is sampled too slowly, or has too little balancing.
     """
     if not set(COLUMNS) <= set(log.names) or len(log) < 2 or log.sample_time > LONGEST_SAMPLE_TIME:
         return None

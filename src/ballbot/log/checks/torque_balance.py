@@ -176,7 +176,6 @@ class MotorSums:
         return k, float(np.hypot(np.hypot(scatter, missed) / max(abs(k), ZERO), FLOOR))
 
 
-
 def _regular(matrix: Floats) -> Floats:
     """Return symmetric matrices (.., m, m) that are invertible, nearly the same ones."""
     diagonal = np.einsum("...ii->...i", matrix)

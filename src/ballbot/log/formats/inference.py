@@ -46,13 +46,7 @@ class ForeignTable:
 
 
 def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = None) -> ForeignTable:
-    """Read a table of text, whatever its layout.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or has no table of numbers.
-    """
+    """Read a table of text, whatever its layout; InputError if the file cannot be read or has no table of numbers."""
     head = _read_head(path)
     if not head.rows:
         raise InputError(f"{path} contains no table: none of its lines consists only of numbers.")
@@ -81,18 +75,8 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
 def read_inferred(path: str | Path, *, of_a_log: bool = False, notes: list[str] | None = None) -> Columns:
     """Read a table of numbers whose separator, decimal sign and header are inferred; every row must be whole.
 
-    Parameters
-    ----------
-    path : str or Path
-    of_a_log : bool
-        Whether columns of words are left out unless they have one of Ballbot's names.
-    notes : list of str, optional
-        Sentences on what is left out are added to it.
-
-    Raises
-    ------
-    InputError
-        As `read_text_table`.
+    Columns of words are left out; those of a log, unless they have one of Ballbot's names. Sentences on what is left
+    out are added to `notes`. InputError as of `read_text_table`.
     """
     head = _read_head(path)
     if head.twice:

@@ -31,13 +31,7 @@ _WIDEST = 100
 
 
 def read_json_table(path: str | Path) -> Columns:
-    """Read the columns (N,) of a table in JSON, by name.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not JSON, has a name twice, or holds no table of numbers.
-    """
+    """Read the columns (N,) of a table in JSON, by name; InputError if it is none, or has a name twice."""
     text = read_text(path, largest=LARGEST_TABLE)
     try:
         tree = _tree(text)

@@ -58,18 +58,7 @@ def read_mcap(path: Path) -> Columns:
 
 
 def write_mcap(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write columns (N,) to an MCAP file, whole or not at all.
-
-    Parameters
-    ----------
-    path : str or Path
-    columns : mapping of str to ndarray
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write columns (N,) to an MCAP file, whole or not at all."""
     from mcap.writer import Writer
 
     properties = {name: {"type": "number"} for name in columns}

@@ -50,13 +50,7 @@ _NOT_MEASURED = -1.0
 
 
 def read_bag(path: Path) -> Columns:
-    """Return the columns of a log, or the joined topics of another bag.
-
-    Parameters
-    ----------
-    path : Path
-        A bag in one file (.bag of ROS 1, .db3, .mcap), or the folder of a ROS 2 bag.
-    """
+    """Return the columns of a log, or the joined topics of another bag, in one file or a folder."""
     from rosbags.highlevel import AnyReader
 
     names: list[str] = []
@@ -150,10 +144,7 @@ class Topic:
 def joined(topics: Iterable[Topic]) -> Columns:
     """Return one table of the messages of all topics with numbers: `t` [s] from its first row on, and `topic.field`.
 
-    Raises
-    ------
-    InputError
-        If two fields get the same name.
+    InputError if two fields get the same name.
     """
     tables = [_table(one) for one in topics if any(one.messages)]
     if not tables:
@@ -195,13 +186,7 @@ def nanoseconds(t: NDArray[np.float64], *, origin: float) -> list[int]:
 
 
 def write_ros_bag(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write columns (N,) to a bag in one file, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write columns (N,) to a bag in one file, whole or not at all."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     store = _store()

@@ -69,29 +69,11 @@ def read_text_table(
     used: Collection[str] | None = None,
     notes: list[str] | None = None,
 ) -> Columns:
-    """Read a table of numbers.
+    """Read a table of numbers: the columns (N,) by name, in the file's order; cells without a value are NaN.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file, UTF-8.
-    layout : TextLayout
-        How it is laid out.
-    used : collection of str, optional
-        The columns that must consist of numbers. Others are left out if they do not; if not given, so are those of
-        which most cells are words.
-    notes : list of str, optional
-        Sentences on what is left out are added to it.
-
-    Returns
-    -------
-    dict of str to (N,) array
-        The columns by name, in the file's order; a cell without a value, or with one beyond `LARGEST_CELL`, is NaN.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is not such a table; the message names the line.
+    `used` are the columns that must consist of numbers. Others are left out if they do not; if not given, so are those
+    of which most cells are words. Sentences on what is left out are added to `notes`. InputError, with the line, if the
+    file is not such a table.
     """
     text = read_text(path, largest=LARGEST_TABLE)
     if not text.strip():
@@ -118,13 +100,7 @@ def read_text_table(
 
 
 def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write columns (N,) as CSV, in the fewest digits that read back to the same bits; NaN becomes `nan`.
-
-    Raises
-    ------
-    InputError
-        If a column's name cannot be written to CSV, or the file cannot be written.
-    """
+    """Write columns (N,) as CSV, in the fewest digits that read back to the same bits; NaN becomes `nan`."""
     for name in columns:
         if not name or name != name.strip() or any(mark in name for mark in ',"\n\r'):
             raise InputError(

@@ -320,10 +320,7 @@ class Roles:
 def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[ForeignTable, Roles]:
     """Return the roles of a table's columns, and the table with the columns that are made of others.
 
-    Raises
-    ------
-    InputError
-        If no name says which column is the time, or which are lean or wheels; it says what to give as --columns.
+    InputError, with what to give as --columns, if no name says which column is the time, or which are lean or wheels.
     """
     if not table.named:
         raise InputError(

@@ -119,21 +119,9 @@ class Proposal:
 
 
 def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Proposal:
-    """Read a foreign log and propose how it becomes one of Ballbot's.
+    """Read a foreign log, a table of any format that Ballbot reads, and propose how it becomes one of Ballbot's.
 
-    Parameters
-    ----------
-    path : str or Path
-        A table of any format that Ballbot reads.
-    robot : Robot
-        Its geometry, encoders and drives.
-    stated : Stated, optional
-        What the user says.
-
-    Raises
-    ------
-    InputError
-        If the file is no table, or no names say which columns are the time, and the lean or the wheels.
+    InputError if the file is no table, or no names say which columns are the time, and the lean or the wheels.
     """
     base, notes = _columned(path, robot, stated or Stated())
     roles = base.roles
@@ -389,12 +377,7 @@ def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
 def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None) -> Evaluation:
     """Return a proposal's mapping file, the log that it makes, and whether that agrees with the robot.
 
-    Parameters
-    ----------
-    proposal : Proposal
-    robot : Robot
-    common : Proposal, optional
-        The surest of several logs of the same robot: it answers what this log leaves open.
+    `common`, the surest of several logs of the same robot, answers what this log leaves open.
     """
     if common is not None:
         proposal = _answered(proposal, common)
