@@ -133,24 +133,6 @@ def test_an_encoders_reset_is_carried_on(jump):
     np.testing.assert_allclose(found, angle, atol=0.031)
 
 
-@pytest.mark.parametrize("start", [0.0, -np.pi])
-def test_an_angle_that_starts_again_after_a_turn_is_unwrapped_though_the_wheel_may_turn_so_fast(start):
-    t = 0.02 * np.arange(500.0)
-    angle = 20.0 * np.sin(2.0 * t)
-    wrapped = np.mod(angle - start, 2.0 * np.pi) + start
-    # three rows at this speed are more than a turn
-    found = without_resets(t, wrapped, 120.0)
-    np.testing.assert_allclose(found - found[0], angle - angle[0], atol=1e-9)
-
-
-def test_resets_of_an_angle_within_a_turn_are_no_ends_of_it():
-    t = 0.01 * np.arange(1000.0)
-    angle = 5.0 * np.mod(t, 1.0)  # from 0 to 5 rad, and back to 0 nine times
-    found = without_resets(t, angle, 40.0)
-    # the step over each reset is lost
-    np.testing.assert_allclose(found, 5.0 * t, atol=9 * 0.05 + 1e-9)
-
-
 def test_spans_and_damaged_rows(tmp_path):
     rows = [f"{0.01 * k!r} {k}" for k in range(100)]
     rows[40] = "0.4 40 41"

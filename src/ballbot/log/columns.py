@@ -75,7 +75,7 @@ def wheel_speed_names(count: int) -> tuple[str, ...]:
 
 
 def numbered_names(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[str, ...]:
-    """Return those of `names` that are prefix, number, suffix, from 1 on without a gap; InputError if there are none."""
+    """Return those of `names` that are prefix, number, suffix, from 1 on without a gap; InputError if none are."""
     present = set(names)
     found = []
     while f"{prefix}{len(found) + 1}{suffix}" in present:

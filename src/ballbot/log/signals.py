@@ -188,10 +188,7 @@ def unwrapped(angle: NDArray[np.float64], *, period: float = 2.0 * np.pi) -> NDA
 def without_resets(
     t: NDArray[np.float64], angles: NDArray[np.float64], largest_speed: float
 ) -> NDArray[np.float64]:
-    """Return encoders' angles without the steps that no wheel makes: resets, overflows, and ends of a turn.
-
-    An angle that stays within one turn, and jumps from end to end of it again and again, is unwrapped: on a fast wheel
-    or with slow rows such a jump may be less than what the wheel could turn.
+    """Return encoders' angles without the steps that no wheel makes: resets and overflows.
 
     Missing values of the angles (N,) or (N, n) [rad] stay missing; the wheels cannot reach `largest_speed` [rad/s].
     """
@@ -199,27 +196,13 @@ def without_resets(
     found = np.array(angles, dtype=np.float64).reshape(len(t), -1)
     for column in found.T:
         known = np.isfinite(column)
-        if _is_wrapped(column):
-            column[:] = unwrapped(column)
-        elif known.sum() > 1:
+        if known.sum() > 1:
             steps = np.diff(column[known])
             # three usual intervals, so that a late row is not taken for a reset
             impossible = np.abs(steps) > largest_speed * np.maximum(np.diff(t[known]), 3.0 * usual)
             lost = np.cumsum(np.where(impossible, steps, 0.0))
             column[known] -= np.concatenate(([0.0], lost))
     return found.reshape(np.shape(angles))
-
-
-#: an angle is wrapped if it fills this share of a turn, with so many jumps of more than half a turn at least: one that
-#: was reset jumps to a fixed value, and fills the turn from there by chance
-_FILLED, _FEWEST_JUMPS = 0.97, 3
-
-
-def _is_wrapped(angle: NDArray[np.float64]) -> bool:
-    """Return whether an angle (N,) [rad] is wrapped at the ends of a turn."""
-    known, turn = angle[np.isfinite(angle)], 2.0 * np.pi
-    jumps = np.abs(np.diff(known)) > 0.5 * turn
-    return int(jumps.sum()) >= _FEWEST_JUMPS and _FILLED * turn < np.ptp(known) < 1.0001 * turn
 
 
 #: interval of the even rows [s]
@@ -333,36 +316,33 @@ def balancing_rows(
 
     By roll and pitch (N, 2) [rad], the wheels' speeds (N, n) [rad/s] and their commands (N, n), as far as known.
     """
-    usable = _near(np.sqrt((speeds**2).sum(axis=1)) > MOVING_SPEED, AT_REST)
+    usable = near(np.sqrt((speeds**2).sum(axis=1)) > MOVING_SPEED, AT_REST)
     if lean is not None:
-        usable &= ~_near(np.abs(lean).max(axis=1) > FALLEN, AROUND_A_FALL)
+        usable &= ~near(np.abs(lean).max(axis=1) > FALLEN, AROUND_A_FALL)
     if commands is not None:
-        usable &= _near(np.any(commands != 0.0, axis=1), OFF)
+        usable &= near(np.any(commands != 0.0, axis=1), OFF)
     return usable
 
 
 def row_spans(rows: NDArray[np.float64], kept: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
     """Return start and end [s] of the intervals of kept rows; short gaps are closed, short intervals dropped."""
-    closed = ~_long_runs(~kept, SHORTEST_GAP)
-    closed = _long_runs(closed, SHORTEST_SPAN)
+    from scipy.ndimage import binary_opening
+
+    closed = ~binary_opening(~kept, np.ones(round(SHORTEST_GAP / INTERVAL)))
+    closed = binary_opening(closed, np.ones(round(SHORTEST_SPAN / INTERVAL)))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], closed, [False])).astype(np.int8)))
     return tuple(
         (float(rows[first]), float(rows[last - 1] + INTERVAL)) for first, last in edges.reshape(-1, 2)
     )
 
 
-def _near(marked: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
-    """Return the rows within `reach` seconds of a marked one."""
-    count = round(reach / INTERVAL)
-    total = np.concatenate(([0], np.cumsum(marked)))
-    places = np.arange(len(marked))
-    return total[np.minimum(places + count + 1, len(marked))] > total[np.maximum(places - count, 0)]
+def near(marked: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
+    """Return the even rows (N,) within `reach` seconds of a marked one."""
+    from scipy.ndimage import maximum_filter1d
+
+    return maximum_filter1d(marked, 2 * round(reach / INTERVAL) + 1, mode="constant")
 
 
-def _long_runs(marked: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
-    """Return the marked rows whose run is at least so long [s]."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
-    kept = np.zeros(len(marked), dtype=np.bool_)
-    for first, last in edges.reshape(-1, 2):
-        kept[first:last] = (last - first) * INTERVAL >= least
-    return kept
+def across_a_gap(rows: NDArray[np.float64], t: NDArray[np.float64], longest: float) -> NDArray[np.bool_]:
+    """Return which even rows (N,) lie between two times (M,) of a log that are further apart than `longest` [s]."""
+    return np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] >= longest

@@ -305,7 +305,7 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     See `ballbot.log.mapping_search.placement`.
     """
     from ballbot.log.mapping_search.placement import lean_test
-    from ballbot.log.signals import balancing_rows, even_rows, smooth
+    from ballbot.log.signals import across_a_gap, balancing_rows, even_rows, smooth
 
     names = ("theta", "phi", "psi", *wheel_angle_names(robot.wheel_count))
     if robot.wheel_count < 3 or not set(names) <= set(log.names):
@@ -323,7 +323,7 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     heading = smooth(rows, t, table[:, 2:3])
     usable = balancing_rows(tilt.value, wheels.rate, None)
     # rows interpolated across a gap are not balancing
-    usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < 0.05
+    usable &= ~across_a_gap(rows, t, 0.05)
     return lean_test(robot, tilt, wheels, heading, usable)
 
 

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, error
 from ballbot.log.columns import torque_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, Smooth, smooth
+from ballbot.log.signals import INTERVAL, Smooth, across_a_gap, near, smooth
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
@@ -142,13 +142,12 @@ def usable_rows(log: Log, robot: Robot) -> Rows | None:
     if len(t) < 2 or t[-1] - t[0] < LEAST_BLOCKS * BLOCK:
         return None
     even = np.arange(t[0], t[-1], INTERVAL)
-    before = np.clip(np.searchsorted(t, even, side="right") - 1, 0, len(t) - 2)
     lean = np.hypot(log["theta"][known], log["phi"][known])
-    bad = (np.diff(t)[before] > LONGEST_GAP) | (lean[before] > LARGEST_LEAN)
+    fallen = lean[np.searchsorted(t, even, side="right") - 1] > LARGEST_LEAN
     reach = round(AWAY * WIDTH / INTERVAL)
-    near = np.convolve(bad, np.ones(2 * reach + 1), mode="same") > 0.5
-    near[:reach] = near[len(near) - reach :] = True
-    usable = np.flatnonzero(~near)[::EVERY]
+    bad = near(across_a_gap(even, t, LONGEST_GAP) | fallen, AWAY * WIDTH)
+    bad[:reach] = bad[len(bad) - reach :] = True
+    usable = np.flatnonzero(~bad)[::EVERY]
     if len(usable) * EVERY * INTERVAL < LEAST_BLOCKS * BLOCK:
         return None
     return Rows(even=even, usable=usable, known=known)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, error
 from ballbot.log.columns import wheel_angle_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, balancing_rows, even_rows, smooth
+from ballbot.log.signals import INTERVAL, across_a_gap, balancing_rows, even_rows, smooth
 
 Floats = NDArray[np.float64]
 #: rows interpolated across a longer gap [s] are not used
@@ -66,7 +66,7 @@ def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
     moved = smooth(rows, t, np.column_stack([lean.real, lean.imag, headings]), width=WIDTH)
     turned = smooth(rows, t, wheels, width=WIDTH)
     usable = balancing_rows(moved.value[:, :2], turned.rate, None)
-    usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < LONGEST_GAP
+    usable &= ~across_a_gap(rows, t, LONGEST_GAP)
     free = usable.copy()
     for start, end in (one for of_wheel in holds for one in of_wheel):
         free &= (rows < start - apart) | (rows > end + apart)

@@ -46,8 +46,9 @@ WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
 EVEN_TIMES = 0.01
 #: correlations of a gyro with the rates of the angles from which it is taken, and how far its gain may be off [log]
 GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
-#: an encoder or counter begins again after so many counts
-PERIODS = tuple(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32))
+#: after so many counts an encoder or counter begins again; and an angle in turns, radians or degrees
+PERIODS = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32)), 360.0)
+TURNS = (1.0, 2.0 * math.pi, 360.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,11 +175,11 @@ def motion_of_file(base: Columned) -> SensedMotion:
 
 
 def _continued(angles: Floats, *, of_speeds: bool) -> tuple[Floats, float | None]:
-    """Return whole-numbered angles (M, n) without the jumps of a full counter, and its period if there is one."""
-    whole = bool(np.all(angles == np.round(angles)))
+    """Return angles (M, n) without the jumps of a full counter or turn, and its period if there is one."""
+    periods = PERIODS if np.all(angles == np.round(angles)) else TURNS
     jump, extent = float(np.abs(np.diff(angles, axis=0)).max(initial=0.0)), float(np.ptp(angles))
-    period = next((one for one in PERIODS if 0.6 * one < extent < one + 0.5), None)
-    if of_speeds or not whole or period is None or jump < 0.6 * period:
+    period = next((one for one in periods if 0.6 * one < extent < 1.0001 * one), None)
+    if of_speeds or period is None or jump < 0.6 * period:
         return angles, None
     return np.column_stack([unwrapped(column, period=period) for column in angles.T]), period
 
