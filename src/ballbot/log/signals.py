@@ -205,6 +205,22 @@ def without_resets(
     return found.reshape(np.shape(angles))
 
 
+def encoder_step(angles: NDArray[np.float64]) -> float | None:
+    """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
+    found = []
+    for column in angles.T:
+        steps = np.abs(np.diff(column))
+        steps = steps[steps > 1e-9]
+        if len(steps) < 20:
+            continue
+        step = float(np.quantile(steps, 0.001, method="lower"))
+        multiples = steps[steps < 20.5 * step] / step
+        whole = np.abs(multiples - np.round(multiples)) < 0.05
+        if len(multiples) >= 20 and whole.mean() > 0.95:
+            found.append(step)
+    return float(np.median(found)) if found else None
+
+
 #: interval of the even rows [s]
 INTERVAL = 0.005
 #: standard deviation of the weights [s]: balancing happens at 1 to 3 Hz, an IMU's noise is above

@@ -34,8 +34,8 @@ from ballbot.log.columns import (
     wheel_speed_names,
 )
 from ballbot.log.log import Log
+from ballbot.log.mapping_search.units import fastest
 from ballbot.robot import Robot
-from ballbot.robot.derived import wheel_speed_limit
 from ballbot.summary import counted
 
 Bools = NDArray[np.bool_]
@@ -129,13 +129,6 @@ def _beyond(log: Log, name: str, limit: float) -> Bools:
     return np.abs(log[name]) > limit
 
 
-def _speed_limit(robot: Robot) -> float:
-    drive = robot.drive
-    return wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class RowFault:
     """A fault that single rows of a column show."""
@@ -200,7 +193,7 @@ ROW_FAULTS = (
         severity="warning",
         columns=wheel_speed_names(MAX_WHEELS),
         rows=_beyond,
-        limit=_speed_limit,
+        limit=fastest,
         text="{name} is above {limit:.4g} rad/s, the limit of the robot's supply and motors, in {rows}, first "
         + _WHERE + ": the commanded torque is not the torque that acted.",
     ),
