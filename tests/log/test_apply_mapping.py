@@ -220,22 +220,6 @@ turn = {turn}
     np.testing.assert_allclose(log["x_dot"][2:-2], states[2:-2, 5], atol=2e-4)
 
 
-@pytest.mark.parametrize(
-    ("mapping", "sentence"),
-    [
-        ('[time]\nrepair = true\n[columns]\nt = "time"\n', "needs the angles of at least two wheels"),
-        ('[time]\nkeep = [[2.0, 1.0]]\n[columns]\nt = "time"\n', "write the earlier time first"),
-        (
-            '[columns]\nt = "time"\ntheta = "a"\n[attitude]\nfrom = ["a", "a"]\n',
-            "has theta, which .attitude. provides",
-        ),
-    ],
-)
-def test_invalid_mappings_are_refused_with_the_reason(tmp_path, mapping, sentence):
-    with pytest.raises(InputError, match=sentence):
-        read(tmp_path, "time,a\n0,1\n1,2\n2,3\n", mapping)
-
-
 def test_without_a_yaw_the_heading_is_the_gyros_integral(tmp_path):
     t = 0.01 * np.arange(301)
     table = "\n".join(["t,roll,pitch,gx,gy,gz", *(f"{s:.4f},0,0,0,0,{0.5 + 0.2 * s:.6f}" for s in t)])
@@ -244,15 +228,6 @@ def test_without_a_yaw_the_heading_is_the_gyros_integral(tmp_path):
     # the trapezoidal rule is exact for a rate that grows evenly; the table has six decimals
     np.testing.assert_allclose(log["psi"], 0.5 * log.t + 0.1 * log.t**2, atol=1e-5)
     np.testing.assert_allclose(log["psi_dot"], 0.5 + 0.2 * log.t, atol=1e-5)
-
-
-def test_missing_cells_stay_missing_and_move_nothing_else():
-    t = 0.01 * np.arange(500.0)
-    angle = 3.0 * np.sin(t)
-    broken = np.where(np.arange(500) == 100, np.nan, angle + 30.0 * (t > 2.0))
-    found = without_resets(t, broken, 40.0)
-    assert np.flatnonzero(np.isnan(found)).tolist() == [100]
-    np.testing.assert_allclose(found[np.isfinite(found)], angle[np.isfinite(found)], atol=0.031)
 
 
 def test_short_holes_are_filled_and_long_ones_are_not():

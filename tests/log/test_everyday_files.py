@@ -154,13 +154,6 @@ def test_a_time_of_day_over_midnight_keeps_all_rows(tmp_path):
     assert any("begins again" in one.text for one in found.findings)
 
 
-def test_text_in_another_encoding_is_refused_with_advice(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_bytes("t,Winkel [°]\n0,1\n1,2\n".encode("latin-1"))
-    with pytest.raises(InputError, match="Latin-1, save it as UTF-8"):
-        Log.read(path)
-
-
 def test_a_log_of_an_imu_alone_is_usable_for_align(tmp_path):
     t = 0.01 * np.arange(300)
     lines = [[f"{one:.3f}", *(f"{0.02 * np.sin(one + i):.4f}" for i in range(3))] for one in t]

@@ -241,21 +241,6 @@ def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log):
         read_columns(bag)
 
 
-def test_a_ros_1_bag_is_read_from_its_standard_messages(tmp_path):
-    from rosbags.rosbag1 import Writer as OldWriter
-
-    store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / "run.bag"
-    kind = "geometry_msgs/msg/Vector3"
-    with OldWriter(path) as writer:
-        connection = writer.add_connection("/gyro", kind, typestore=store)
-        for k in range(3):
-            message = store.types[kind](x=0.1 * k, y=1.0, z=-0.2 * k)
-            writer.write(connection, 10**18 + k * 10**7, store.serialize_ros1(message, kind))
-    columns = read_columns(path)
-    np.testing.assert_allclose(columns["t"], [0.0, 0.01, 0.02], atol=1e-15)
-    np.testing.assert_array_equal(columns["gyro.z"], [0.0, -0.2, -0.4])
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_commands_take_a_bag_for_a_log(tmp_path):
     log = smooth_log(rows=600)

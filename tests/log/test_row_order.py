@@ -17,19 +17,6 @@ def test_stamps_that_jitter_are_one_run(size, seed):
     assert (np.diff(t[kept]) > 0.0).all()
 
 
-def test_stamps_in_whole_milliseconds_of_a_quick_loop_are_one_run():
-    t = np.asarray(np.floor(1e3 * 0.0004 * np.arange(5000)) / 1e3, dtype=np.float64)
-    assert longest_run(t) == (0, len(t))
-    assert increasing_rows(t).sum() == len(np.unique(t))
-
-
-def test_one_late_stamp_costs_one_row():
-    t = EVEN.copy()
-    t[700] += 0.5
-    assert longest_run(t) == (0, len(t))
-    np.testing.assert_array_equal(np.flatnonzero(~increasing_rows(t)), [700])
-
-
 @pytest.mark.parametrize("back", [0.05, 3.5, 20.0])
 def test_time_that_stays_back_is_another_run(back):
     t = EVEN - back * (np.arange(len(EVEN)) >= 700)
