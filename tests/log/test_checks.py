@@ -77,13 +77,6 @@ def test_jitter_is_reported_and_is_not_a_gap(size, seed):
     assert ("jitter" in found) == (size / np.sqrt(3.0) > 0.05) or size == pytest.approx(0.0866, abs=0.004)
 
 
-def test_two_alternating_intervals_are_jitter_and_not_a_gap():
-    intervals = np.tile([0.010, 0.010, 0.015], 1000)[: len(CLEAN) - 1]
-    found = kinds(CLEAN.with_columns({"t": np.concatenate(([0.0], np.cumsum(intervals)))}))
-    assert "jitter" in found
-    assert "gap" not in found
-
-
 @given(st.integers(0, 2999), st.integers(1, 40), st.sampled_from(["u1", "theta", "y_dot"]))
 @settings(deadline=None, max_examples=10)
 def test_missing_values_are_counted_and_located(row, number, name):
@@ -185,10 +178,6 @@ def test_falling_shared_log_is_reported_as_saturated(shared_data):
     found = kinds(Log.read(shared_data / "bbr" / "square_stiff.csv"), robot=ALTEN)
     assert found.count("saturation") == 3
     assert "speed-limit" in found
-
-
-def test_a_simulated_run_supports_a_verdict():
-    assert check_disturbance(swaying_log(), small_robot()) == []
 
 
 def test_continuous_pushes_are_reported():

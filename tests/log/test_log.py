@@ -1,7 +1,5 @@
 """The `Log` type: what it refuses, what it gives, and that nothing missing travels on unseen."""
 
-import pickle
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -92,10 +90,3 @@ def test_truth_takes_the_sensors_place():
     assert both.without_truth().names == log.names
     with pytest.raises(InputError, match="has no true states"):
         log.truth()
-
-
-def test_log_can_be_pickled():
-    log = smooth_log(rows=5)
-    again = pickle.loads(pickle.dumps(log))
-    assert again.names == log.names
-    np.testing.assert_array_equal(again.states, log.states)

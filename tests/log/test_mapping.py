@@ -179,13 +179,6 @@ def test_a_bad_mapping_ends_in_a_sentence(tmp_path, mapping, sentence):
     assert sentence in refused(tmp_path, f"[columns]\n{mapping}\n")
 
 
-def test_a_duty_without_a_wheel_is_refused(tmp_path):
-    mapping = ROB311.replace("angle = {", "# angle = {").replace("speed = {", "# speed = {")
-    names = "t_now u1 u2 u3 theta_x theta_y psi_1 psi_2 psi_3"
-    with pytest.raises(InputError, match="needs the speed of the wheel"):
-        read(tmp_path, names + "\n" + "0 " * 9 + "\n" + "1 " * 9 + "\n", mapping)
-
-
 def test_the_michigan_log_reads_through_a_mapping(shared_data, tmp_path):
     (tmp_path / "mapping.toml").write_text(ROB311)
     log = Log.read(shared_data / "rob311" / "main_control_1.txt", mapping=tmp_path / "mapping.toml")

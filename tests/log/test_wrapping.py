@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot import Log
-from ballbot.log.checks import check
 from ballbot.log.wrapping import continuous_clock, continuous_heading
 from tests.support.log_examples import smooth_log
 
@@ -41,20 +40,6 @@ def test_a_wrapped_log_is_the_whole_one(start, rate, wrap):
     assert turns == 0.0 or not any(one.where.columns == ("psi",) for one in read.changes)
     for name in wrapped:
         np.testing.assert_allclose(read[name] - TURN * turns, log[name], rtol=0.0, atol=1e-12)
-
-
-def test_a_wrapped_log_file_gives_the_findings_of_the_whole_one(tmp_path):
-    log = turning_log()
-    path = tmp_path / "log.csv"
-    Log({**log.columns, "note": to_pi(log["psi"])}).write(path)
-    path.write_text(path.read_text().replace("psi,", "heading,", 1).replace("note", "psi", 1))
-    read = Log.read(path)
-    np.testing.assert_allclose(read["psi"], log["psi"], rtol=0.0, atol=1e-12)
-    (found,) = (one for one in check(read) if one.code == "wrap")
-    assert found.severity == "note"
-    assert found.where.columns == ("psi",)
-    jumps = np.flatnonzero(np.abs(np.diff(to_pi(log["psi"]))) > np.pi)
-    assert found.where.time == log.t[jumps[0] + 1]
 
 
 @pytest.mark.parametrize(
