@@ -396,20 +396,18 @@ def _mapping(table: MappingTable) -> LogMapping:
         raise InputError(
             'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'
         )
-    _check_file(table.file)
-    for start, end in table.time.keep or ():
-        if not end > start:
-            raise InputError(f"[time] keep has [{start:g}, {end:g}]; write the earlier time first")
+    _check_layout(table)
     columns, derivatives, integrals = dict[str, Source](), dict[str, str](), dict[str, str]()
     for name, entry in table.columns.items():
-        _check_name(name)
+        if name not in KNOWN_NAMES:
+            hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
+            raise InputError(f"[columns] has {name}, which is not a column of a log; {hint}")
         if not entry.derivative_of:
             columns[name] = _source(name, entry)
         elif entry != ColumnTable(derivative_of=entry.derivative_of):
             raise InputError(f"[columns] {name} has derivative_of, which allows no other key")
         else:
             derivatives[name] = entry.derivative_of
-    _check_wheels(wheels.angle, wheels.speed)
     for suffix, entry in (("", wheels.angle), ("_dot", wheels.speed)):
         columns |= _wheel_sources(suffix, entry, wheels) if entry.sources else {}
     for i in range(1, len(wheels.angle.sources or wheels.speed.sources) + 1):
@@ -443,15 +441,17 @@ def _mapping(table: MappingTable) -> LogMapping:
     )
 
 
-def _check_file(file: TextLayout) -> None:
+def _check_layout(table: MappingTable) -> None:
+    """Raise InputError if entries of [file], [time] or [wheels] contradict each other."""
+    file, angle, speed = table.file, table.wheels.angle, table.wheels.speed
     if file.header_lines == 0 and file.names is None:
         raise InputError("[file] has header_lines = 0 and therefore needs names = [..] of the columns")
     if file.names is not None and len(set(file.names)) < len(file.names):
         raise InputError("[file] names contains a name twice")
     check_column_names(file.names or (), source="[file] names")
-
-
-def _check_wheels(angle: WheelTable, speed: WheelTable) -> None:
+    for start, end in table.time.keep or ():
+        if not end > start:
+            raise InputError(f"[time] keep has [{start:g}, {end:g}]; write the earlier time first")
     for name, entry in (("angle", angle), ("speed", speed)):
         if not entry.sources and replace(entry, derivative_of=None, integral_of=None) != WheelTable():
             raise InputError(f"[wheels] {name} needs from = [..], the columns of the file")
@@ -461,15 +461,9 @@ def _check_wheels(angle: WheelTable, speed: WheelTable) -> None:
         raise InputError("[wheels] lacks from = [..], the columns of the file, in angle or in speed")
 
 
-def _check_name(name: str) -> None:
-    if name in KNOWN_NAMES and name[0] == "u":
-        raise InputError(f"[columns] has {name}; map torques in [input], which names their kind")
-    if name not in KNOWN_NAMES:
-        hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
-        raise InputError(f"[columns] has {name}, which is not a column of a log; {hint}")
-
-
 def _source(name: str, entry: ColumnTable) -> Source:
+    if name[0] == "u":
+        raise InputError(f"[columns] has {name}; map torques in [input], which names their kind")
     if entry.source is None:
         raise InputError(f'[columns] {name} needs from = "..", a column of the file, or derivative_of = ".."')
     if name == "t" and entry.delay:
@@ -605,8 +599,9 @@ def _applied(mapping: LogMapping, table: Table, even_from: float | None, changes
             columns[name] = _measured_at(rows, sampled, values, delay, shift=shift)
         elif even is not None:
             columns[name] = _mean_acting(t, rows, values, delay)
-        else:
-            columns[name] = _acting_at(t, values, delay)
+        else:  # the last one logged at t - delay or before
+            latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
+            columns[name] = values[np.maximum(latest, 0)] if delay else values
     if mapping.attitude is not None:
         columns = _body_angles(mapping.attitude, columns)
     columns = _cut(mapping, columns, t)
@@ -780,14 +775,6 @@ def _measured_at(rows: Floats, sampled: Floats, values: Floats, delay: float, *,
         return values
     first = new_messages(sampled) if shift else slice(None)
     return np.interp(rows + delay, sampled[first], without_holes(sampled[first], values[first]))
-
-
-def _acting_at(t: Floats, values: Floats, delay: float) -> Floats:
-    """Return the command that acts at t: the last one logged at t - delay or before."""
-    if not delay:
-        return values
-    latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
-    return values[np.maximum(latest, 0)]
 
 
 def _mean_acting(t: Floats, rows: Floats, values: Floats, delay: float) -> Floats:

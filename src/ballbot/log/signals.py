@@ -344,8 +344,10 @@ def row_spans(rows: NDArray[np.float64], kept: NDArray[np.bool_]) -> tuple[tuple
     """Return start and end [s] of the intervals of kept rows; short gaps are closed, short intervals dropped."""
     from scipy.ndimage import binary_opening
 
-    closed = ~binary_opening(~kept, np.ones(round(SHORTEST_GAP / INTERVAL)))
-    closed = binary_opening(closed, np.ones(round(SHORTEST_SPAN / INTERVAL)))
+    gaps: NDArray[np.bool_] = np.asarray(
+        binary_opening(~kept, np.ones(round(SHORTEST_GAP / INTERVAL))), np.bool_
+    )
+    closed = binary_opening(~gaps, np.ones(round(SHORTEST_SPAN / INTERVAL)))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], closed, [False])).astype(np.int8)))
     return tuple(
         (float(rows[first]), float(rows[last - 1] + INTERVAL)) for first, last in edges.reshape(-1, 2)
@@ -356,7 +358,8 @@ def near(marked: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
     """Return the even rows (N,) within `reach` seconds of a marked one."""
     from scipy.ndimage import maximum_filter1d
 
-    return maximum_filter1d(marked, 2 * round(reach / INTERVAL) + 1, mode="constant")
+    found = maximum_filter1d(marked, 2 * round(reach / INTERVAL) + 1, mode="constant")
+    return np.asarray(found, dtype=np.bool_)
 
 
 def across_a_gap(rows: NDArray[np.float64], t: NDArray[np.float64], longest: float) -> NDArray[np.bool_]:

@@ -160,7 +160,9 @@ class MotorSums:
     def gain(self) -> tuple[float, float]:
         """Return the factor of the whole log and its relative standard error; (nan, inf) if the log has none."""
         total = self.products.sum(axis=0)
-        friction = np.linalg.solve(_regular(total[_OWN, _OWN]), total[_OWN, _REST])
+        size = np.diag(total[_OWN, _OWN])
+        tiny = np.diag(1e-9 * size + 1e-12 * size.sum() + 1e-300)  # terms may be collinear, or zero
+        friction = np.linalg.solve(total[_OWN, _OWN] + tiny, total[_OWN, _REST])
         without = np.zeros((7, 3))
         without[_REST], without[_OWN] = np.eye(3), -friction
         left = without.T @ self.products @ without  # need, gravity's need, torque
@@ -174,13 +176,6 @@ class MotorSums:
         # what the terms miss, at its worst goes along with gravity's need
         missed = FRICTION_ERROR * np.sqrt(own @ total[_OWN, _OWN] @ own * left[:, 1, 1].sum()) / common
         return k, float(np.hypot(np.hypot(scatter, missed) / max(abs(k), ZERO), FLOOR))
-
-
-def _regular(matrix: Floats) -> Floats:
-    """Return symmetric matrices (.., m, m) that are invertible, nearly the same ones."""
-    diagonal = np.einsum("...ii->...i", matrix)
-    tiny = 1e-9 * diagonal + 1e-12 * np.sum(diagonal, axis=-1, keepdims=True) + 1e-300
-    return matrix + tiny[..., None] * np.eye(matrix.shape[-1])
 
 
 def motor_sums(driving: Driving, motion: Motion, robot: Robot) -> tuple[MotorSums, ...]:

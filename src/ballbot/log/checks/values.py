@@ -107,10 +107,6 @@ def _at_limit(log: Log, name: str, _: float) -> Bools:
     return long & (size > 0.0) & (not long.all())
 
 
-def _wraps(log: Log, name: str, _: float) -> Bools:
-    return np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5
-
-
 def _jumps(log: Log, name: str, _: float) -> Bools:
     """Return the rows to which a position or angle jumps where its rate does not, and stays there."""
     if f"{name}_dot" not in log or len(log) < 4:
@@ -159,7 +155,7 @@ ROW_FAULTS = (
         code="wrap",
         severity="warning",
         columns=wheel_angle_names(MAX_WHEELS),
-        rows=_wraps,
+        rows=lambda log, name, _: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5,
         text="{name} jumps by a full turn in {rows}, first " + _WHERE + ": it is wrapped. Unwrap it (numpy.unwrap) "
         "before use.",
     ),

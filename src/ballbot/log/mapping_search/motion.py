@@ -199,7 +199,14 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         (one, lean_test(robot, one.lean, one.wheels, one.heading, one.usable)) for one in tried if one.lean
     ]
     known = [(one, test) for one, test in tests if test is not None]
-    signals, tested = min(known, key=lambda one: _doubt(one[1])) if known else (tried[0], None)
+    # the smallest error of the phase, which counts more if the placement is in doubt
+    signals, tested = min(
+        known,
+        key=lambda one: (
+            (math.pi if one[1].phase_error is None else one[1].phase_error) / max(one[1].confidence, 0.05)
+        ),
+        default=(tried[0], None),
+    )
     heading = None
     if tested is not None and signals.heading is not None:
         heading = heading_test(robot, signals.wheels, signals.heading, tested)
@@ -216,12 +223,6 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         tested=tested,
         heading=heading,
     )
-
-
-def _doubt(tested: LeanTest) -> float:
-    """Return how little a test shows: the error of the phase, more if the placement is in doubt."""
-    error = tested.phase_error if tested.phase_error is not None else math.pi
-    return error / max(tested.confidence, 0.05)
 
 
 def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | None]:

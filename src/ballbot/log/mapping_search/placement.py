@@ -236,7 +236,9 @@ def lean_test(
     usable = usable & ~pushed
     placements, confidence = _ranked_placements(robot, law, heading, weights, gamma)
     best = placements[0]
-    law = replace(law, way=_way(robot, best), heading=heading or _heading_of(robot, wheels, best))
+    beta = np.asarray(robot.wheels.azimuths)[np.asarray(best.positions) - 1]
+    way = np.asarray(best.signs) * np.exp(1j * beta)
+    law = replace(law, way=way, heading=heading or _heading_of(robot, wheels, best))
     turning, driven = law.columns, law.driven
     sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
     gains = [_solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
@@ -319,11 +321,6 @@ def _heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
     turns = robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
     way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / turns
     return Smooth(value=wheels.value @ way, rate=wheels.rate @ way, acceleration=wheels.acceleration @ way)
-
-
-def _way(robot: Robot, placement: Placement) -> Complex:
-    beta = np.asarray(robot.wheels.azimuths)[np.asarray(placement.positions) - 1]
-    return np.asarray(placement.signs) * np.exp(1j * beta)
 
 
 def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
