@@ -364,7 +364,6 @@ HEADED_TABLES = {
     "units in brackets": "Zeit;Weg;Kraft\n[s];[rad];[N*m]\n0,5;1,25;-3\n1,5;2,5;4e-1\n",
     "a title above the names": "Versuch 7\nZeit,Weg,Kraft\n0.5,1.25,-3\n1.5,2.5,4e-1\n",
     "an index without a name": ",Zeit,Weg,Kraft\n0,0.5,1.25,-3\n1,1.5,2.5,4e-1\n",
-    "quoted names of rows": '"Zeit","Weg","Kraft"\n"1",0.5,1.25,-3\n"2",1.5,2.5,4e-1\n',
     "the mark of a comment": "# Zeit Weg Kraft\n0.5 1.25 -3\n1.5 2.5 4e-1\n",
 }
 

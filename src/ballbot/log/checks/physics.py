@@ -261,28 +261,23 @@ def _scales(one: PhysicsOfLog) -> dict[str, tuple[float, float]]:
 
 
 def _compared(scales: Mapping[str, tuple[float, float]], quantity: str) -> list[Finding]:
-    """Return the finding on the two logs that differ most clearly, in the one that differs from more others."""
+    """Return the finding on the two logs that differ most clearly, in the one that is farther from the robot file."""
 
-    def margin(first: str, second: str) -> float:
+    def margin(pair: tuple[str, str]) -> float:
         """Return the excess of the difference of two scales' logarithms over its tolerance."""
-        (one, uncertain), (other, also_uncertain) = scales[first], scales[second]
+        (one, uncertain), (other, also_uncertain) = scales[pair[0]], scales[pair[1]]
         return abs(np.log(one / other)) - max(uncertain + also_uncertain + MARGIN, np.log(APART))
 
-    apart = [pair for pair in combinations(scales, 2) if margin(*pair) > 0.0]
-    if not apart:
+    apart = max(combinations(scales, 2), key=margin, default=None)
+    if apart is None or margin(apart) <= 0.0:
         return []
-
-    def contradicted(name: str) -> tuple[int, float]:
-        """Return from how many logs one differs; with a tie, the one farther from the robot file is the odd one."""
-        return sum(name in pair for pair in apart), abs(np.log(scales[name][0]))
-
-    other, odd = sorted(max(apart, key=lambda pair: margin(*pair)), key=contradicted)
-    in_words = {
-        name: f"{middle:.2f} +- {middle * uncertain:.2f}" for name, (middle, uncertain) in scales.items()
-    }
+    other, odd = sorted(apart, key=lambda name: abs(np.log(scales[name][0])))
+    odd_words, other_words = (
+        f"{scales[n][0]:.2f} +- {scales[n][0] * scales[n][1]:.2f}" for n in (odd, other)
+    )
     text = (
         f"{odd} and {other} are of different robots: {quantity} is {scales[odd][0] / scales[other][0]:.2f} times as "
-        f"large in {odd} (relative to the robot file it is {in_words[odd]} in {odd} and {in_words[other]} in {other}). "
+        f"large in {odd} (relative to the robot file it is {odd_words} in {odd} and {other_words} in {other}). "
         f"{_CAUSES[quantity]} Use logs of one robot in one condition."
     )
     return [Finding(code="robots", severity="error", text=text, where=Place(file=odd))]

@@ -150,22 +150,20 @@ def _head_of(text: PlainText) -> _Head:
     wide = [len(row) == width and _is_row(row) for row in cells]
     # the first of two rows, as a line of numbers may be a title's
     first = next((k for k in range(len(wide) - 1) if wide[k] and wide[k + 1]), wide.index(True))
-    quoted = text.lines[first].lstrip().startswith('"')
     labelled = len(text.labels) == width
     head = [list(text.labels)] if labelled else cells[:first]
     # the last line with a name for each column, but for units
-    wanted = (width, width - 1) if quoted else (width,)
     fitting = [
         k
         for k, row in enumerate(head)
         if any(row)
-        and (len(row) in wanted or len(_filled(row)) == width)
+        and width in (len(row), len(_filled(row)))
         and not any(is_number(cell.replace(",", ".")) for cell in row)
     ]
     named = max((k for k in fitting if not _are_units(head[k])), default=fitting[-1] if fitting else None)
     words = [row for row in head if not all(_number_like(cell) for cell in row)]
     line = words[-1:] if named is None else [head[named]]
-    names, notes = _names_of(line[0] if line else [], width, quoted=quoted)
+    names, notes = _names_of(line[0] if line else [], width)
     below = [] if named is None or named + 1 >= len(head) else head[named + 1]
     units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
     twice = [] if named is None else [one for one in head[named] if one and head[named].count(one) > 1]
@@ -219,11 +217,8 @@ def _filled(cells: list[str]) -> list[str]:
     return [name for cell in cells if (name := cell.lstrip("#%").strip())]
 
 
-def _names_of(line: list[str], width: int, *, quoted: bool) -> tuple[list[str], list[str]]:
-    """Return a name for each of `width` columns, and notes, from the header's cells, if there is a header.
-
-    If the first row begins with a quoted cell, that is a row's name, as R writes them without a name for their column.
-    """
+def _names_of(line: list[str], width: int) -> tuple[list[str], list[str]]:
+    """Return a name for each of `width` columns, and notes, from the header's cells, if there is a header."""
     if not line:
         note = f"The file has no header; its columns are called column_1 to column_{width}."
         return [f"column_{place}" for place in range(1, width + 1)], [note]
@@ -232,8 +227,6 @@ def _names_of(line: list[str], width: int, *, quoted: bool) -> tuple[list[str], 
     if len(given) != width and (len(filled) == width or (line[0] and not given[0])):
         # blanks or tabs that align the names, or a mark of a comment before them
         given = filled if len(filled) == width else given[1:]
-    elif len(given) == width - 1 and quoted:
-        given = ["", *given]
     notes = []
     unnamed = [str(place) for place, name in enumerate(given[:width], start=1) if not name]
     if unnamed:
