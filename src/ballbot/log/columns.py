@@ -16,8 +16,10 @@ from ballbot.state import POSITION_NAMES as POSITION_NAMES
 from ballbot.state import STATE_NAMES as STATE_NAMES
 from ballbot.state import torque_names as torque_names
 
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 #: columns (N,) by name
-Columns = dict[str, NDArray[np.float64]]
+Columns = dict[str, Floats]
 
 TRUE_PREFIX = "true_"
 #: largest number of wheels whose columns have a name
@@ -48,7 +50,7 @@ def unit_of(name: str) -> str | None:
     return _UNITS.get(name)
 
 
-def mark_missing(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def mark_missing(values: Floats) -> Floats:
     """Return values with NaN in place of those that are infinite or beyond `LARGEST_CELL`."""
     missing = ~(np.abs(values) <= LARGEST_CELL)
     return np.where(missing, np.nan, values) if missing.any() else values

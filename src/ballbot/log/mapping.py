@@ -85,7 +85,6 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BeforeValidator,
     ConfigDict,
@@ -103,6 +102,7 @@ from ballbot.log.columns import (
     KNOWN_NAMES,
     MAX_WHEELS,
     Columns,
+    Floats,
     check_column_names,
     factor_to,
     mark_missing,
@@ -125,7 +125,6 @@ from ballbot.log.signals import new_messages, sampling_times, unwrapped, without
 from ballbot.log.wrapping import continuous_headings
 from ballbot.schema import validate_table
 
-Floats = NDArray[np.float64]
 Table = Mapping[str, Floats]  #: a file's columns (M,) by the file's names
 Sign = Literal[1, -1]
 T = TypeVar("T")

@@ -23,11 +23,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.log.columns import STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import STATE_NAMES, Bools, Floats, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_columns
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
@@ -109,8 +108,8 @@ _ROW_ROUNDING = 1e-6
 
 
 def causal_states(
-    path: str | Path, *, mapping: str | Path | LogMapping, robot: Robot, moments: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    path: str | Path, *, mapping: str | Path | LogMapping, robot: Robot, moments: Floats
+) -> Floats:
     """Return the states (m, 10) at rows of a mapped log, from the rows that the file has by then.
 
     They are those at `moments` (m,) [s], times of rows of the log that file and mapping make; NaN if too little of the
@@ -133,7 +132,7 @@ def causal_states(
     return states
 
 
-def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> NDArray[np.float64]:
+def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> Floats:
     """Return the state (10,) in the last row."""
     by_wheels = "x" not in past
     past = with_position(past, robot)
@@ -162,10 +161,10 @@ _LEAST_POSES = 10
 class Poses:
     """Poses measured by motion capture, in its frame and on its clock."""
 
-    t: NDArray[np.float64]  #: (M,) [s]
+    t: Floats  #: (M,) [s]
     rotations: Rotation  #: M of them, body to cameras; the last known one while unseen
-    seen: NDArray[np.bool_]  #: (M,), whether the orientation was measured
-    places: NDArray[np.float64]  #: (M, 3) [m]; NaN if not measured
+    seen: Bools  #: (M,), whether the orientation was measured
+    places: Floats  #: (M, 3) [m]; NaN if not measured
 
     def seen_only(self) -> Poses:
         """Return the poses whose orientation was measured; their times have a gap where the body was not seen."""

@@ -23,19 +23,17 @@ from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError
+from ballbot.log.columns import Bools, Floats
 
 _LOCAL_DEGREE = 3
 #: rows fitted at once; more would take much memory and not less time
 _AT_ONCE = 2000
 
 
-def local_fit(
-    t: NDArray[np.float64], values: NDArray[np.float64], *, rows: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def local_fit(t: Floats, values: Floats, *, rows: int) -> tuple[Floats, Floats]:
     """Return the fitted values (N, c) and their rates at every row, by so many rows on each side.
 
     Times t (N,) do not decrease; one may appear twice.
@@ -76,7 +74,7 @@ FEWEST_FAST = 50
 REPEATED = 0.2
 
 
-def sampling_times(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def sampling_times(t: Floats, angles: Floats) -> Floats:
     """Return the times (N,) [s] at which the rows' angles were read, up to a constant; equal for one message.
 
     Of the rows' own times (N,) [s], increasing, and angles (N, n) [rad] of two wheels or more, finite.
@@ -92,7 +90,7 @@ def sampling_times(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArr
     return times
 
 
-def new_messages(times: NDArray[np.float64]) -> NDArray[np.bool_]:
+def new_messages(times: Floats) -> Bools:
     """Return which rows (N,) have another message than the row before."""
     least = REPEATED * float(np.median(np.diff(times)))
     kept = np.ones(len(times), dtype=np.bool_)
@@ -103,9 +101,7 @@ def new_messages(times: NDArray[np.float64]) -> NDArray[np.bool_]:
     return kept
 
 
-def speed_noise(
-    t: NDArray[np.float64], angles: NDArray[np.float64], times: NDArray[np.float64] | None = None
-) -> float | None:
+def speed_noise(t: Floats, angles: Floats, times: Floats | None = None) -> float | None:
     """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast; by repaired `times`.
 
     It is the root mean square, over rows and wheels, of speeds minus smooth speeds; None if too few rows are fast.
@@ -114,7 +110,7 @@ def speed_noise(
     return None if noise is None else float(np.sqrt((noise**2).mean()))
 
 
-def repaired_noise(t: NDArray[np.float64], angles: NDArray[np.float64]) -> float | None:
+def repaired_noise(t: Floats, angles: Floats) -> float | None:
     """Return `speed_noise` after the repair, each wheel with the times that the other wheels give.
 
     With times that it helped to find, the noise of a wheel would be underestimated.
@@ -129,9 +125,7 @@ def repaired_noise(t: NDArray[np.float64], angles: NDArray[np.float64]) -> float
     return float(np.sqrt(np.mean(squares)))
 
 
-def _noise_of_speeds(
-    times: NDArray[np.float64], angles: NDArray[np.float64], *, rows: int
-) -> NDArray[np.float64] | None:
+def _noise_of_speeds(times: Floats, angles: Floats, *, rows: int) -> Floats | None:
     """Return speeds between rows minus smooth speeds (K, n) while the wheels turn fast; None if too few rows are."""
     kept = new_messages(times)
     times, angles = times[kept], angles[kept]
@@ -143,7 +137,7 @@ def _noise_of_speeds(
     return noise[fast] if fast.sum() >= FEWEST_FAST else None
 
 
-def _course_rows(t: NDArray[np.float64]) -> int:
+def _course_rows(t: Floats) -> int:
     """Return the number of rows of the smooth course on each side; refuse intervals that no encoder has."""
     usual = float(np.median(np.diff(t))) if len(t) > 1 else COURSE_REACH
     if usual < SHORTEST_INTERVAL:
@@ -159,9 +153,7 @@ def _course_rows(t: NDArray[np.float64]) -> int:
 LONGEST_HOLE = 0.05
 
 
-def without_holes(
-    t: NDArray[np.float64], values: NDArray[np.float64], *, held: bool = False
-) -> NDArray[np.float64]:
+def without_holes(t: Floats, values: Floats, *, held: bool = False) -> Floats:
     """Return values (N,) with short holes filled, by a line or, as commands are `held`, with the last known value.
 
     Longer holes stay missing (NaN). Times t (N,) [s] increase.
@@ -177,7 +169,7 @@ def without_holes(
     return np.where(inside, values[before] if held else np.interp(t, t[known], values[known]), values)
 
 
-def unwrapped(angle: NDArray[np.float64], *, period: float = 2.0 * np.pi) -> NDArray[np.float64]:
+def unwrapped(angle: Floats, *, period: float = 2.0 * np.pi) -> Floats:
     """Return an angle (N,) [rad], or in units of `period`, without jumps of a period; missing values stay missing."""
     known = np.isfinite(angle)
     found = angle.copy()
@@ -185,9 +177,7 @@ def unwrapped(angle: NDArray[np.float64], *, period: float = 2.0 * np.pi) -> NDA
     return found
 
 
-def without_resets(
-    t: NDArray[np.float64], angles: NDArray[np.float64], largest_speed: float
-) -> NDArray[np.float64]:
+def without_resets(t: Floats, angles: Floats, largest_speed: float) -> Floats:
     """Return encoders' angles without the steps that no wheel makes: resets and overflows.
 
     Missing values of the angles (N,) or (N, n) [rad] stay missing; the wheels cannot reach `largest_speed` [rad/s].
@@ -205,7 +195,7 @@ def without_resets(
     return found.reshape(np.shape(angles))
 
 
-def encoder_step(angles: NDArray[np.float64]) -> float | None:
+def encoder_step(angles: Floats) -> float | None:
     """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
     found = []
     for column in angles.T:
@@ -236,20 +226,18 @@ _COLUMNS = 20
 class Smooth:
     """A signal (N, c) on even rows."""
 
-    value: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
+    value: Floats
+    rate: Floats
+    acceleration: Floats
 
 
-def even_rows(t: NDArray[np.float64]) -> NDArray[np.float64]:
+def even_rows(t: Floats) -> Floats:
     """Return times at even intervals over a log's (M,); InputError if they are too many."""
     rows_between(float(t[-1] - t[0]), INTERVAL, columns=_COLUMNS, source="The log")
     return np.arange(t[0], t[-1], INTERVAL)
 
 
-def smooth(
-    rows: NDArray[np.float64], t: NDArray[np.float64], values: NDArray[np.float64], *, width: float = WIDTH
-) -> Smooth:
+def smooth(rows: Floats, t: Floats, values: Floats, *, width: float = WIDTH) -> Smooth:
     """Return a signal and its derivatives on even rows; near the ends it is fitted from one side.
 
     The rows (N,) [s] are `INTERVAL` apart, the values (M, c) were measured at t (M,) [s], increasing, and `width` [s]
@@ -266,9 +254,7 @@ def smooth(
     return Smooth(value=value, rate=rate, acceleration=acceleration)
 
 
-def _on_even_rows(
-    rows: NDArray[np.float64], t: NDArray[np.float64], values: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _on_even_rows(rows: Floats, t: Floats, values: Floats) -> Floats:
     """Return a signal (M,) on even rows (N,): interpolated, or the mean about each row where the log's come faster.
 
     Single values of a fast log would alias its noise: a derivative's then no longer cancels from row to row.
@@ -282,7 +268,7 @@ def _on_even_rows(
     return np.divide(np.diff(np.interp(ends, t, area)), np.diff(ends), out=found, where=inside)
 
 
-def _kernel(order: int, reach: int, width: float) -> NDArray[np.float64]:
+def _kernel(order: int, reach: int, width: float) -> Floats:
     """Return the kernel whose convolution with a signal is the derivative of that order."""
     x = INTERVAL * np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (x / width) ** 2)
@@ -291,7 +277,7 @@ def _kernel(order: int, reach: int, width: float) -> NDArray[np.float64]:
     return factorial(order) * fit[order][::-1]
 
 
-def turning_points(values: NDArray[np.float64], least_turn: float) -> list[int]:
+def turning_points(values: Floats, least_turn: float) -> list[int]:
     """Return the first row of a signal (n,), the rows where it turns back by more than `least_turn`, and the last."""
     turns, highest, lowest, rising = [0], 0, 0, 0
     listed = values.tolist()
@@ -324,10 +310,10 @@ SHORTEST_GAP = 0.2
 
 
 def balancing_rows(
-    lean: NDArray[np.float64] | None,
-    speeds: NDArray[np.float64],
-    commands: NDArray[np.float64] | None,
-) -> NDArray[np.bool_]:
+    lean: Floats | None,
+    speeds: Floats,
+    commands: Floats | None,
+) -> Bools:
     """Return the even rows (N,) at which the robot moves and has not fallen.
 
     By roll and pitch (N, 2) [rad], the wheels' speeds (N, n) [rad/s] and their commands (N, n), as far as known.
@@ -340,13 +326,11 @@ def balancing_rows(
     return usable
 
 
-def row_spans(rows: NDArray[np.float64], kept: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+def row_spans(rows: Floats, kept: Bools) -> tuple[tuple[float, float], ...]:
     """Return start and end [s] of the intervals of kept rows; short gaps are closed, short intervals dropped."""
     from scipy.ndimage import binary_opening
 
-    gaps: NDArray[np.bool_] = np.asarray(
-        binary_opening(~kept, np.ones(round(SHORTEST_GAP / INTERVAL))), np.bool_
-    )
+    gaps: Bools = np.asarray(binary_opening(~kept, np.ones(round(SHORTEST_GAP / INTERVAL))), np.bool_)
     closed = binary_opening(~gaps, np.ones(round(SHORTEST_SPAN / INTERVAL)))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], closed, [False])).astype(np.int8)))
     return tuple(
@@ -354,7 +338,7 @@ def row_spans(rows: NDArray[np.float64], kept: NDArray[np.bool_]) -> tuple[tuple
     )
 
 
-def near(marked: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
+def near(marked: Bools, reach: float) -> Bools:
     """Return the even rows (N,) within `reach` seconds of a marked one."""
     from scipy.ndimage import maximum_filter1d
 
@@ -362,6 +346,6 @@ def near(marked: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
     return np.asarray(found, dtype=np.bool_)
 
 
-def across_a_gap(rows: NDArray[np.float64], t: NDArray[np.float64], longest: float) -> NDArray[np.bool_]:
+def across_a_gap(rows: Floats, t: Floats, longest: float) -> Bools:
     """Return which even rows (N,) lie between two times (M,) of a log that are further apart than `longest` [s]."""
     return np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] >= longest

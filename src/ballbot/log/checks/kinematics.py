@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from ballbot.findings import Finding, error, finding, note, warning
-from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, Floats, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot
@@ -24,7 +23,6 @@ from ballbot.summary import counted
 if TYPE_CHECKING:
     from ballbot.log.mapping_search.placement import LeanTest
 
-Floats = NDArray[np.float64]
 #: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
 #: an order must correlate better than the columns' own by this much on average to be preferred

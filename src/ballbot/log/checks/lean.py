@@ -36,13 +36,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, error
-from ballbot.log.columns import torque_names
+from ballbot.log.columns import Bools, Floats, torque_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, Smooth, across_a_gap, near, smooth
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 #: in place of zero, the motion of a robot at rest
 _TINY = float(np.finfo(float).tiny)
@@ -116,7 +115,7 @@ class Rows:
 
     even: Floats  #: (M,) [s], at `INTERVAL`
     usable: NDArray[np.intp]  #: indices into `even`, one in `EVERY`
-    known: NDArray[np.bool_]  #: rows of the log without a missing value in the needed columns
+    known: Bools  #: rows of the log without a missing value in the needed columns
 
     def filtered(self, log: Log, values: Floats, *, late: float = 0.0) -> Smooth:
         """Return signals (len(log), c) filtered at the usable rows; they are valid `late` [s] after their row."""

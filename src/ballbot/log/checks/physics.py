@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ballbot.errors import every
@@ -32,7 +31,7 @@ from ballbot.log.checks.torque_balance import (
     motor_sums,
     together,
 )
-from ballbot.log.columns import STATE_NAMES, torque_names
+from ballbot.log.columns import STATE_NAMES, Floats, torque_names
 from ballbot.log.log import Log
 from ballbot.log.mapping_search.commands import assign
 from ballbot.log.signals import INTERVAL
@@ -148,7 +147,7 @@ def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Findin
     return bound_findings(together(known), names=torque_names(robot.wheel_count)) if known else []
 
 
-def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> NDArray[np.float64]:
+def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> Floats:
     """Return the relative standard error (n,) that a motor's friction has because logs do not bound its torque's scale.
 
     Zero where they bound it; what is usual where they do not show it at all.

@@ -16,14 +16,12 @@ nothing. No units, radii or masses enter.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding, error
-from ballbot.log.columns import wheel_angle_names
+from ballbot.log.columns import Bools, Floats, wheel_angle_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, across_a_gap, balancing_rows, even_rows, smooth
 
-Floats = NDArray[np.float64]
 #: rows interpolated across a longer gap [s] are not used
 LONGEST_GAP = 0.05
 TINY = 1e-30
@@ -112,7 +110,7 @@ def _holds(t: Floats, angle: Floats) -> list[tuple[float, float]]:
 
 
 def _unexplained_along(
-    wheel: int, wheels: Floats, lean: Floats, y: Floats, free: NDArray[np.bool_]
+    wheel: int, wheels: Floats, lean: Floats, y: Floats, free: Bools
 ) -> tuple[Floats, Floats]:
     """Return the squares (N,) of r along the column of C of a wheel, and of all of r, fitted on the free rows."""
     n = wheels.shape[1]
@@ -131,7 +129,7 @@ def _unexplained_along(
     return along, np.square(left).sum(axis=1)
 
 
-def _windows(values: Floats, kept: NDArray[np.bool_]) -> Floats:
+def _windows(values: Floats, kept: Bools) -> Floats:
     """Return the means of a signal over windows of the kept rows."""
     rows = round(WINDOW / INTERVAL)
     values = values[kept]

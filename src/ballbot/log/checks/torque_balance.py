@@ -33,14 +33,13 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, error, finding, warning
 from ballbot.log.checks.lean import EVERY, Motion, Rows, as_complex, as_plane
-from ballbot.log.columns import torque_names, wheel_speed_names
+from ballbot.log.columns import Floats, torque_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, local_fit
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
 
-Floats = NDArray[np.float64]
 #: speed at which the sign of a wheel's dry friction is nearly certain, and above which it is certain [rad/s]
 SIGN, TURNING = 0.1, 0.3
 #: exponent of the weight of rows by the fraction of the filter's time in which the wheel turned for certain

@@ -28,6 +28,8 @@ from ballbot.log.columns import (
     POSITION_NAMES,
     STATE_NAMES,
     TRUE_PREFIX,
+    Bools,
+    Floats,
     torque_names,
     unit_of,
     wheel_angle_names,
@@ -37,8 +39,6 @@ from ballbot.log.log import Log
 from ballbot.log.mapping_search.units import fastest
 from ballbot.robot import Robot
 from ballbot.summary import counted
-
-Bools = NDArray[np.bool_]
 
 #: a spike differs by so many times the range of the others, without this fraction of them at either end
 _FAR, _ENDS = 5.0, 0.005
@@ -70,7 +70,7 @@ COARSE, USELESS, LEVELS = 0.5, 1.2, 200
 _LEAN = ("theta", "phi")
 
 
-def spikes(values: NDArray[np.float64]) -> Bools:
+def spikes(values: Floats) -> Bools:
     """Return which rows of a signal (N,) are spikes; the first and the last, and missing values, never are."""
     found = np.zeros(len(values), dtype=bool)
     rows = np.flatnonzero(np.isfinite(values))
@@ -92,7 +92,7 @@ def spiked_rows(log: Log, names: Sequence[str]) -> Bools:
     return np.any([spikes(log[name]) for name in names], axis=0)
 
 
-def runs_of(values: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def runs_of(values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the starts and the lengths of the runs of equal values of a column (N,)."""
     starts = np.concatenate(([0], np.flatnonzero(values[1:] != values[:-1]) + 1))
     return starts, np.diff(np.concatenate((starts, [len(values)])))

@@ -18,13 +18,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ballbot.arrays import check_table, format_bytes
 from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.files import LARGEST_TABLE, check_regular, folder_refusal
-from ballbot.log.columns import Columns, check_column_names, has_native_names, mark_missing, native_columns
+from ballbot.log.columns import (
+    Columns,
+    Floats,
+    check_column_names,
+    has_native_names,
+    mark_missing,
+    native_columns,
+)
 from ballbot.log.formats.inference import (
     ForeignTable,
     infer_text_table,
@@ -64,7 +68,7 @@ class LogFormat:
     name: str  #: in messages
     suffixes: tuple[str, ...]  #: of the names of its files; a written file has the first
     read: Callable[[Path], Columns]
-    write: Callable[[Path, Mapping[str, NDArray[np.float64]]], None] | None = None  #: None: only read
+    write: Callable[[Path, Mapping[str, Floats]], None] | None = None  #: None: only read
     extra: str = ""  #: the extra of `pip install ballbot[...]` that it needs
     is_text: bool = False  #: whether a mapping file may give its layout
 
@@ -173,7 +177,7 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
     return ForeignTable(layout=OWN_LAYOUT, columns=columns, named=True, notes=())
 
 
-def write_columns(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+def write_columns(path: str | Path, columns: Mapping[str, Floats]) -> None:
     """Write columns (N,) in the format of the suffix of `path`; InputError if none is written so."""
     one = written_format(path)
     check_column_names(columns, source=str(path))

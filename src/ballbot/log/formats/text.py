@@ -25,13 +25,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import NonNegativeInt, PositiveInt
 
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_text, write_text
-from ballbot.log.columns import Columns, check_column_names, mark_missing
+from ballbot.log.columns import Columns, Floats, check_column_names, mark_missing
 from ballbot.summary import counted
 
 #: by its name, what separates the cells of a line; None is any run of blanks
@@ -99,7 +98,7 @@ def read_text_table(
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
-def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+def write_text_table(path: str | Path, columns: Mapping[str, Floats]) -> None:
     """Write columns (N,) as CSV, in the fewest digits that read back to the same bits; NaN becomes `nan`."""
     for name in columns:
         if not name or name != name.strip() or any(mark in name for mark in ',"\n\r'):
@@ -130,7 +129,7 @@ def _header_names(path: str | Path, lines: list[str], layout: TextLayout) -> lis
     return names
 
 
-def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArray[np.float64] | None:
+def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> Floats | None:
     """Return the table if NumPy's parser can read it, else None."""
     first = next((line for line in body if line.strip()), None)
     # a row of another width may be millions of cells wide
@@ -152,7 +151,7 @@ _BEGUN = re.compile(r"[+-]?(\d+\.?\d*)?([eE][+-]?)?", re.ASCII)
 
 def _parse_rows(
     path: str | Path, body: list[str], names: list[str], layout: TextLayout, used: Collection[str] | None
-) -> tuple[list[str], NDArray[np.float64], list[str]]:
+) -> tuple[list[str], Floats, list[str]]:
     """Return the names of the columns of numbers, their table, and notes; InputError as `read_text_table`."""
     numbers, rows, damaged, cut, notes = list[int](), list[list[str]](), 0, 0, list[str]()
     lines = [(k, line) for k, line in enumerate(body, start=layout.header_lines + 1) if line.strip()]

@@ -9,9 +9,8 @@ from itertools import permutations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ballbot.log.columns import FACTORS, Columns
+from ballbot.log.columns import FACTORS, Bools, Columns, Floats
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import correlations
@@ -32,8 +31,6 @@ from ballbot.log.signals import (
     without_resets,
 )
 from ballbot.robot import Robot
-
-Floats = NDArray[np.float64]
 
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
 IMPOSSIBLE_SPEED = 3.0
@@ -126,7 +123,7 @@ class Signals:
     wheels: Smooth
     lean: Smooth | None
     heading: Smooth | None
-    usable: NDArray[np.bool_]  #: moving and not fallen
+    usable: Bools  #: moving and not fallen
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -23,14 +23,11 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.log.columns import UNIT_OF
+from ballbot.log.columns import UNIT_OF, Floats
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
-
-Floats = NDArray[np.float64]
 
 InputKind = Literal["torque", "current", "voltage", "duty"]
 Kind = Literal["time", "attitude", "gyro", "wheel angle", "wheel speed", "command", "other"]

@@ -57,6 +57,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
 from ballbot.log.checks.lean import block_sums, clarity
+from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
@@ -72,7 +73,6 @@ from ballbot.log.mapping_search.evidence import (
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: lean later than wheels that is tried [s]: an IMU's filter takes 15 to 20 ms. Whole rows: between them, interpolation
@@ -161,8 +161,8 @@ class LeanTest:
     handedness: float
     headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
-    balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
-    pushed: NDArray[np.bool_]  #: (N,), rows left out because something pushed the robot
+    balancing: Bools  #: (N,), the even rows that were judged
+    pushed: Bools  #: (N,), rows left out because something pushed the robot
 
     @property
     def gain(self) -> float | None:
@@ -210,7 +210,7 @@ def torque_free_gains(robot: Robot) -> tuple[float, float]:
 
 
 def lean_test(
-    robot: Robot, lean: Smooth, wheels: Smooth, heading: Smooth | None, usable: NDArray[np.bool_]
+    robot: Robot, lean: Smooth, wheels: Smooth, heading: Smooth | None, usable: Bools
 ) -> LeanTest | None:
     """Find how three wheels or more sit; None if too little of the log is balancing.
 
@@ -371,7 +371,7 @@ def _sums(table: Complex, weights: Floats) -> Complex:
     )
 
 
-def _weights(law: _Law, usable: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
+def _weights(law: _Law, usable: Bools) -> tuple[Floats, Bools]:
     """Return weights (N,), one over a block's residual, and the rows of blocks that the wheels do not explain.
 
     Rows that are not usable, and those pushed, have weight zero.

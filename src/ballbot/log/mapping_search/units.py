@@ -13,15 +13,12 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ballbot.log.columns import FACTORS
+from ballbot.log.columns import FACTORS, Floats
 from ballbot.log.mapping_search.evidence import probabilities
 from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
-
-Floats = NDArray[np.float64]
 
 #: intervals between rows that a log may have [s]
 INTERVALS = (2e-4, 0.2)
