@@ -97,16 +97,8 @@ def _negated(case: Case, random: np.random.Generator) -> Case:
     return _scaled(case, _torque(case, random), -1.0)
 
 
-def _negated_later(case: Case, random: np.random.Generator) -> Case:
-    return _scaled(case, _torque(case, random), -1.0, _instant(case.log, random))
-
-
 def _other_scale(case: Case, random: np.random.Generator) -> Case:
     return _scaled(case, _torque(case, random), _factor(random))
-
-
-def _other_scale_later(case: Case, random: np.random.Generator) -> Case:
-    return _scaled(case, _torque(case, random), _factor(random), _instant(case.log, random))
 
 
 def _held(case: Case, random: np.random.Generator) -> Case:
@@ -182,9 +174,7 @@ def _frozen(case: Case, random: np.random.Generator) -> Case:
 KINDS: dict[str, Kind] = {
     "a torque zero from an instant on": Kind(make=_zero, codes=("stuck", "dead-motor")),
     "a torque negated": Kind(make=_negated, codes=("torque-sign",)),
-    "a torque negated from an instant on": Kind(make=_negated_later, codes=("torque-sign",)),
     "a torque scaled": Kind(make=_other_scale, codes=("torque-scale",)),
-    "a torque scaled from an instant on": Kind(make=_other_scale_later, codes=("torque-scale",)),
     "a torque held": Kind(make=_held, codes=("stuck",)),
     "logs of two robots": Kind(make=_two_robots, codes=("robots", "torque-scale")),
     "a wheel's sign in the mapping": Kind(make=_reversed_wheel, codes=("encoders",)),

@@ -133,45 +133,6 @@ def test_an_encoders_reset_is_carried_on(jump):
     np.testing.assert_allclose(found, angle, atol=0.031)
 
 
-@pytest.mark.parametrize("least", [-1.2, -0.05])
-def test_resets_to_zero_are_found_though_a_wheel_could_turn_so_fast(least):
-    """Three encoders of 1000 counts a turn that begin again in one row, one of them at a small angle."""
-    t = 0.005 * np.arange(4000)
-    angles = np.column_stack([1.0 - np.cos(2.0 * t), 2.0 * np.sin(1.3 * t), np.sin(1.7 * t)])
-    angles[:, 2] += least - angles[2000, 2]
-    counted = np.round(angles * 1000.0 / (2.0 * np.pi)) * 2.0 * np.pi / 1000.0
-    broken = counted - counted[2000] * (t > t[2000])[:, None]
-    found = without_resets(t, broken, 600.0)  # 3 rad a row, and nine of them with three late rows
-    # the step over the reset is lost: at most a row's motion, 2.6 rad/s
-    np.testing.assert_allclose(found, counted, atol=0.014)
-
-
-@pytest.mark.parametrize("rows", [1, 3, 20])
-def test_an_encoder_that_reads_zero_for_a_while_is_not_reset(rows):
-    t = 0.005 * np.arange(4000)
-    angle = 3.0 + np.sin(t)
-    angle[1000 : 1000 + rows] = 0.0
-    np.testing.assert_array_equal(without_resets(t, angle, 600.0), angle)
-
-
-@pytest.mark.parametrize("start", [0.0, -np.pi])
-def test_an_angle_that_starts_again_after_a_turn_is_unwrapped_though_the_wheel_may_turn_so_fast(start):
-    t = 0.02 * np.arange(500.0)
-    angle = 20.0 * np.sin(2.0 * t)
-    wrapped = np.mod(angle - start, 2.0 * np.pi) + start
-    # three rows at this speed are more than a turn
-    found = without_resets(t, wrapped, 120.0)
-    np.testing.assert_allclose(found - found[0], angle - angle[0], atol=1e-9)
-
-
-def test_resets_of_an_angle_within_a_turn_are_no_ends_of_it():
-    t = 0.01 * np.arange(1000.0)
-    angle = 5.0 * np.mod(t, 1.0)  # from 0 to 5 rad, and back to 0 nine times
-    found = without_resets(t, angle, 40.0)
-    # the step over each reset is lost
-    np.testing.assert_allclose(found, 5.0 * t, atol=9 * 0.05 + 1e-9)
-
-
 def test_spans_and_damaged_rows(tmp_path):
     rows = [f"{0.01 * k!r} {k}" for k in range(100)]
     rows[40] = "0.4 40 41"
@@ -259,22 +220,6 @@ turn = {turn}
     np.testing.assert_allclose(log["x_dot"][2:-2], states[2:-2, 5], atol=2e-4)
 
 
-@pytest.mark.parametrize(
-    ("mapping", "sentence"),
-    [
-        ('[time]\nrepair = true\n[columns]\nt = "time"\n', "needs the angles of at least two wheels"),
-        ('[time]\nkeep = [[2.0, 1.0]]\n[columns]\nt = "time"\n', "write the earlier time first"),
-        (
-            '[columns]\nt = "time"\ntheta = "a"\n[attitude]\nfrom = ["a", "a"]\n',
-            "has theta, which .attitude. provides",
-        ),
-    ],
-)
-def test_invalid_mappings_are_refused_with_the_reason(tmp_path, mapping, sentence):
-    with pytest.raises(InputError, match=sentence):
-        read(tmp_path, "time,a\n0,1\n1,2\n2,3\n", mapping)
-
-
 def test_without_a_yaw_the_heading_is_the_gyros_integral(tmp_path):
     t = 0.01 * np.arange(301)
     table = "\n".join(["t,roll,pitch,gx,gy,gz", *(f"{s:.4f},0,0,0,0,{0.5 + 0.2 * s:.6f}" for s in t)])
@@ -283,15 +228,6 @@ def test_without_a_yaw_the_heading_is_the_gyros_integral(tmp_path):
     # the trapezoidal rule is exact for a rate that grows evenly; the table has six decimals
     np.testing.assert_allclose(log["psi"], 0.5 * log.t + 0.1 * log.t**2, atol=1e-5)
     np.testing.assert_allclose(log["psi_dot"], 0.5 + 0.2 * log.t, atol=1e-5)
-
-
-def test_missing_cells_stay_missing_and_move_nothing_else():
-    t = 0.01 * np.arange(500.0)
-    angle = 3.0 * np.sin(t)
-    broken = np.where(np.arange(500) == 100, np.nan, angle + 30.0 * (t > 2.0))
-    found = without_resets(t, broken, 40.0)
-    assert np.flatnonzero(np.isnan(found)).tolist() == [100]
-    np.testing.assert_allclose(found[np.isfinite(found)], angle[np.isfinite(found)], atol=0.031)
 
 
 def test_short_holes_are_filled_and_long_ones_are_not():

@@ -77,13 +77,6 @@ def test_jitter_is_reported_and_is_not_a_gap(size, seed):
     assert ("jitter" in found) == (size / np.sqrt(3.0) > 0.05) or size == pytest.approx(0.0866, abs=0.004)
 
 
-def test_two_alternating_intervals_are_jitter_and_not_a_gap():
-    intervals = np.tile([0.010, 0.010, 0.015], 1000)[: len(CLEAN) - 1]
-    found = kinds(CLEAN.with_columns({"t": np.concatenate(([0.0], np.cumsum(intervals)))}))
-    assert "jitter" in found
-    assert "gap" not in found
-
-
 @given(st.integers(0, 2999), st.integers(1, 40), st.sampled_from(["u1", "theta", "y_dot"]))
 @settings(deadline=None, max_examples=10)
 def test_missing_values_are_counted_and_located(row, number, name):
@@ -101,12 +94,6 @@ def test_degrees_in_one_column_are_found(name):
     assert f"{name} is in degrees" in found[0].text
 
 
-def test_degrees_in_wheel_angles_are_found():
-    wheel = np.degrees(np.sin(CLEAN.t))
-    log = CLEAN.with_columns({"wheel1": wheel, "wheel1_dot": np.cos(CLEAN.t)})
-    assert "wheel1 is in degrees" in only(log, "degrees").text
-
-
 @given(st.integers(100, 2800))
 @settings(deadline=None, max_examples=8)
 def test_a_fall_is_found_where_it_begins(row):
@@ -116,16 +103,6 @@ def test_a_fall_is_found_where_it_begins(row):
     fallen = np.flatnonzero(lean > 0.6)
     found = [f for f in check(log) if f.code == "fall"]
     assert [f.where.time for f in found] == ([CLEAN.t[fallen[0]]] if fallen.size else [])
-
-
-def test_a_wrapped_heading_is_found():
-    psi = CLEAN.t.copy()
-    log = CLEAN.with_columns(
-        {"psi": np.mod(psi + np.pi, 2.0 * np.pi) - np.pi, "psi_dot": np.ones(len(CLEAN))}
-    )
-    assert only(log, "wrap").where.time == pytest.approx(np.pi, abs=0.01)
-    assert "degrees" not in kinds(log)
-    assert "wrap" not in kinds(log.with_columns({"psi": psi}))
 
 
 def test_a_log_at_rest_gives_one_finding_for_all_columns():
@@ -151,15 +128,9 @@ def test_saturation_is_found(limit):
     assert only(log, "saturation").where.columns == ("u1",)
 
 
-def test_torques_beyond_the_robots_limit_are_reported():
-    log = CLEAN.with_columns({"u1": 100.0 * CLEAN["u1"]})
-    assert "torque-limit" in kinds(log, robot=ALTEN)
-
-
-def test_wheel_speeds_beyond_the_supply_limit_are_reported():
-    # 27.7 rad/s is the limit that the thesis reads off its sweep; ours comes from Appendix I's data
-    log = ROLLING.with_columns({"wheel2_dot": ROLLING["wheel2_dot"] * 20.0})
-    assert "speed-limit" in kinds(log, robot=ALTEN)
+def test_torques_and_speeds_beyond_the_limits_of_the_robot_are_reported():
+    log = ROLLING.with_columns({"u1": 100.0 * ROLLING["u1"], "wheel2_dot": 20.0 * ROLLING["wheel2_dot"]})
+    assert {"torque-limit", "speed-limit"} <= set(kinds(log, robot=ALTEN))
 
 
 def test_misspelt_column_gets_a_note_with_the_nearest_name():
@@ -167,15 +138,6 @@ def test_misspelt_column_gets_a_note_with_the_nearest_name():
     sentence = only(log, "unknown").text
     assert "thetadot (did you mean theta_dot?)" in sentence
     assert "battery" in sentence
-
-
-def test_each_use_lists_its_missing_columns():
-    uses = [
-        f for f in check(Log({"t": CLEAN.t, "u1": CLEAN["u1"], "wheel1_dot": CLEAN["u1"]})) if f.code == "use"
-    ]
-    # one wheel: a driveline's log is whole, nothing else can be done with it
-    assert not any("drivelines" in f.text for f in uses)
-    assert any("gyro_x, gyro_y, gyro_z, theta, phi, psi" in f.text for f in uses)
 
 
 def test_wheels_of_the_states_agree_with_rigid_motion():
@@ -207,12 +169,6 @@ def test_the_mapping_that_the_wheel_check_proposes_is_the_true_one(order, signs,
         assert f"order = {[k + 1 for k in order]} and sign = {in_files_order}" in errors[0].text
 
 
-def test_wheels_at_rest_give_no_finding():
-    still = {name: 0.0 * CLEAN[name] for name in CLEAN if name != "t"}
-    log = CLEAN.with_columns(still).with_columns({f"wheel{i}_dot": 0.0 * CLEAN.t for i in (1, 2, 3)})
-    assert wheel_agreement(log, ALTEN) is None
-
-
 @pytest.mark.parametrize("name", ["hold_soft", "square_soft"])
 def test_the_shared_balancing_logs_are_found_clean(shared_data, name):
     assert kinds(Log.read(shared_data / "bbr" / f"{name}.csv"), robot=ALTEN) == []
@@ -224,10 +180,6 @@ def test_falling_shared_log_is_reported_as_saturated(shared_data):
     assert "speed-limit" in found
 
 
-def test_a_simulated_run_supports_a_verdict():
-    assert check_disturbance(swaying_log(), small_robot()) == []
-
-
 def test_continuous_pushes_are_reported():
     log = swaying_log()
     # hands that tilt the body by a degree or two at 1.5 Hz, while the wheels do what they did
@@ -235,9 +187,3 @@ def test_continuous_pushes_are_reported():
     found = check_disturbance(log.with_columns({"theta": log["theta"] + push}), small_robot())
     assert [finding.code for finding in found] == ["disturbance"]
     assert "closed-loop" in found[0].text
-
-
-@pytest.mark.parametrize("name", ["square_soft", "hold_soft"])
-def test_stand_in_logs_support_a_closed_loop_verdict(shared_data, name):
-    """The course robots' logs do not: see test_rob311."""
-    assert check_disturbance(Log.read(shared_data / "bbr" / f"{name}.csv"), Robot.load("alten")) == []

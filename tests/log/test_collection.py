@@ -4,13 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 import ballbot
 from ballbot.errors import InputError
-from ballbot.identification.upside_down import identify_upside_down
-from ballbot.log import Log, as_log, as_logs
+from ballbot.log import Log, as_logs
 from ballbot.validation import validate
 from tests.support.control_examples import alten
 from tests.support.log_examples import smooth_log
@@ -67,27 +65,6 @@ def test_names_that_recur_have_their_folders(tmp_path, monkeypatch):
         as_logs([paths[0], paths[0]])
 
 
-def test_two_formats_in_one_folder_are_two_logs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    paths = [Path("run/log.csv"), Path("run/log.npz")]
-    paths[0].parent.mkdir()
-    for path in paths:
-        LOG.write(path)
-    assert list(as_logs(paths)) == [str(path) for path in paths]
-    with pytest.raises(InputError, match=r"^The log \S*run/log.csv is given twice"):
-        as_logs([paths[0], paths[0].resolve()])
-
-
-@given(st.dictionaries(NAMES, st.just(LOG), min_size=1, max_size=4))
-def test_a_mapping_keeps_its_names_and_order(logs):
-    assert list(as_logs(logs)) == list(logs)
-
-
-@given(st.lists(st.just(LOG), min_size=1, max_size=6))
-def test_no_log_of_a_list_is_lost(logs):
-    assert list(as_logs(logs).values()) == logs
-
-
 @pytest.mark.parametrize(
     ("given_as", "sentence"),
     [
@@ -104,17 +81,6 @@ def test_no_log_of_a_list_is_lost(logs):
 def test_what_is_no_log_is_refused(given_as, sentence):
     with pytest.raises(InputError, match=sentence):
         as_logs(given_as)
-
-
-def test_a_file_and_a_log_of_one_name_are_refused(tmp_path):
-    LOG.write(tmp_path / "log 1.csv")
-    with pytest.raises(InputError, match="Two logs are called 'log 1'"):
-        as_logs([LOG, tmp_path / "log 1.csv"][::1])
-
-
-def test_as_log_gives_the_log_itself_or_the_one_in_the_file(files):
-    assert as_log(LOG) is LOG
-    assert np.array_equal(as_log(str(files[0]))["x"], LOG["x"])
 
 
 def of_negated_rates(*, scale: float = 1.0) -> Log:
@@ -145,9 +111,3 @@ def test_every_function_takes_every_container(function, robot, tmp_path):
     ):
         with pytest.raises(InputError, match=rf"^{beginning}.*accept=\['sign'\]"):
             function(robot, given_as)
-
-
-@pytest.mark.parametrize("function", [ballbot.identify, ballbot.study, validate, identify_upside_down])
-def test_a_misspelt_preset_is_answered_with_the_nearest(function):
-    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
-        function("altn", LOG)

@@ -1,7 +1,5 @@
 """Files as people have them are read, with a finding on what is left out, or refused as what they are."""
 
-import os
-import resource
 import warnings
 from pathlib import Path
 
@@ -11,8 +9,9 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks import check
-from ballbot.log.formats import is_foreign, read_columns
+from ballbot.log.formats import is_foreign
 from ballbot.log.formats.inference import infer_text_table
+from ballbot.log.mapping import parse_mapping
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import evaluate, propose
 from ballbot.robot import Robot
@@ -21,21 +20,7 @@ from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
 CASES = ROOT.parent / "shared" / "cases"
-RAMP = [
-    "n",
-    "t",
-    "theta_x",
-    "theta_y",
-    "T1",
-    "T2",
-    "T3",
-    "phi_x",
-    "phi_y",
-    "phi_z",
-    "psi_1",
-    "psi_2",
-    "psi_3",
-]
+RAMP = ["n", "t", "theta_x", "theta_y", "T1", "T2", "T3", "phi_x", "phi_y", "phi_z", "psi_1", "psi_2", "psi_3"]
 NAMES = ("t", "u1", "u2", "u3", "theta", "phi", "psi")
 
 
@@ -124,17 +109,10 @@ def test_cells_in_quotes_may_have_decimal_commas(tmp_path):
     assert list(table.columns) == names
     np.testing.assert_allclose(table.columns["time_s"], 0.005 * np.arange(20))
     assert set(table.columns["roll_deg"]) == {1.25}
-    np.testing.assert_array_equal(read_columns(path, table.layout)["pitch_deg"], -0.5)
-
-
-def test_rows_of_two_sensors_that_end_with_empty_cells_are_whole(tmp_path):
-    path = tmp_path / "log.csv"
-    lines = [f"{0.005 * k:.3f},{k}.5,," if k % 2 else f"{0.005 * k:.3f},,{k},7" for k in range(40)]
-    path.write_text("\n".join(["time_s,roll,enc1,enc2", *lines]))
-    table = infer_text_table(path)
-    assert not table.notes
-    assert np.isfinite(table.columns["enc2"]).sum() == 20
-    assert np.isfinite(table.columns["roll"]).sum() == 20
+    mapping = parse_mapping(
+        '[file]\ndecimal = "comma"\n[columns]\nt = "time_s"\nphi = "pitch_deg"\n', source="mine"
+    )
+    np.testing.assert_array_equal(Log.read(path, mapping=mapping)["phi"], -0.5)
 
 
 def test_a_time_of_day_over_midnight_keeps_all_rows(tmp_path):
@@ -145,16 +123,9 @@ def test_a_time_of_day_over_midnight_keeps_all_rows(tmp_path):
         lines.append([clock, *row[1:], *(f"{np.sin(0.05 * k + i) * 8.0:.4f}" for i in range(3))])
     path = write(tmp_path, "time,u1,u2,u3,theta,phi,psi,wheel1,wheel2,wheel3", lines)
     found = propose(path, ALTEN)
-    assert found.base.rows is None
-    np.testing.assert_allclose(np.diff(found.base.table.columns["time"]), 0.005, atol=2e-6)
+    assert found.base.layout.rows is None
+    np.testing.assert_allclose(np.diff(found.base.cut["time"]), 0.005, atol=2e-6)
     assert any("begins again" in one.text for one in found.findings)
-
-
-def test_text_in_another_encoding_is_refused_with_advice(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_bytes("t,Winkel [°]\n0,1\n1,2\n".encode("latin-1"))
-    with pytest.raises(InputError, match="Latin-1, save it as UTF-8"):
-        Log.read(path)
 
 
 def test_a_log_of_an_imu_alone_is_usable_for_align(tmp_path):
@@ -174,18 +145,6 @@ def test_a_cell_that_is_too_long_ends_in_a_sentence(tmp_path, text):
     path.write_text(text.format('"' + "a" * 140_000 + '"'))
     with pytest.raises(InputError, match=r"line \d: (a cell has more than|'a+'? in column)"):
         Log.read(path)
-
-
-def test_a_disk_that_is_full_ends_in_a_sentence(tmp_path):
-    pytest.importorskip("rosbags")
-    log, before = smooth_log(rows=100), resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
-    try:
-        with pytest.raises(InputError, match=r"log\.db3 cannot be written"):
-            log.write(tmp_path / "log.db3")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize("moving", [(), ("u1", "u2", "u3"), ("theta", "phi")])
@@ -208,7 +167,7 @@ def test_what_a_shared_case_is(name, what):
     columns = None if what == "held by hand" else RAMP
     found = propose(path, Robot.load("rob311"), Stated(command="duty", columns=columns))
     assert found.what == what
-    assert found.base.rows is None
+    assert found.base.layout.rows is None
 
 
 def test_only_the_columns_that_a_mapping_uses_must_be_numbers(tmp_path):

@@ -53,13 +53,6 @@ def test_what_is_no_table_is_refused_in_one_sentence(tmp_path, text, words):
         read_json_table(written(tmp_path, text))
 
 
-def test_objects_in_inner_lists_become_columns_with_their_number(tmp_path):
-    rows = [{"t": t, "motors": [{"pos": 1.0, "cmd": 2.0}, {"pos": 3.0, "name": "b"}]} for t in T]
-    columns = read_json_table(written(tmp_path, rows))
-    assert list(columns) == ["t", "motors_1.pos", "motors_1.cmd", "motors_2.pos"]
-    np.testing.assert_array_equal(columns["motors_2.pos"], [3.0, 3.0, 3.0])
-
-
 def test_one_object_in_each_line_is_a_table(tmp_path):
     path = tmp_path / "log.jsonl"
     path.write_text(

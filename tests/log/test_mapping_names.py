@@ -107,56 +107,31 @@ def test_a_letter_alone_or_beside_a_number_stays_what_it_is():
 #: what names of known logs and motor controllers say, in English and German: kind, axis, number and unit
 NAMES = {
     "Timestamp_us": ("time", None, None, "us"),
-    "time_ms": ("time", None, None, "ms"),
     "Time (s)": ("time", None, None, "s"),
     "GyroX_dps": ("gyro", "x", None, "deg/s"),
     "Motor1_current_A": ("command", None, 1, "A"),
-    "roll_deg": ("attitude", "x", None, "deg"),
-    "enc1_counts": ("wheel angle", None, 1, "counts"),
-    "u1 [N m]": ("command", None, 1, "N m"),
-    "duty2_pct": ("command", None, 2, "%"),
     "wheel3_rpm": ("wheel speed", None, 3, "rpm"),
-    "T1": ("command", None, 1, None),
     "theta_x": ("attitude", "x", None, None),
     "psi_1": ("wheel angle", None, 1, None),
     "Tx": ("other", None, None, None),
     "PWM[2]": ("command", None, 2, None),
     "ms": ("time", None, None, "ms"),
-    "us": ("time", None, None, "us"),
     "p_roll": ("other", None, None, None),
-    "theta_w1": ("wheel angle", None, 1, None),
     "theta_w1_dot": ("wheel speed", None, 1, None),
-    "wheels_1": ("wheel angle", None, 1, None),
-    "e_x": ("other", None, None, None),
-    "cmd_vel": ("other", None, None, None),
-    "cmd_vel_x": ("other", None, None, None),
-    "theta_d_x": ("other", None, None, None),
     "motor_cmd_1": ("command", None, 1, None),
-    "Rollwinkel_Soll": ("other", None, None, None),
     "torque_Nm_1": ("command", None, 1, "N m"),
-    "torque_N_m_2": ("command", None, 2, "N m"),
     "current.A.3": ("command", None, 3, "A"),
-    "enc_ticks_1": ("wheel angle", None, 1, "counts"),
     "gyro_dps_x": ("gyro", "x", None, "deg/s"),
     "Zeit [ms]": ("time", None, None, "ms"),
     "Rollwinkel_Grad": ("attitude", "x", None, "deg"),
-    "Drehrate_x": ("gyro", "x", None, None),
-    "Rad1_rad": ("wheel angle", None, 1, "rad"),
     "Drehzahl2_rpm": ("wheel speed", None, 2, "rpm"),
-    "Moment1_Nm": ("command", None, 1, "N m"),
     "Strom M1 [A]": ("command", None, 1, "A"),
-    "Strom_Soll_1": ("command", None, 1, None),
     "Couple_Nm": ("other", None, None, None),
-    "rpm1": ("wheel speed", None, 1, "rpm"),
     "w1_rps": ("wheel speed", None, 1, "rps"),
-    "gyro_x_rps": ("gyro", "x", None, None),
     "/joint2/position": ("wheel angle", None, 2, None),
-    "/joint1/cmd": ("command", None, 1, None),
     "/imu/gyro_x_rad/s": ("gyro", "x", None, "rad/s"),
     "Stellgr\u00f6\u00dfe_2": ("command", None, 2, None),
-    "Stellgroesse_M3": ("command", None, 3, None),
     "Inkremente_Rad1": ("wheel angle", None, 1, None),
-    "vesc1_tachometer": ("wheel angle", None, 1, None),
     "vesc1_duty_cycle": ("command", None, 1, None),
     "cycle_time": ("other", None, None, None),
 }
@@ -179,12 +154,6 @@ def test_corners_that_number_a_series_are_its_numbers_in_the_order_of_the_file(f
     assert [one.index for one in read_names(names[:2], {})] == [None, None]
 
 
-def test_an_effort_is_in_newton_metres():
-    joints = [f"/{k}/{word}" for k in (1, 2, 3) for word in ("position", "velocity", "effort")]
-    roles = roles_by_name(["t", *joints], wheel_count=3, units={})
-    assert (roles.commands[0], roles.unit(roles.commands)) == ("/1/effort", "N m")
-
-
 def by_name(*names: str, units: dict[str, str] | None = None) -> dict[str, tuple]:
     found = read_names(names, units or {})
     return {one.name: (one.kind, one.axis, one.index, one.unit) for one in found}
@@ -201,15 +170,3 @@ def test_sides_number_wheels():
 @pytest.mark.parametrize("name", ["gx_mdps", "gyro_x [mdeg/s]", "gyro_x_mdeg_s"])
 def test_thousandths_of_a_degree_a_second_are_a_gyros_unit(name):
     assert by_name(name)[name] == ("gyro", "x", None, "mdeg/s")
-
-
-def test_a_german_table_with_a_row_of_units_is_read_whole():
-    names = ["Zeit", "Roll", "Nick", "Gier", "wx", "wy", "wz", "Weg1", "Weg2", "Weg3", "M1", "M2", "M3"]
-    units = ["s", "deg", "deg", "deg", "deg/s", "deg/s", "deg/s", "deg", "deg", "deg", "Nm", "Nm", "Nm"]
-    found = roles_by_name(names, wheel_count=3, units=dict(zip(names, units, strict=True)))
-    assert (found.time, found.attitude) == ("Zeit", ("Roll", "Nick", "Gier"))
-    assert (found.gyro, found.angles, found.commands) == (
-        tuple(names[4:7]),
-        tuple(names[7:10]),
-        tuple(names[10:]),
-    )

@@ -8,7 +8,7 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.log.mapping_search.commands import command_delay
-from ballbot.log.mapping_search.motion import Stated
+from ballbot.log.mapping_search.motion import Stated, _continued
 from ballbot.log.mapping_search.proposal import (
     MOST_LINES,
     Evaluation,
@@ -70,6 +70,15 @@ def test_the_log_that_the_mapping_makes_is_the_robots(tmp_path, habits):
     assert path == pytest.approx(true_path, rel=0.1)
     assert len(answer_lines(found)) <= MOST_LINES
     assert answer_lines(found)[0].startswith("run.txt: balancing")
+
+
+@pytest.mark.parametrize(("period", "step"), [(256.0, 1.0), (360.0, 0.01), (2.0 * np.pi, 0.01)])
+def test_angles_that_begin_again_after_a_turn_are_continued_and_their_period_is_found(period, step):
+    angle = np.column_stack([2.5 * period * np.sin(0.01 * k * np.arange(2000)) for k in (1, 2, 3)])
+    angle = step * np.round(angle / step)
+    found, wrap = _continued(np.mod(angle, period), of_speeds=False)
+    assert wrap == pytest.approx(period)
+    np.testing.assert_allclose(found - found[0], angle - angle[0], atol=1e-9)
 
 
 def test_a_kind_that_nobody_states_is_asked_for_with_every_alternative(tmp_path):

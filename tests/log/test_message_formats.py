@@ -21,7 +21,6 @@ from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.log.formats import read_columns
 from ballbot.log.mapping_search.names import read_name
-from ballbot.report.provenance import provenance
 from tests.support.log_examples import smooth_log
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -110,14 +109,6 @@ def test_a_ros_bag_has_the_standard_messages(tmp_path, log):
             assert (Rotation.from_quat([q.x, q.y, q.z, q.w]) * turn.inv()).magnitude() < 1e-12
         reference = found["/reference"][row][1].pose
         assert (reference.position.x, reference.position.y) == (log["ref_x"][row], log["ref_y"][row])
-
-
-def test_a_log_without_a_pose_has_no_transforms(tmp_path):
-    path = tmp_path / "log.db3"
-    Log({"t": [-0.5, 0.0], "u1": [1.0, 2.0], "acc_x": [0.0, 0.0]}).write(path)
-    assert set(messages_of(path)) == {"/joint_states", "/ballbot/names", "/ballbot/values"}
-    assert [time for time, _ in messages_of(path)["/joint_states"]] == [0, 500_000_000]
-    assert Log.read(path).t.tolist() == [-0.5, 0.0]
 
 
 def test_an_mcap_file_of_others_joins_its_topics_at_the_times_of_the_quickest(tmp_path):
@@ -223,37 +214,15 @@ def test_a_split_bag_is_read_as_one_table(tmp_path, log, plugin, packed):
 def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log):
     bag = split_bag(tmp_path, log, StoragePlugin.SQLITE3)
     text = (bag / "metadata.yaml").read_text()
-    cases = {
-        "Could not load YAML": "a: [",
-        "A metadata key is missing": "rosbag2_bagfile_information:\n  version: 9",
-        "files are missing": text.replace("bag/bag_1.db3", "/etc/bag_7.db3"),
-    }
-    for words, wrong in cases.items():
-        (bag / "metadata.yaml").write_text(wrong)
+    (bag / "bag_0.db3").write_bytes((bag / "bag_0.db3").read_bytes()[:3000])
+    for words, metadata in (
+        ("it is not a complete ROS 2 bag", text),
+        ("A metadata key is missing", "rosbag2_bagfile_information:\n  version: 9"),
+        ("files are missing", text.replace("bag/bag_1.db3", "/etc/bag_7.db3")),
+    ):
+        (bag / "metadata.yaml").write_text(metadata)
         with pytest.raises(InputError, match=f"{bag} cannot be read: .*{words}"):
             read_columns(bag)
-    (bag / "metadata.yaml").write_text(text)
-    (bag / "bag_0.db3").write_bytes((bag / "bag_0.db3").read_bytes()[:3000])
-    with pytest.raises(InputError, match=f"{bag} cannot be read: it is not a complete ROS 2 bag"):
-        read_columns(bag)
-    (bag / "metadata.yaml").unlink()
-    with pytest.raises(InputError, match="Is a directory"):
-        read_columns(bag)
-
-
-def test_a_ros_1_bag_is_read_from_its_standard_messages(tmp_path):
-    from rosbags.rosbag1 import Writer as OldWriter
-
-    store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / "run.bag"
-    kind = "geometry_msgs/msg/Vector3"
-    with OldWriter(path) as writer:
-        connection = writer.add_connection("/gyro", kind, typestore=store)
-        for k in range(3):
-            message = store.types[kind](x=0.1 * k, y=1.0, z=-0.2 * k)
-            writer.write(connection, 10**18 + k * 10**7, store.serialize_ros1(message, kind))
-    columns = read_columns(path)
-    np.testing.assert_allclose(columns["t"], [0.0, 0.01, 0.02], atol=1e-15)
-    np.testing.assert_array_equal(columns["gyro.z"], [0.0, -0.2, -0.4])
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -267,12 +236,6 @@ def test_commands_take_a_bag_for_a_log(tmp_path):
     for name, values in Log.read(tmp_path / "back.csv").columns.items():
         np.testing.assert_array_equal(values, log[name])
     assert main(["view", f"swing={bag}", "--robot", "alten", "--save", str(tmp_path / "replay.html")]) == 0
-
-
-def test_result_of_a_bag_names_the_files_that_it_was_made_from(tmp_path, log):
-    bag = split_bag(tmp_path, log, StoragePlugin.MCAP)
-    made = provenance(command="ballbot check-log bag", files=[bag], seed=1)
-    assert [Path(one.name).name for one in made.files] == ["bag_0.mcap", "bag_1.mcap", "metadata.yaml"]
 
 
 @pytest.mark.parametrize(("suffix", "package"), [(".mcap", "mcap"), (".db3", "rosbags")])

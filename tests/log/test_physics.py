@@ -61,13 +61,6 @@ def test_log_without_torques_still_has_its_lean_checked():
     assert [f.code for f in errors(scaled(states, -1.0, "theta", "theta_dot"), robot)] == ["lean-axes"]
 
 
-def test_short_or_still_log_is_no_error():
-    log, robot = balancing()
-    assert examine(log.select(slice(0, 400)), robot).findings == ()
-    still = scaled(log, 1e-9, *(name for name in log if name != "t"))
-    assert errors(still, robot) == []
-
-
 def test_every_reading_has_its_own_sentence():
     faults = [one.fault(("theta", "phi")) for one in READINGS]
     assert len(set(faults)) == len(READINGS)
@@ -89,14 +82,6 @@ def test_measured_log_with_negated_torques_is_stopped(shared_data):
 def test_friction_in_the_robot_s_file_changes_nothing():
     log, robot = balancing()
     assert examine(log, robot.replace(friction=FRICTION)).findings == examine(log, robot).findings
-
-
-def test_logs_of_one_robot_are_not_stopped():
-    first, robot = balancing()
-    second, _ = balancing(seed=2)
-    assert [
-        f.code for f in check_logs({"a.csv": first, "b.csv": second}, robot=robot) if f.severity == "error"
-    ] == []
 
 
 def test_heavier_robot_in_one_of_two_logs_is_found():

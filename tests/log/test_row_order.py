@@ -3,58 +3,39 @@
 import numpy as np
 import pytest
 
-from ballbot.log.row_order import increasing_rows, longest_run, rows_in_order
+from ballbot.log.row_order import increasing_rows, longest_run
 
 EVEN = np.asarray(0.005 * np.arange(2000), dtype=np.float64)
-
-
-def run_of(t: np.ndarray) -> tuple[int, int]:
-    return longest_run(t, np.zeros(len(t), dtype=bool))
 
 
 @pytest.mark.parametrize("size", [0.3, 1.0, 3.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_stamps_that_jitter_are_one_run(size, seed):
     t = EVEN + size * 0.005 * np.random.default_rng(seed).standard_normal(len(EVEN))
-    assert run_of(t) == (0, len(t))
+    assert longest_run(t) == (0, len(t))
     kept = increasing_rows(t)
     assert (np.diff(t[kept]) > 0.0).all()
-
-
-def test_stamps_in_whole_milliseconds_of_a_quick_loop_are_one_run():
-    t = np.asarray(np.floor(1e3 * 0.0004 * np.arange(5000)) / 1e3, dtype=np.float64)
-    assert run_of(t) == (0, len(t))
-    assert increasing_rows(t).sum() == len(np.unique(t))
-
-
-def test_one_late_stamp_costs_one_row():
-    t = EVEN.copy()
-    t[700] += 0.5
-    assert run_of(t) == (0, len(t))
-    np.testing.assert_array_equal(np.flatnonzero(~increasing_rows(t)), [700])
 
 
 @pytest.mark.parametrize("back", [0.05, 3.5, 20.0])
 def test_time_that_stays_back_is_another_run(back):
     t = EVEN - back * (np.arange(len(EVEN)) >= 700)
-    assert run_of(t) == (700, len(t))
+    assert longest_run(t) == (700, len(t))
 
 
 def test_runs_that_jitter_are_parted_where_time_starts_again():
     noise = 0.006 * np.random.default_rng(5).standard_normal(3200)
     t = np.concatenate([EVEN[:1200], EVEN]) + noise
-    first, end = run_of(t)
+    first, end = longest_run(t)
     # of jitter next to the start, a few rows go with the other run
     assert abs(first - 1200) < 15
     assert end == len(t)
 
 
-def test_a_time_that_is_missing_ends_a_run_and_stays_in_its_table():
+def test_a_time_that_is_missing_ends_a_run():
     t = EVEN.copy()
     t[500] = np.nan
-    assert run_of(t) == (501, len(t))
-    table = rows_in_order({"t": t, "x": t}, t, repeated=np.zeros(len(t), dtype=bool), unordered=True)
-    assert np.isnan(table["t"]).sum() == 1
+    assert longest_run(t) == (501, len(t))
 
 
 def test_rows_in_order_are_the_longest_series():

@@ -37,14 +37,6 @@ def test_motion_is_not_a_spike(signal):
     assert not spikes(signal).any()
 
 
-def test_a_heading_may_jump_by_a_turn():
-    heading = np.full(N, 3.14) + 1e-3 * np.sin(T)
-    heading[500] -= 2.0 * np.pi
-    heading[900] = 9999.0
-    log = Log({"t": T, "psi": heading})
-    np.testing.assert_array_equal(np.flatnonzero(spikes(log["psi"])), [900])
-
-
 def test_missing_values_are_passed_over():
     signal = 0.2 * np.sin(T)
     signal[[699, 701]], signal[700] = np.nan, 9999.0

@@ -1,11 +1,13 @@
 """Encoders that hold their angle: while their wheels turn, while friction holds them, and at rest."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from ballbot import Log
+from ballbot.log.checks.kinematics import check_sampling
 from ballbot.log.checks.stuck_encoders import check_stuck_encoders
 from tests.support.foreign_log_examples import small_robot, swaying_log
 
@@ -37,6 +39,14 @@ def test_an_encoder_that_holds_while_its_wheel_turns_is_an_error_with_its_span(w
 
 def test_encoders_that_turn_give_no_finding():
     assert not check_stuck_encoders(measured(), wheel_count=3)
+
+
+@pytest.mark.parametrize(("factor", "found"), [(1, 0), (2, 1), (4, 1)])
+def test_counts_of_the_robot_file_that_the_steps_of_the_angles_contradict_are_found(factor, found):
+    robot = small_robot()
+    sensors = replace(robot.sensors, encoder_counts=factor * robot.sensors.encoder_counts)
+    told = [one.text for one in check_sampling(measured(), robot.replace(sensors=sensors))]
+    assert len([text for text in told if "encoder_counts" in text]) == found
 
 
 def test_encoders_of_a_robot_at_rest_give_no_finding():

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot import Log
-from ballbot.log.checks import check
 from ballbot.log.wrapping import continuous_clock, continuous_heading
 from tests.support.log_examples import smooth_log
 
@@ -43,20 +42,6 @@ def test_a_wrapped_log_is_the_whole_one(start, rate, wrap):
         np.testing.assert_allclose(read[name] - TURN * turns, log[name], rtol=0.0, atol=1e-12)
 
 
-def test_a_wrapped_log_file_gives_the_findings_of_the_whole_one(tmp_path):
-    log = turning_log()
-    path = tmp_path / "log.csv"
-    Log({**log.columns, "note": to_pi(log["psi"])}).write(path)
-    path.write_text(path.read_text().replace("psi,", "heading,", 1).replace("note", "psi", 1))
-    read = Log.read(path)
-    np.testing.assert_allclose(read["psi"], log["psi"], rtol=0.0, atol=1e-12)
-    (found,) = (one for one in check(read) if one.code == "wrap")
-    assert found.severity == "note"
-    assert found.where.columns == ("psi",)
-    jumps = np.flatnonzero(np.abs(np.diff(to_pi(log["psi"]))) > np.pi)
-    assert found.where.time == log.t[jumps[0] + 1]
-
-
 @pytest.mark.parametrize(
     "heading",
     [
@@ -74,11 +59,6 @@ def test_headings_that_are_whole_stay_as_they_are(heading):
     assert not rows.size
 
 
-def test_a_reference_that_jumps_from_one_end_of_the_turn_to_the_other_goes_the_short_way():
-    log = Log({"t": [0.0, 1.0, 2.0], "ref_psi": [0.0, 3.1, -3.1]})
-    np.testing.assert_allclose(log["ref_psi"], [0.0, 3.1, TURN - 3.1])
-
-
 def test_a_reference_at_the_other_end_of_the_turn_than_the_robot_is_beside_it():
     log = Log({"t": [0.0, 1.0], "psi": [3.1, 3.12], "ref_psi": [-3.1, -3.1]})
     np.testing.assert_allclose(log["ref_psi"], TURN - 3.1)
@@ -93,15 +73,6 @@ def test_missing_values_and_spikes_do_not_hide_a_jump():
     same = np.isfinite(wrapped) & (wrapped < 100.0)
     np.testing.assert_allclose(found[same], heading[same], atol=1e-12)
     assert rows.size == 1
-
-
-def test_parts_and_copies_of_a_log_keep_its_heading_and_findings():
-    log = turning_log()
-    read = Log({**log.columns, "psi": to_pi(log["psi"])})
-    for part in (read.between(10.0, 12.0), read.select(slice(100, 900)), read.with_columns({"a": read.t})):
-        row = int(np.searchsorted(log.t, part.t[0]))
-        np.testing.assert_allclose(part["psi"], log["psi"][row : row + len(part)], atol=1e-12)
-        assert part.changes == read.changes
 
 
 @pytest.mark.parametrize("period", [2.0**16, 2.0**32, 2.0**32 * 1e-6, 86400.0])

@@ -1,4 +1,4 @@
-"""Wrong but plausible logs, each made from correct ones, and the words of the sentence that each must get."""
+"""Wrong but plausible logs, each made from correct ones."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -31,15 +31,6 @@ class CorrectLogs:
     robot: Robot
     log: Log
     other: Log  #: another run of the same robot
-
-
-@dataclass(frozen=True, kw_only=True)
-class WrongLog:
-    """A mistake, and the text that the check must report."""
-
-    spoil: Callable[[CorrectLogs], Log]
-    code: str
-    words: Sequence[str]
 
 
 def record() -> CorrectLogs:

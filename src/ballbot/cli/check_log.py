@@ -160,7 +160,7 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
             f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."
         )
     for one in evaluated:
-        if one.proposal.base.table.layout.names != found.proposal.base.table.layout.names:
+        if one.proposal.base.layout.names != found.proposal.base.layout.names:
             raise InputError(
                 f"{one.proposal.file} has other columns than {found.proposal.file}: the logs agree, but each needs "
                 "a mapping of its own, by a check of its own."

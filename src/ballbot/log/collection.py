@@ -23,13 +23,7 @@ LogsLike = LogLike | Iterable[LogLike] | Mapping[str, LogLike]
 
 
 def as_log(source: LogLike) -> Log:
-    """Return the log itself, or the one in that file.
-
-    Raises
-    ------
-    InputError
-        If it is neither, or the file cannot be read.
-    """
+    """Return the log itself, or the one in that file; InputError if it is neither, or cannot be read."""
     if isinstance(source, Log):
         return source
     if isinstance(source, str | Path):
@@ -43,10 +37,7 @@ def as_log(source: LogLike) -> Log:
 def as_logs(sources: LogsLike) -> dict[str, Log]:
     """Return logs by the names that messages use.
 
-    Raises
-    ------
-    InputError
-        If there is no log, one is not a log or is named twice, or a file cannot be read.
+    InputError if there is no log, one is not a log or is named twice, or a file cannot be read.
     """
     if isinstance(sources, Mapping):
         found: dict[str, Log] = {}
@@ -88,11 +79,7 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     """Return logs' files by their stems, a log.csv by its folder; by their paths if names recur.
 
     Of two files whose paths differ in the format only, such as run/log.csv and run/log.mcap, the paths are whole.
-
-    Raises
-    ------
-    InputError
-        If no log is given, or one is named twice.
+    InputError if no log is given, or one is named twice.
     """
     if not paths:
         raise InputError(NO_LOG)

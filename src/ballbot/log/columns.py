@@ -16,8 +16,10 @@ from ballbot.state import POSITION_NAMES as POSITION_NAMES
 from ballbot.state import STATE_NAMES as STATE_NAMES
 from ballbot.state import torque_names as torque_names
 
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 #: columns (N,) by name
-Columns = dict[str, NDArray[np.float64]]
+Columns = dict[str, Floats]
 
 TRUE_PREFIX = "true_"
 #: largest number of wheels whose columns have a name
@@ -48,25 +50,14 @@ def unit_of(name: str) -> str | None:
     return _UNITS.get(name)
 
 
-def mark_missing(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def mark_missing(values: Floats) -> Floats:
     """Return values with NaN in place of those that are infinite or beyond `LARGEST_CELL`."""
     missing = ~(np.abs(values) <= LARGEST_CELL)
     return np.where(missing, np.nan, values) if missing.any() else values
 
 
-def direction_sign(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return 1 where a direction is above zero, -1 where it is not, and a missing value where it is missing."""
-    return np.where(np.isnan(direction), np.nan, np.where(direction > 0.0, 1.0, -1.0))
-
-
 def check_column_names(names: Iterable[str], *, source: str) -> None:
-    """Check that all names can be printed.
-
-    Raises
-    ------
-    InputError
-        If one contains a control character or another one that cannot be printed.
-    """
+    """Raise InputError if a name contains a control character or another one that cannot be printed."""
     for place, name in enumerate(names, start=1):
         if not name.isprintable():
             raise InputError(
@@ -86,13 +77,7 @@ def wheel_speed_names(count: int) -> tuple[str, ...]:
 
 
 def numbered_names(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[str, ...]:
-    """Return those of `names` that are prefix, number, suffix with the numbers 1, 2, 3 .. without a gap.
-
-    Raises
-    ------
-    InputError
-        If the first of them is missing.
-    """
+    """Return those of `names` that are prefix, number, suffix, from 1 on without a gap; InputError if none are."""
     present = set(names)
     found = []
     while f"{prefix}{len(found) + 1}{suffix}" in present:
@@ -140,21 +125,10 @@ FACTORS = {
 
 
 def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) -> float:
-    """Return the factor that turns a value in `given` into one in `unit`.
+    """Return the factor that turns a value in `given` into one in Ballbot's `unit`, a key of `FACTORS`.
 
-    Parameters
-    ----------
-    unit : str
-        Ballbot's unit, a key of `FACTORS`.
-    given : str
-        The file's unit; for angles and rates also "counts" and "counts/s" of an encoder.
-    counts_per_turn : float, optional
-        Encoder counts in one turn of the wheel, gear included.
-
-    Raises
-    ------
-    InputError
-        If the unit is not one of that kind, or counts come without `counts_per_turn`.
+    Angles and rates may be "counts" and "counts/s" of an encoder with so many `counts_per_turn` of the wheel, gear
+    included. InputError if the unit is not one of that kind, or counts come without `counts_per_turn`.
     """
     units = FACTORS[unit]
     if given in units:
@@ -210,14 +184,9 @@ _BRACKETS = re.compile(r"(\w+)\s*[\[(]([^\])]+)[\])]")
 
 
 def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:
-    """Return the names that mean one of Ballbot's columns though they are written otherwise.
+    """Return the names that mean one of Ballbot's columns though they are written otherwise: T, and theta [deg].
 
-    They are T for t, and those with a unit in brackets behind them.
-
-    Returns
-    -------
-    dict of str to tuple
-        By the file's name, Ballbot's, the factor to Ballbot's unit, and the file's unit.
+    By the file's name these are Ballbot's, the factor to Ballbot's unit, and the file's unit.
     """
     names = list(names)
     found: dict[str, tuple[str, float, str]] = {}

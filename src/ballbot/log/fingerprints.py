@@ -55,13 +55,7 @@ def logs_among(logs: Mapping[str, Log], fingerprints: Collection[str]) -> list[s
 
 
 def refuse_copies(logs: Mapping[str, Log]) -> None:
-    """Raise InputError if two logs are of the same run: the second one is no further measurement.
-
-    Raises
-    ------
-    InputError
-        If they have rows in common.
-    """
+    """Raise InputError if two logs have rows in common, of one run: the second one is no further measurement."""
     hashes = {name: _row_hashes(log) for name, log in logs.items()} if len(logs) > 1 else {}
     for (first, one), (second, other) in combinations(hashes.items(), 2):
         both = len(one & other)

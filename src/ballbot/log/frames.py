@@ -11,10 +11,9 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError, missing_package
-from ballbot.log.columns import Columns, factor_to, unit_of
+from ballbot.log.columns import Columns, Floats, factor_to, unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Index, Series  # pyright: ignore[reportMissingImports]
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 _UNITS, _ENDED = "units", "ended"
 
 
-def frame_of(columns: Mapping[str, NDArray[np.float64]], ended: str | None) -> DataFrame:
+def frame_of(columns: Mapping[str, Floats], ended: str | None) -> DataFrame:
     """Return a log's columns, t among them, and why its run ended as a DataFrame; see `Log.to_pandas`."""
     pandas = _pandas()
     rest = {name: values for name, values in columns.items() if name != "t"}
@@ -68,7 +67,7 @@ def foreign_columns_of(frame: DataFrame) -> Columns:
     return found
 
 
-def _numbers(name: str, values: Series | Index) -> NDArray[np.float64]:
+def _numbers(name: str, values: Series | Index) -> Floats:
     """Return values as numbers, dates and durations as seconds; dates count from the first row."""
     kind = values.dtype.kind
     if kind in "mM":

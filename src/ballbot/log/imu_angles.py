@@ -13,10 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ballbot.log.columns import Columns
+from ballbot.log.columns import Columns, Floats
 from ballbot.log.signals import unwrapped
 
 #: names beside a file's own for the angles that are made of its quaternion
@@ -30,7 +29,7 @@ QUATERNION_ANGLES = (
 _LEAST_NORM = 0.1
 
 
-def quaternion_angles(wxyz: NDArray[np.float64]) -> Columns:
+def quaternion_angles(wxyz: Floats) -> Columns:
     """Return roll, pitch and yaw (N,) [rad] of quaternions w, x, y, z (N, 4) by `QUATERNION_ANGLES`.
 
     They are NaN where the quaternion is not known or zero. The yaw continues past half a turn.
@@ -45,12 +44,12 @@ def quaternion_angles(wxyz: NDArray[np.float64]) -> Columns:
     return dict(zip(QUATERNION_ANGLES, angles.T, strict=True))
 
 
-def less_half_a_turn(roll: NDArray[np.float64], half: float) -> NDArray[np.float64]:
+def less_half_a_turn(roll: Floats, half: float) -> Floats:
     """Return the roll (N,) of an IMU that hangs upside down as that of one that does not, from -half to half a turn."""
     return np.mod(roll, 2.0 * half) - half
 
 
-def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> NDArray[np.float64]:
+def from_roll_pitch_yaw(angles: Floats, *, turn: float = 0.0) -> Floats:
     """Return theta, phi, psi (N, 3) [rad], psi without jumps, of roll, pitch and yaw (N, 3) [rad]; NaN goes through.
 
     `turn` is the angle of the IMU's x axis from the robot's, towards the left [rad].
@@ -64,28 +63,28 @@ def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> ND
     return turned
 
 
-def yaw_ahead(angles: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
+def yaw_ahead(angles: Floats, turn: float) -> Floats:
     """Return the yaw (N,) [rad] of an IMU, by its roll and pitch, with which the robot's x axis points ahead."""
     roll, pitch = angles[:, 0], angles[:, 1]
     c, s = np.cos(turn), np.sin(turn)
     return np.arctan2(s * np.cos(roll), c * np.cos(pitch) - s * np.sin(pitch) * np.sin(roll))
 
 
-def integral_of(rows: NDArray[np.float64], rate: NDArray[np.float64]) -> NDArray[np.float64]:
+def integral_of(rows: Floats, rate: Floats) -> Floats:
     """Return the integral (N,) of a rate over times (N,) from zero; a missing value counts as zero."""
     known = np.nan_to_num(rate)
     steps = 0.5 * (known[1:] + known[:-1]) * np.diff(rows)
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def about_body_axes(rates: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
+def about_body_axes(rates: Floats, turn: float) -> Floats:
     """Return angular velocities (N, 3) about the robot's axes from those about the IMU's."""
     c, s = math.cos(turn), math.sin(turn)
     x, y, z = rates.T
     return np.column_stack([c * x - s * y, s * x + c * y, z])
 
 
-def angle_rates_of(angles: NDArray[np.float64], body: NDArray[np.float64]) -> NDArray[np.float64]:
+def angle_rates_of(angles: Floats, body: Floats) -> Floats:
     """Return the rates of theta, phi, psi (N, 3) from the angular velocity (N, 3) in the body's frame."""
     from ballbot.mechanics.geometry import body_rates_matrix
 

@@ -122,28 +122,16 @@ class Log:
     def write(self, path: str | Path) -> None:
         """Write the log to `path`, in the format of its suffix; every value reads back to the same bits.
 
-        Raises
-        ------
-        InputError
-            If no format with that suffix is written, or the file cannot be written.
+        InputError if no format with that suffix is written, or the file cannot be written.
         """
         from ballbot.log import formats
 
         formats.write_columns(path, self.columns)
 
     def to_pandas(self) -> DataFrame:
-        """Return the log as a pandas DataFrame.
+        """Return the log as a pandas DataFrame, whose index is t [s], as uneven as it was logged.
 
-        Returns
-        -------
-        DataFrame
-            The index is t [s], as uneven as it was logged; `frame.attrs["units"]` has the units of the columns, t
-            among them.
-
-        Raises
-        ------
-        InputError
-            If pandas is not installed.
+        `frame.attrs["units"]` has the units of the columns, t among them. InputError if pandas is not installed.
         """
         from ballbot.log.frames import frame_of
 
@@ -248,10 +236,7 @@ class Log:
     def require(self, *names: str) -> None:
         """Check that every one of `names` is a column and finite throughout.
 
-        Raises
-        ------
-        InputError
-            If one is missing or has a NaN or an infinity; the message names the columns, or the first row.
+        InputError names the columns that are missing, or the first row with a NaN or an infinity.
         """
         self._need(names)
         for name in names:
@@ -266,10 +251,7 @@ class Log:
     def complete(self, *names: str) -> Log:
         """Return the rows that have a value in every one of these columns; the others become a gap in time.
 
-        Raises
-        ------
-        InputError
-            If one is no column, or no row is left.
+        InputError if one is no column, or no row is left.
         """
         self._need(names)
         known = np.isfinite(np.column_stack([self.columns[name] for name in ("t", *names)])).all(axis=1)
@@ -280,13 +262,7 @@ class Log:
         return Log({name: values[known] for name, values in self.columns.items()}, self.ended, self.changes)
 
     def between(self, start: float, end: float) -> Log:
-        """Return the rows with start <= t < end [s].
-
-        Raises
-        ------
-        InputError
-            If there is no such row.
-        """
+        """Return the rows with start <= t < end [s]; InputError if there is no such row."""
         kept = (self.t >= start) & (self.t < end)
         if not kept.any():
             asked = f"from {start:g} to {end:g} s" if np.isfinite(end) else f"from {start:g} s on"
@@ -310,12 +286,7 @@ class Log:
     def truth(self) -> Log:
         """Return the log of a simulated run with the true states in place of the measured ones.
 
-        The columns true_x .. true_psi_dot become x .. psi_dot; all else stays.
-
-        Raises
-        ------
-        InputError
-            If the log has no true states.
+        The columns true_x .. true_psi_dot become x .. psi_dot; all else stays. InputError if the log has none.
         """
         true_names = [TRUE_PREFIX + name for name in STATE_NAMES]
         missing = [name for name in true_names if name not in self.columns]

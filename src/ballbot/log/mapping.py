@@ -4,12 +4,11 @@ An example with everything in it::
 
     [file]                        # the text table; may be left out for CSV with a header
     separator = "blanks"          # comma (default), semicolon, tab, blanks
-    decimal = "comma"             # 0,5 is a half; "point" (default)
+    decimal = "comma"             # 0,5 is a half, in quotes beside commas; "point" (default)
     missing = ["NA"]              # marks of a missing value, beside an empty cell and nan
     header_lines = 1              # lines before the first row, the last of them with the names
     names = ["i", "t_now"]        # the columns' names, if the header has none or wrong ones
     damaged_rows = "drop"         # skip rows of another width or with words; "refuse" (default)
-    repeated_rows = "drop"        # rows that repeat the row before, its time too, are one; "refuse" (default)
     unordered_rows = "drop"       # rows out of order: the longest series of rows in which time increases is kept;
                                   # "refuse" (default)
     rows = [1, 5000]              # first and last row to take, from 1; may be left out
@@ -20,7 +19,7 @@ An example with everything in it::
     keep = [[2.0, 57.5]]          # [s], intervals of the file's clock to keep
 
     [columns]
-    t = { from = "t_now", unit = "ms" }   # of two columns: { from = "stamp.sec", nanoseconds = "stamp.nanosec" }
+    t = { from = "t_now", unit = "ms" }
     x = { from = "pos_x", unit = "mm", sign = -1, offset = 0.01, delay = 0.016 }
     y = "pos_y"                   # short for { from = "pos_y" }: Ballbot's unit and sign
     x_dot = { derivative_of = "x" }
@@ -86,15 +85,12 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
     FiniteFloat,
-    NonNegativeInt,
     PositiveFloat,
-    PositiveInt,
 )
 
 from ballbot.arrays import rows_between
@@ -106,14 +102,14 @@ from ballbot.log.columns import (
     KNOWN_NAMES,
     MAX_WHEELS,
     Columns,
+    Floats,
     check_column_names,
-    direction_sign,
     factor_to,
     mark_missing,
     numbered_names,
     unit_of,
 )
-from ballbot.log.formats.text import TextLayout
+from ballbot.log.formats.text import OWN_LAYOUT, TextLayout
 from ballbot.log.imu_angles import (
     QUATERNION_ANGLES,
     about_body_axes,
@@ -124,31 +120,14 @@ from ballbot.log.imu_angles import (
     quaternion_angles,
     yaw_ahead,
 )
-from ballbot.log.row_order import check_time, later_runs, repeated_rows, rows_in_order, rows_with_times
+from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
-from ballbot.log.wrapping import continuous_clock, continuous_headings
+from ballbot.log.wrapping import continuous_headings
 from ballbot.schema import validate_table
 
-_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
-Floats = NDArray[np.float64]
 Table = Mapping[str, Floats]  #: a file's columns (M,) by the file's names
 Sign = Literal[1, -1]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FileTable:
-    """[file]: the layout of the text."""
-
-    separator: Literal["comma", "semicolon", "tab", "blanks"] = "comma"
-    decimal: Literal["point", "comma"] = "point"
-    missing: tuple[str, ...] = ()
-    header_lines: NonNegativeInt = 1
-    names: tuple[str, ...] | None = None
-    damaged_rows: Literal["refuse", "drop"] = "refuse"
-    repeated_rows: Literal["refuse", "drop"] = "refuse"
-    unordered_rows: Literal["refuse", "drop"] = "refuse"
-    rows: tuple[PositiveInt, PositiveInt] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +151,6 @@ class ColumnTable:
     sign: Sign = 1
     offset: FiniteFloat = 0.0
     delay: FiniteFloat = 0.0
-    nanoseconds: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -324,7 +302,7 @@ class MappingTable:
     __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
 
     complete: bool = True
-    file: FileTable = FileTable()
+    file: TextLayout = OWN_LAYOUT
     time: TimeTable = TimeTable()
     columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
     attitude: AttitudeTable | None = None
@@ -340,8 +318,7 @@ class Source:
     factor: float = 1.0  #: unit, scale and sign in one
     offset: float = 0.0  #: in Ballbot's unit
     delay: float = 0.0  #: [s]
-    #: of a time, the column with its nanoseconds; of a motor's magnitude, its direction
-    beside: str | None = None
+    direction: str | None = None  #: of a motor's magnitude, the column with its direction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -353,32 +330,18 @@ class LogMapping:
     #: by Ballbot's name, which one to differentiate; by wheel angle, the speed to integrate
     derivatives: Mapping[str, str] = field(default_factory=dict)
     integrals: Mapping[str, str] = field(default_factory=dict)
-    file: FileTable = FileTable()
+    layout: TextLayout = OWN_LAYOUT  #: how the file is read if it is a text
     time: TimeTable = TimeTable()
     attitude: AttitudeTable | None = None
     angle: WheelTable = WheelTable()
     input: InputTable | None = None
 
     @property
-    def layout(self) -> TextLayout:
-        """How the file is read if it is a text."""
-        file = self.file
-        return TextLayout(
-            separator=_SEPARATORS[file.separator],
-            decimal_comma=file.decimal == "comma",
-            missing=file.missing,
-            header_lines=file.header_lines,
-            names=file.names,
-            drop_damaged=file.damaged_rows == "drop",
-            rows=file.rows,
-        )
-
-    @property
     def used_columns(self) -> set[str] | None:
         """The file's columns that it takes; None if rows with words in any column are left out."""
-        if self.file.damaged_rows == "drop":
+        if self.layout.damaged_rows == "drop":
             return None
-        named = {name for one in self.columns.values() for name in (one.column, one.beside) if name}
+        named = {name for one in self.columns.values() for name in (one.column, one.direction) if name}
         return named | set(self.attitude.quaternion if self.attitude else ())
 
     @property
@@ -397,14 +360,7 @@ IMU_NAMES = ("roll", "pitch", "yaw", "imu_rate_x", "imu_rate_y", "imu_rate_z")
 
 
 def read_mapping(path: str | Path) -> LogMapping:
-    """Read a mapping file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not TOML, or does not describe a log; the sentence names the key and
-        its allowed values.
-    """
+    """Read a mapping file; InputError names the key that is wrong and its allowed values."""
     return parse_mapping(read_text(path, largest=LARGEST_SETTINGS), source=str(path))
 
 
@@ -439,20 +395,18 @@ def _mapping(table: MappingTable) -> LogMapping:
         raise InputError(
             'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'
         )
-    _check_file(table.file)
-    for start, end in table.time.keep or ():
-        if not end > start:
-            raise InputError(f"[time] keep has [{start:g}, {end:g}]; write the earlier time first")
+    _check_layout(table)
     columns, derivatives, integrals = dict[str, Source](), dict[str, str](), dict[str, str]()
     for name, entry in table.columns.items():
-        _check_name(name)
+        if name not in KNOWN_NAMES:
+            hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
+            raise InputError(f"[columns] has {name}, which is not a column of a log; {hint}")
         if not entry.derivative_of:
             columns[name] = _source(name, entry)
         elif entry != ColumnTable(derivative_of=entry.derivative_of):
             raise InputError(f"[columns] {name} has derivative_of, which allows no other key")
         else:
             derivatives[name] = entry.derivative_of
-    _check_wheels(wheels.angle, wheels.speed)
     for suffix, entry in (("", wheels.angle), ("_dot", wheels.speed)):
         columns |= _wheel_sources(suffix, entry, wheels) if entry.sources else {}
     for i in range(1, len(wheels.angle.sources or wheels.speed.sources) + 1):
@@ -478,7 +432,7 @@ def _mapping(table: MappingTable) -> LogMapping:
         columns=columns,
         derivatives=derivatives,
         integrals=integrals,
-        file=table.file,
+        layout=table.file,
         time=table.time,
         attitude=table.attitude,
         angle=wheels.angle,
@@ -486,17 +440,17 @@ def _mapping(table: MappingTable) -> LogMapping:
     )
 
 
-def _check_file(file: FileTable) -> None:
+def _check_layout(table: MappingTable) -> None:
+    """Raise InputError if entries of [file], [time] or [wheels] contradict each other."""
+    file, angle, speed = table.file, table.wheels.angle, table.wheels.speed
     if file.header_lines == 0 and file.names is None:
         raise InputError("[file] has header_lines = 0 and therefore needs names = [..] of the columns")
-    if file.decimal == "comma" and file.separator == "comma":
-        raise InputError('[file] decimal = "comma" needs another separator, such as "semicolon"')
     if file.names is not None and len(set(file.names)) < len(file.names):
         raise InputError("[file] names contains a name twice")
     check_column_names(file.names or (), source="[file] names")
-
-
-def _check_wheels(angle: WheelTable, speed: WheelTable) -> None:
+    for start, end in table.time.keep or ():
+        if not end > start:
+            raise InputError(f"[time] keep has [{start:g}, {end:g}]; write the earlier time first")
     for name, entry in (("angle", angle), ("speed", speed)):
         if not entry.sources and replace(entry, derivative_of=None, integral_of=None) != WheelTable():
             raise InputError(f"[wheels] {name} needs from = [..], the columns of the file")
@@ -506,28 +460,19 @@ def _check_wheels(angle: WheelTable, speed: WheelTable) -> None:
         raise InputError("[wheels] lacks from = [..], the columns of the file, in angle or in speed")
 
 
-def _check_name(name: str) -> None:
-    if name in KNOWN_NAMES and name[0] == "u":
-        raise InputError(f"[columns] has {name}; map torques in [input], which names their kind")
-    if name not in KNOWN_NAMES:
-        hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
-        raise InputError(f"[columns] has {name}, which is not a column of a log; {hint}")
-
-
 def _source(name: str, entry: ColumnTable) -> Source:
+    if name[0] == "u":
+        raise InputError(f"[columns] has {name}; map torques in [input], which names their kind")
     if entry.source is None:
         raise InputError(f'[columns] {name} needs from = "..", a column of the file, or derivative_of = ".."')
     if name == "t" and entry.delay:
         raise InputError("[columns] t cannot have a delay; give the delay to the columns that are delayed")
-    if name != "t" and entry.nanoseconds is not None:
-        raise InputError(f"[columns] {name} has nanoseconds; only t may have them")
     unit = _unit_factor(f"[columns] {name}", name, entry.unit, entry.counts_per_turn)
     return Source(
         column=entry.source,
         factor=entry.sign * entry.scale * unit,
         offset=entry.offset,
         delay=entry.delay,
-        beside=entry.nanoseconds,
     )
 
 
@@ -588,7 +533,7 @@ def _motor_sources(table: InputTable, wheels: WheelsTable) -> dict[str, Source]:
             factor=factors[k],
             offset=-zeros[k] * factors[k] if zeros[k] else 0.0,
             delay=table.delay,
-            beside=directions[k],
+            direction=directions[k],
         )
         for i, k in enumerate(_order(wheels, len(columns)), start=1)
     }
@@ -623,27 +568,11 @@ def apply_mapping(
     even_from: float | None = None,
     changes: list[Finding] | None = None,
 ) -> Columns:
-    """Return the log's columns (N,) from the file's.
+    """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
-    Parameters
-    ----------
-    mapping : LogMapping
-    table : mapping of str to (M,) array
-        The file's columns by the file's names.
-    even_from : float, optional
-        A time from which rows at even intervals are counted [s]; the table's first if not given.
-    changes : list of Finding, optional
-        Findings on what is left out or continued are added to it.
-
-    Returns
-    -------
-    dict of str to (N,) array
-        In Ballbot's names and units; rows at the ends are cut if a delay requires it.
-
-    Raises
-    ------
-    InputError
-        If the file lacks a column that the mapping names, its time does not increase, or no row is left.
+    Rows at even intervals are counted from `even_from` [s], by default the table's first time. Findings on what is left
+    out or continued are added to `changes`. InputError if the file lacks a column that the mapping names, its time does
+    not increase, or no row is left.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a scale may turn a cell into an infinity
         columns = _applied(mapping, table, even_from, [] if changes is None else changes)
@@ -651,10 +580,8 @@ def apply_mapping(
 
 
 def _applied(mapping: LogMapping, table: Table, even_from: float | None, changes: list[Finding]) -> Columns:
-    clock, notes = mapping.columns["t"].column, list[str]()
-    table = whole_rows(mapping, table)
-    if clock in table:
-        table = rows_with_times(table, clock, notes)
+    notes = list[str]()
+    table = taken_rows(mapping, table, notes)
     t = row_times(mapping, table)
     changes += [note("time", sentence) for sentence in notes]
     raw = _raw_columns(mapping, table, t, changes)
@@ -671,8 +598,9 @@ def _applied(mapping: LogMapping, table: Table, even_from: float | None, changes
             columns[name] = _measured_at(rows, sampled, values, delay, shift=shift)
         elif even is not None:
             columns[name] = _mean_acting(t, rows, values, delay)
-        else:
-            columns[name] = _acting_at(t, values, delay)
+        else:  # the last one logged at t - delay or before
+            latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
+            columns[name] = values[np.maximum(latest, 0)] if delay else values
     if mapping.attitude is not None:
         columns = _body_angles(mapping.attitude, columns)
     columns = _cut(mapping, columns, t)
@@ -723,35 +651,28 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
 
 def row_times(mapping: LogMapping, table: Table) -> Floats:
     """Return the times of the file's rows (N,) by the file's own clock [s]; InputError if they do not increase."""
-    t = _clock(mapping.columns["t"], table)
+    t = _scaled("t", mapping.columns["t"], table)
     check_time(t)
     return t
 
 
-def whole_rows(mapping: LogMapping, table: Table) -> Columns:
-    """Return a file's table with the rows that a mapping takes; InputError if it would mix the rows of two runs."""
-    source, file = mapping.columns["t"], mapping.file
-    unordered = file.unordered_rows == "drop"
-    if source.column not in table or not (unordered or file.repeated_rows == "drop"):
-        return {**table}  # `row_times` reports a time that is missing
-    t = _clock(source, table)
-    repeated = repeated_rows(table, source.column) & (file.repeated_rows == "drop")
-    if unordered and file.rows is None:
-        runs = later_runs(t, repeated)
-        again = runs[t[runs] < t[runs - 1]]
-        if again.size:
-            raise InputError(f"Time starts again at row {again[0] + 1}; split the log, or give [file] rows.")
-    return rows_in_order(table, t, repeated=repeated, unordered=unordered)
+def taken_rows(mapping: LogMapping, table: Table, notes: list[str]) -> Columns:
+    """Return a file's table with the rows that a mapping takes, see `rows_with_times`.
 
-
-def _clock(source: Source, table: Table) -> Floats:
-    """Return the times of all rows (N,) by the file's own clock [s], continued where it begins again."""
-    if source.column in table:
-        table = {**table, source.column: continuous_clock(table[source.column])[0]}
-    t = _scaled("t", replace(source, beside=None), table)
-    if source.beside is None:
-        return t
-    return t + _scaled("the nanoseconds", Source(column=source.beside, factor=1e-9), table)
+    InputError if it would mix the rows of two runs.
+    """
+    source, layout = mapping.columns["t"], mapping.layout
+    if source.column in table:  # `row_times` reports a time that is missing
+        table = rows_with_times(table, source.column, notes)
+    if layout.unordered_rows == "refuse":
+        return {**table}
+    t = _scaled("t", source, table)
+    runs = later_runs(t)
+    again = runs[t[runs] < t[runs - 1]]
+    if again.size and layout.rows is None:
+        raise InputError(f"Time starts again at row {again[0] + 1}; split the log, or give [file] rows.")
+    kept = increasing_rows(t)
+    return {name: values[kept] for name, values in table.items()}
 
 
 def _even_rows(t: Floats, interval: float, counted_from: float, *, columns: int) -> Floats:
@@ -764,12 +685,15 @@ def _even_rows(t: Floats, interval: float, counted_from: float, *, columns: int)
 
 
 def _scaled(name: str, source: Source, table: Table) -> Floats:
-    for column in (source.column, source.beside):
+    for column in (source.column, source.direction):
         if column is not None and column not in table:
             hint = suggest(column, table, otherwise="it has")
             raise InputError(f"The mapping takes {name} from column {column!r}, which does not exist; {hint}")
     values = mark_missing(source.factor * table[source.column] + source.offset)
-    return values if source.beside is None else values * direction_sign(table[source.beside])
+    if source.direction is None:
+        return values
+    direction = table[source.direction]
+    return values * np.where(np.isnan(direction), np.nan, np.where(direction > 0.0, 1.0, -1.0))
 
 
 def _wheel_angles(columns: Columns) -> tuple[str, ...]:
@@ -850,14 +774,6 @@ def _measured_at(rows: Floats, sampled: Floats, values: Floats, delay: float, *,
         return values
     first = new_messages(sampled) if shift else slice(None)
     return np.interp(rows + delay, sampled[first], without_holes(sampled[first], values[first]))
-
-
-def _acting_at(t: Floats, values: Floats, delay: float) -> Floats:
-    """Return the command that acts at t: the last one logged at t - delay or before."""
-    if not delay:
-        return values
-    latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
-    return values[np.maximum(latest, 0)]
 
 
 def _mean_acting(t: Floats, rows: Floats, values: Floats, delay: float) -> Floats:

@@ -23,15 +23,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.log.columns import STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import STATE_NAMES, Bools, Floats, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_columns
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
-from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping, row_times, whole_rows
+from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping, row_times, taken_rows
 from ballbot.robot import Robot
 
 _LEAN = ("theta", "phi", "theta_dot", "phi_dot")
@@ -41,18 +40,9 @@ _HEADING = ("psi", "psi_dot")
 def with_odometry(log: Log, robot: Robot) -> Log:
     """Return the log with x, y [m] and x_dot, y_dot [m/s] from its wheel speeds and attitude, where it has these.
 
-    Parameters
-    ----------
-    log : Log
-        With theta, phi, their rates, and every wheel's speed; with psi and its rate, or without both. Then theta and
-        phi are those of a heading that stays zero, and the log returned has the heading that the wheels give.
-    robot : Robot
-        Gives the geometry.
-
-    Raises
-    ------
-    InputError
-        If a column is missing, or no row has a value in all of them.
+    It has theta, phi, their rates, and every wheel's speed; with psi and its rate, or without both. Then theta and phi
+    are those of a heading that stays zero, and the log returned has the heading that the wheels give. InputError if a
+    column is missing, or no row has a value in all of them.
     """
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
@@ -96,13 +86,7 @@ def _with_heading(log: Log, robot: Robot) -> Log:
 
 
 def with_position(log: Log, robot: Robot) -> Log:
-    """Return the log itself if it has x, else with the position, and a heading that it lacks, of `with_odometry`.
-
-    Raises
-    ------
-    InputError
-        If it has neither x nor the columns that give it.
-    """
+    """Return the log itself if it has x, else with the position, and a heading that it lacks, of `with_odometry`."""
     return log if "x" in log else with_odometry(log, robot)
 
 
@@ -124,34 +108,16 @@ _ROW_ROUNDING = 1e-6
 
 
 def causal_states(
-    path: str | Path, *, mapping: str | Path | LogMapping, robot: Robot, moments: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    path: str | Path, *, mapping: str | Path | LogMapping, robot: Robot, moments: Floats
+) -> Floats:
     """Return the states (m, 10) at rows of a mapped log, from the rows that the file has by then.
 
-    Parameters
-    ----------
-    path : str or Path
-        The foreign file.
-    mapping : str, Path or LogMapping
-        How the file becomes a log.
-    robot : Robot
-        Its wheels give the ball's path if the log has no position. The path starts anew for each moment, so that
-        only its rates have a meaning.
-    moments : ndarray (m,)
-        Times of rows of the log that file and mapping make [s].
-
-    Returns
-    -------
-    ndarray (m, 10)
-        NaN if too little of the file precedes the moment.
-
-    Raises
-    ------
-    InputError
-        If the file or the mapping cannot be read or does not make a log.
+    They are those at `moments` (m,) [s], times of rows of the log that file and mapping make; NaN if too little of the
+    file precedes one. If the log has no position, the ball's path by the wheels starts anew for each moment, so that
+    only its rates have a meaning.
     """
     mapping = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
-    table = whole_rows(mapping, read_columns(path, mapping.layout))
+    table = taken_rows(mapping, read_columns(path, mapping.layout), [])
     t, late = row_times(mapping, table), mapping.sensor_delay
     everything = replace(mapping, time=replace(mapping.time, keep=None))
     states = np.full((len(moments), len(STATE_NAMES)), np.nan)
@@ -166,7 +132,7 @@ def causal_states(
     return states
 
 
-def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> NDArray[np.float64]:
+def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> Floats:
     """Return the state (10,) in the last row."""
     by_wheels = "x" not in past
     past = with_position(past, robot)
@@ -195,10 +161,10 @@ _LEAST_POSES = 10
 class Poses:
     """Poses measured by motion capture, in its frame and on its clock."""
 
-    t: NDArray[np.float64]  #: (M,) [s]
+    t: Floats  #: (M,) [s]
     rotations: Rotation  #: M of them, body to cameras; the last known one while unseen
-    seen: NDArray[np.bool_]  #: (M,), whether the orientation was measured
-    places: NDArray[np.float64]  #: (M, 3) [m]; NaN if not measured
+    seen: Bools  #: (M,), whether the orientation was measured
+    places: Floats  #: (M, 3) [m]; NaN if not measured
 
     def seen_only(self) -> Poses:
         """Return the poses whose orientation was measured; their times have a gap where the body was not seen."""
@@ -213,10 +179,7 @@ class Poses:
 def read_poses(mocap: Log) -> Poses:
     """Return the poses of a log of motion capture; without x, y and z the places are NaN.
 
-    Raises
-    ------
-    InputError
-        If there are no unit quaternions qw, qx, qy, qz.
+    InputError if there are no unit quaternions qw, qx, qy, qz.
     """
     wxyz = np.column_stack([mocap[name] for name in QUATERNION_NAMES])
     seen = np.isfinite(wxyz).all(axis=1) & (np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < _NORM_TOLERANCE)

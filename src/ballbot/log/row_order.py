@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import format_duration
 from ballbot.errors import InputError
-from ballbot.log.columns import Columns
-from ballbot.log.wrapping import clock_note, continuous_clock
+from ballbot.log.columns import Bools, Columns, Floats
+from ballbot.log.wrapping import continuous_clock
 from ballbot.summary import counted
 
 #: longest log and shortest interval between rows [s]
@@ -30,24 +30,24 @@ _BESIDE = 10
 _INTERVALS, _DEVIATIONS = 3.0, 3.0
 
 
-def longest_run(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> tuple[int, int]:
+def longest_run(t: Floats) -> tuple[int, int]:
     """Return first and end of the longest stretch of rows that are one run; see `later_runs`."""
-    edges = np.concatenate(([0], later_runs(t, repeated), [len(t)]))
+    edges = np.concatenate(([0], later_runs(t), [len(t)]))
     longest = int(np.argmax(np.diff(edges)))
     return int(edges[longest]), int(edges[longest + 1])
 
 
-def later_runs(t: NDArray[np.float64], repeated: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return the rows with which another run begins, but for the first; `repeated` rows (N,) repeat the row before."""
+def later_runs(t: Floats) -> NDArray[np.intp]:
+    """Return the rows with which another run begins, but for the first."""
     steps = np.diff(t)
     breaks = ~(np.abs(steps) < LONGEST_PAUSE)  # also where a time is missing
-    back = np.flatnonzero(~breaks & (steps <= 0.0) & ~repeated[1:])
+    back = np.flatnonzero(~breaks & (steps < 0.0))
     if back.size:
         breaks[back] = _stays_back(t, back)
     return np.flatnonzero(breaks) + 1
 
 
-def _stays_back(t: NDArray[np.float64], back: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _stays_back(t: Floats, back: NDArray[np.intp]) -> Bools:
     """Return for steps back, after the rows `back`, whether the times that follow are those of another run."""
     if len(t) <= 2 * _BESIDE:
         return np.ones(len(back), dtype=np.bool_)
@@ -63,7 +63,7 @@ def _stays_back(t: NDArray[np.float64], back: NDArray[np.intp]) -> NDArray[np.bo
     return np.array(found)
 
 
-def increasing_rows(t: NDArray[np.float64]) -> NDArray[np.bool_]:
+def increasing_rows(t: Floats) -> Bools:
     """Return which rows (N,) are one of the longest series in which time increases."""
     if np.all(np.diff(t) > 0.0):
         return np.ones(len(t), dtype=np.bool_)
@@ -86,27 +86,7 @@ def increasing_rows(t: NDArray[np.float64]) -> NDArray[np.bool_]:
     return kept
 
 
-def rows_in_order(
-    table: Mapping[str, NDArray[np.float64]],
-    t: NDArray[np.float64],
-    *,
-    repeated: NDArray[np.bool_],
-    unordered: bool,
-) -> Columns:
-    """Return a table without the rows that repeat the row before and, if `unordered`, without those out of order.
-
-    Rows whose time `t` (N,) [s] is missing stay.
-    """
-    kept = ~repeated
-    if unordered:
-        known = np.flatnonzero(kept & np.isfinite(t))
-        kept[known] = increasing_rows(t[known])
-    return {**table} if kept.all() else {name: values[kept] for name, values in table.items()}
-
-
-def rows_with_times(
-    table: Mapping[str, NDArray[np.float64]], time: str, notes: list[str]
-) -> dict[str, NDArray[np.float64]]:
+def rows_with_times(table: Mapping[str, Floats], time: str, notes: list[str]) -> Columns:
     """Return a table without the rows that lack a time or repeat the row before, its clock continued.
 
     Sentences on what is left out or changed are added to `notes`.
@@ -114,7 +94,7 @@ def rows_with_times(
     untimed = ~np.isfinite(table[time])
     if untimed.all():
         return {**table}
-    repeated = repeated_rows(table, time) & ~untimed
+    repeated = _repeated_rows(table, time)
     for rows, what in (
         (untimed, "without a time"),
         (repeated, "with the time and all values of the row before"),
@@ -126,11 +106,14 @@ def rows_with_times(
     found = {name: values[kept] for name, values in table.items()}
     found[time], again = continuous_clock(found[time])
     if again.size:
-        notes.append(clock_note(time, again))
+        notes.append(
+            f"{time} begins again {counted(again.size, 'time')}, first at row {again[0] + 1}, as a counter that "
+            "overflows or a time of day at midnight: it is continued there."
+        )
     return found
 
 
-def repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> NDArray[np.bool_]:
+def _repeated_rows(table: Mapping[str, Floats], time: str) -> Bools:
     """Return which rows (N,) repeat the time and every other value of the row before."""
     repeated = np.zeros(len(table[time]), dtype=np.bool_)
     repeated[1:] = np.diff(table[time]) == 0.0
@@ -141,7 +124,7 @@ def repeated_rows(table: Mapping[str, NDArray[np.float64]], time: str) -> NDArra
     return repeated
 
 
-def check_time(t: NDArray[np.float64]) -> None:
+def check_time(t: Floats) -> None:
     """Raise InputError if times (N,) [s] are missing, do not increase, or are so many that they are in another unit."""
     unknown = np.flatnonzero(~np.isfinite(t))
     if unknown.size:

@@ -23,19 +23,17 @@ from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError
+from ballbot.log.columns import Bools, Floats
 
 _LOCAL_DEGREE = 3
 #: rows fitted at once; more would take much memory and not less time
 _AT_ONCE = 2000
 
 
-def local_fit(
-    t: NDArray[np.float64], values: NDArray[np.float64], *, rows: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def local_fit(t: Floats, values: Floats, *, rows: int) -> tuple[Floats, Floats]:
     """Return the fitted values (N, c) and their rates at every row, by so many rows on each side.
 
     Times t (N,) do not decrease; one may appear twice.
@@ -76,20 +74,10 @@ FEWEST_FAST = 50
 REPEATED = 0.2
 
 
-def sampling_times(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the times at which the rows' angles were read, up to a constant.
+def sampling_times(t: Floats, angles: Floats) -> Floats:
+    """Return the times (N,) [s] at which the rows' angles were read, up to a constant; equal for one message.
 
-    Parameters
-    ----------
-    t : ndarray (N,)
-        The rows' own times [s], increasing.
-    angles : ndarray (N, n)
-        Wheel angles [rad], finite, two wheels or more.
-
-    Returns
-    -------
-    ndarray (N,)
-        Not decreasing; equal for rows with the same message.
+    Of the rows' own times (N,) [s], increasing, and angles (N, n) [rad] of two wheels or more, finite.
     """
     rows = _course_rows(t)
     times, farthest = t.copy(), rows * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
@@ -102,7 +90,7 @@ def sampling_times(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArr
     return times
 
 
-def new_messages(times: NDArray[np.float64]) -> NDArray[np.bool_]:
+def new_messages(times: Floats) -> Bools:
     """Return which rows (N,) have another message than the row before."""
     least = REPEATED * float(np.median(np.diff(times)))
     kept = np.ones(len(times), dtype=np.bool_)
@@ -113,9 +101,7 @@ def new_messages(times: NDArray[np.float64]) -> NDArray[np.bool_]:
     return kept
 
 
-def speed_noise(
-    t: NDArray[np.float64], angles: NDArray[np.float64], times: NDArray[np.float64] | None = None
-) -> float | None:
+def speed_noise(t: Floats, angles: Floats, times: Floats | None = None) -> float | None:
     """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast; by repaired `times`.
 
     It is the root mean square, over rows and wheels, of speeds minus smooth speeds; None if too few rows are fast.
@@ -124,7 +110,7 @@ def speed_noise(
     return None if noise is None else float(np.sqrt((noise**2).mean()))
 
 
-def repaired_noise(t: NDArray[np.float64], angles: NDArray[np.float64]) -> float | None:
+def repaired_noise(t: Floats, angles: Floats) -> float | None:
     """Return `speed_noise` after the repair, each wheel with the times that the other wheels give.
 
     With times that it helped to find, the noise of a wheel would be underestimated.
@@ -139,9 +125,7 @@ def repaired_noise(t: NDArray[np.float64], angles: NDArray[np.float64]) -> float
     return float(np.sqrt(np.mean(squares)))
 
 
-def _noise_of_speeds(
-    times: NDArray[np.float64], angles: NDArray[np.float64], *, rows: int
-) -> NDArray[np.float64] | None:
+def _noise_of_speeds(times: Floats, angles: Floats, *, rows: int) -> Floats | None:
     """Return speeds between rows minus smooth speeds (K, n) while the wheels turn fast; None if too few rows are."""
     kept = new_messages(times)
     times, angles = times[kept], angles[kept]
@@ -153,7 +137,7 @@ def _noise_of_speeds(
     return noise[fast] if fast.sum() >= FEWEST_FAST else None
 
 
-def _course_rows(t: NDArray[np.float64]) -> int:
+def _course_rows(t: Floats) -> int:
     """Return the number of rows of the smooth course on each side; refuse intervals that no encoder has."""
     usual = float(np.median(np.diff(t))) if len(t) > 1 else COURSE_REACH
     if usual < SHORTEST_INTERVAL:
@@ -169,9 +153,7 @@ def _course_rows(t: NDArray[np.float64]) -> int:
 LONGEST_HOLE = 0.05
 
 
-def without_holes(
-    t: NDArray[np.float64], values: NDArray[np.float64], *, held: bool = False
-) -> NDArray[np.float64]:
+def without_holes(t: Floats, values: Floats, *, held: bool = False) -> Floats:
     """Return values (N,) with short holes filled, by a line or, as commands are `held`, with the last known value.
 
     Longer holes stay missing (NaN). Times t (N,) [s] increase.
@@ -187,7 +169,7 @@ def without_holes(
     return np.where(inside, values[before] if held else np.interp(t, t[known], values[known]), values)
 
 
-def unwrapped(angle: NDArray[np.float64], *, period: float = 2.0 * np.pi) -> NDArray[np.float64]:
+def unwrapped(angle: Floats, *, period: float = 2.0 * np.pi) -> Floats:
     """Return an angle (N,) [rad], or in units of `period`, without jumps of a period; missing values stay missing."""
     known = np.isfinite(angle)
     found = angle.copy()
@@ -195,72 +177,38 @@ def unwrapped(angle: NDArray[np.float64], *, period: float = 2.0 * np.pi) -> NDA
     return found
 
 
-def without_resets(
-    t: NDArray[np.float64], angles: NDArray[np.float64], largest_speed: float
-) -> NDArray[np.float64]:
-    """Return encoders' angles without the steps that no wheel makes: resets, overflows, and ends of a turn.
-
-    An angle that stays within one turn, and jumps from end to end of it again and again, is unwrapped: on a fast wheel
-    or with slow rows such a jump may be less than what the wheel could turn. A step to zero is a reset if the wheel
-    hardly moves before and after it, and one that is less clear if another encoder is reset in the same row.
+def without_resets(t: Floats, angles: Floats, largest_speed: float) -> Floats:
+    """Return encoders' angles without the steps that no wheel makes: resets and overflows.
 
     Missing values of the angles (N,) or (N, n) [rad] stay missing; the wheels cannot reach `largest_speed` [rad/s].
     """
-    columns = list(np.asarray(angles).reshape(len(t), -1).T)
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    found = [unwrapped(column) if _is_wrapped(column) else column for column in columns]
-    certain, likely = np.zeros((2, len(columns), len(t)), dtype=np.bool_)
-    for i, column in enumerate(columns):
+    found = np.array(angles, dtype=np.float64).reshape(len(t), -1)
+    for column in found.T:
         known = np.isfinite(column)
-        if found[i] is column and known.sum() > 1:
-            rows = np.flatnonzero(known)[1:]
-            certain[i, rows], likely[i, rows] = _resets(t[known], column[known], usual, largest_speed)
-    reset = certain | (likely & certain.any(axis=0))
-    for i in range(len(columns)):
-        known = np.isfinite(found[i])
-        if reset[i].any():
-            steps = np.diff(found[i][known])
-            steps[reset[i, known][1:]] = 0.0
-            found[i] = found[i].copy()
-            found[i][known] = found[i][known][0] + np.concatenate(([0.0], np.cumsum(steps)))
-    return np.column_stack(found).reshape(np.shape(angles))
+        if known.sum() > 1:
+            steps = np.diff(column[known])
+            # three usual intervals, so that a late row is not taken for a reset
+            impossible = np.abs(steps) > largest_speed * np.maximum(np.diff(t[known]), 3.0 * usual)
+            lost = np.cumsum(np.where(impossible, steps, 0.0))
+            column[known] -= np.concatenate(([0.0], lost))
+    return found.reshape(np.shape(angles))
 
 
-#: a step to zero is a reset if it exceeds this many times the steps beside it by this many counts; the third number
-#: stands for the first, without counts, if another encoder is reset in the same row
-_ALONE, _COUNTS, _TOGETHER = 4.0, 8.0, 2.0
-#: a step leads to zero if the angle after it is less than this fraction of the step
-_TO_ZERO = 0.2
-
-
-def _resets(
-    t: NDArray[np.float64], values: NDArray[np.float64], usual: float, largest_speed: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which steps (N - 1,) of an angle (N,) are resets, and which are if another encoder is reset there."""
-    steps = np.diff(values)
-    size, between = np.abs(steps), np.maximum(np.diff(t), usual)
-    # three usual intervals, so that a late row is not taken for a reset
-    impossible = size > largest_speed * np.maximum(between, 3.0 * usual)
-    rates = np.pad(size * usual / between, 2)
-    beside = np.max([rates[place : len(rates) - 4 + place] for place in (0, 1, 3, 4)], axis=0)
-    to_zero = np.abs(values[1:]) < _TO_ZERO * size
-    count = float(size[size > 0.0].min(initial=np.inf))
-    alone = to_zero & (rates[2:-2] > _ALONE * beside + _COUNTS * count)
-    for place in np.flatnonzero(alone):  # a value of zero that ends again is a spike
-        alone[place] = not (np.abs(steps + steps[place]) < _TO_ZERO * size[place]).any()
-    return impossible | alone, to_zero & (rates[2:-2] > _TOGETHER * beside)
-
-
-#: an angle is wrapped if it fills this share of a turn, with so many jumps of more than half a turn at least: one that
-#: was reset jumps to a fixed value, and fills the turn from there by chance
-_FILLED, _FEWEST_JUMPS = 0.97, 3
-
-
-def _is_wrapped(angle: NDArray[np.float64]) -> bool:
-    """Return whether an angle (N,) [rad] is wrapped at the ends of a turn."""
-    known, turn = angle[np.isfinite(angle)], 2.0 * np.pi
-    jumps = np.abs(np.diff(known)) > 0.5 * turn
-    return int(jumps.sum()) >= _FEWEST_JUMPS and _FILLED * turn < np.ptp(known) < 1.0001 * turn
+def encoder_step(angles: Floats) -> float | None:
+    """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
+    found = []
+    for column in angles.T:
+        steps = np.abs(np.diff(column))
+        steps = steps[steps > 1e-9]
+        if len(steps) < 20:
+            continue
+        step = float(np.quantile(steps, 0.001, method="lower"))
+        multiples = steps[steps < 20.5 * step] / step
+        whole = np.abs(multiples - np.round(multiples)) < 0.05
+        if len(multiples) >= 20 and whole.mean() > 0.95:
+            found.append(step)
+    return float(np.median(found)) if found else None
 
 
 #: interval of the even rows [s]
@@ -278,31 +226,22 @@ _COLUMNS = 20
 class Smooth:
     """A signal (N, c) on even rows."""
 
-    value: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
+    value: Floats
+    rate: Floats
+    acceleration: Floats
 
 
-def even_rows(t: NDArray[np.float64]) -> NDArray[np.float64]:
+def even_rows(t: Floats) -> Floats:
     """Return times at even intervals over a log's (M,); InputError if they are too many."""
     rows_between(float(t[-1] - t[0]), INTERVAL, columns=_COLUMNS, source="The log")
     return np.arange(t[0], t[-1], INTERVAL)
 
 
-def smooth(
-    rows: NDArray[np.float64], t: NDArray[np.float64], values: NDArray[np.float64], *, width: float = WIDTH
-) -> Smooth:
+def smooth(rows: Floats, t: Floats, values: Floats, *, width: float = WIDTH) -> Smooth:
     """Return a signal and its derivatives on even rows; near the ends it is fitted from one side.
 
-    Parameters
-    ----------
-    rows : ndarray (N,)
-        [s], at intervals of `INTERVAL`.
-    t : ndarray (M,)
-        When the values were measured [s], increasing.
-    values : ndarray (M, c)
-    width : float
-        Standard deviation of the weights [s].
+    The rows (N,) [s] are `INTERVAL` apart, the values (M, c) were measured at t (M,) [s], increasing, and `width` [s]
+    is the standard deviation of the weights.
     """
     reach = round(REACH * width / INTERVAL)
     even = np.column_stack([_on_even_rows(rows, t, column) for column in values.T])
@@ -315,9 +254,7 @@ def smooth(
     return Smooth(value=value, rate=rate, acceleration=acceleration)
 
 
-def _on_even_rows(
-    rows: NDArray[np.float64], t: NDArray[np.float64], values: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _on_even_rows(rows: Floats, t: Floats, values: Floats) -> Floats:
     """Return a signal (M,) on even rows (N,): interpolated, or the mean about each row where the log's come faster.
 
     Single values of a fast log would alias its noise: a derivative's then no longer cancels from row to row.
@@ -331,7 +268,7 @@ def _on_even_rows(
     return np.divide(np.diff(np.interp(ends, t, area)), np.diff(ends), out=found, where=inside)
 
 
-def _kernel(order: int, reach: int, width: float) -> NDArray[np.float64]:
+def _kernel(order: int, reach: int, width: float) -> Floats:
     """Return the kernel whose convolution with a signal is the derivative of that order."""
     x = INTERVAL * np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (x / width) ** 2)
@@ -340,7 +277,7 @@ def _kernel(order: int, reach: int, width: float) -> NDArray[np.float64]:
     return factorial(order) * fit[order][::-1]
 
 
-def turning_points(values: NDArray[np.float64], least_turn: float) -> list[int]:
+def turning_points(values: Floats, least_turn: float) -> list[int]:
     """Return the first row of a signal (n,), the rows where it turns back by more than `least_turn`, and the last."""
     turns, highest, lowest, rising = [0], 0, 0, 0
     listed = values.tolist()
@@ -373,44 +310,42 @@ SHORTEST_GAP = 0.2
 
 
 def balancing_rows(
-    lean: NDArray[np.float64] | None,
-    speeds: NDArray[np.float64],
-    commands: NDArray[np.float64] | None,
-) -> NDArray[np.bool_]:
+    lean: Floats | None,
+    speeds: Floats,
+    commands: Floats | None,
+) -> Bools:
     """Return the even rows (N,) at which the robot moves and has not fallen.
 
     By roll and pitch (N, 2) [rad], the wheels' speeds (N, n) [rad/s] and their commands (N, n), as far as known.
     """
-    usable = _near(np.sqrt((speeds**2).sum(axis=1)) > MOVING_SPEED, AT_REST)
+    usable = near(np.sqrt((speeds**2).sum(axis=1)) > MOVING_SPEED, AT_REST)
     if lean is not None:
-        usable &= ~_near(np.abs(lean).max(axis=1) > FALLEN, AROUND_A_FALL)
+        usable &= ~near(np.abs(lean).max(axis=1) > FALLEN, AROUND_A_FALL)
     if commands is not None:
-        usable &= _near(np.any(commands != 0.0, axis=1), OFF)
+        usable &= near(np.any(commands != 0.0, axis=1), OFF)
     return usable
 
 
-def row_spans(rows: NDArray[np.float64], kept: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+def row_spans(rows: Floats, kept: Bools) -> tuple[tuple[float, float], ...]:
     """Return start and end [s] of the intervals of kept rows; short gaps are closed, short intervals dropped."""
-    closed = ~_long_runs(~kept, SHORTEST_GAP)
-    closed = _long_runs(closed, SHORTEST_SPAN)
+    from scipy.ndimage import binary_opening
+
+    gaps: Bools = np.asarray(binary_opening(~kept, np.ones(round(SHORTEST_GAP / INTERVAL))), np.bool_)
+    closed = binary_opening(~gaps, np.ones(round(SHORTEST_SPAN / INTERVAL)))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], closed, [False])).astype(np.int8)))
     return tuple(
         (float(rows[first]), float(rows[last - 1] + INTERVAL)) for first, last in edges.reshape(-1, 2)
     )
 
 
-def _near(marked: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
-    """Return the rows within `reach` seconds of a marked one."""
-    count = round(reach / INTERVAL)
-    total = np.concatenate(([0], np.cumsum(marked)))
-    places = np.arange(len(marked))
-    return total[np.minimum(places + count + 1, len(marked))] > total[np.maximum(places - count, 0)]
+def near(marked: Bools, reach: float) -> Bools:
+    """Return the even rows (N,) within `reach` seconds of a marked one."""
+    from scipy.ndimage import maximum_filter1d
+
+    found = maximum_filter1d(marked, 2 * round(reach / INTERVAL) + 1, mode="constant")
+    return np.asarray(found, dtype=np.bool_)
 
 
-def _long_runs(marked: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
-    """Return the marked rows whose run is at least so long [s]."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
-    kept = np.zeros(len(marked), dtype=np.bool_)
-    for first, last in edges.reshape(-1, 2):
-        kept[first:last] = (last - first) * INTERVAL >= least
-    return kept
+def across_a_gap(rows: Floats, t: Floats, longest: float) -> Bools:
+    """Return which even rows (N,) lie between two times (M,) of a log that are further apart than `longest` [s]."""
+    return np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] >= longest

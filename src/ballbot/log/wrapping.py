@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note
+from ballbot.log.columns import Floats
 from ballbot.summary import counted
 
 #: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so
@@ -20,9 +21,7 @@ LARGEST_TURN = 1.5 * np.pi
 _WITHIN, _ROUNDED = 0.98, 1e-3
 
 
-def continuous_heading(
-    heading: NDArray[np.float64], *, after: float = np.nan
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def continuous_heading(heading: Floats, *, after: float = np.nan) -> tuple[Floats, NDArray[np.intp]]:
     """Return a heading (N,) [rad] without the jumps of a turn that it has if it is kept within one turn.
 
     It is kept there if its values are from -pi to pi, or from 0 to below 2 pi; its steps of more than `LARGEST_TURN`
@@ -50,11 +49,9 @@ def continuous_heading(
     return heading + np.cumsum(added), rows[jumps]
 
 
-def continuous_headings(
-    columns: Mapping[str, NDArray[np.float64]], t: NDArray[np.float64]
-) -> tuple[dict[str, NDArray[np.float64]], list[Finding]]:
+def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[str, Floats], list[Finding]]:
     """Return psi and ref_psi (N,), if they are kept within one turn, continued, and a finding on each."""
-    continued: dict[str, NDArray[np.float64]] = {}
+    continued: dict[str, Floats] = {}
     found = []
     first = np.nan
     for name in ("psi", "ref_psi"):
@@ -82,7 +79,7 @@ _PERIODS = (2.0**16, 2.0**32, 2.0**32 * 1e-6, 2.0**32 * 1e-3, 86400.0, 86400e3, 
 _MEANWHILE = 5.0
 
 
-def continuous_clock(t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def continuous_clock(t: Floats) -> tuple[Floats, NDArray[np.intp]]:
     """Return a clock's times (N,), in any unit, continued where it begins again, and the rows where it does.
 
     A clock begins again if a step back is one of the periods of clocks, less the time from one row to the next.
@@ -96,11 +93,3 @@ def continuous_clock(t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
                 found = np.concatenate((found[: row + 1], found[row + 1 :] + period))
                 rows.append(row + 1)
     return found, np.array(rows, dtype=np.intp)
-
-
-def clock_note(name: str, rows: NDArray[np.intp]) -> str:
-    """Return the sentence on a clock that begins again at rows."""
-    return (
-        f"{name} begins again {counted(rows.size, 'time')}, first at row {rows[0] + 1}, as a counter that overflows or "
-        "a time of day at midnight: it is continued there."
-    )

@@ -15,9 +15,9 @@ that follow from another one are left out.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from ballbot.findings import (
@@ -43,7 +43,7 @@ from ballbot.log.checks.values import (
     check_stuck,
 )
 from ballbot.log.collection import LogsLike, as_logs
-from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, similar_column, torque_names, wheel_speed_names
+from ballbot.log.columns import STATE_NAMES, similar_column, torque_names, wheel_speed_names
 from ballbot.log.fingerprints import refuse_copies
 from ballbot.log.log import Log
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -85,7 +85,9 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
 
 
 def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) -> tuple[Finding, ...]:
-    wheel_count = robot.wheel_count if robot else _wheels_of(log)
+    numbers = [int(name[1]) for name in log.names if re.fullmatch(r"u[1-4]", name)]
+    numbers += [int(name[5]) for name in log.names if re.fullmatch(r"wheel[1-4](_dot)?", name)]
+    wheel_count = robot.wheel_count if robot else max(numbers, default=3)
     rates = check_rates(log)
     findings = [
         *log.changes,
@@ -116,14 +118,9 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
 
 
 def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding, ...]:
-    """Return the findings of a robot's logs, errors first, each with the log that it is about.
+    """Return the findings of a robot's logs by the names of messages, errors first, each with the log that it is about.
 
-    Parameters
-    ----------
-    logs : mapping of str to Log
-        By the names that messages use.
-    robot : Robot, optional
-        Whose logs they are; without it only the checks that need none are made.
+    Without a robot only the checks that need none are made.
     """
     examined: dict[str, PhysicsOfLog] = {}
     of_all: list[Finding] = []
@@ -141,37 +138,22 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding
     return by_severity([*findings, *of_all])
 
 
-def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:
-    """Return the columns that each use of a log needs."""
-    torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
-    return MappingProxyType(
-        {
-            "identification and validation of the balancing robot": ("t", *torques, *STATE_NAMES),
-            "closed-loop validation": ("t", *torques, *STATE_NAMES, "ref_x", "ref_y", "ref_psi"),
-            "identification of drivelines": ("t", *torques, *speeds),
-            "the on-board state": ("t", *speeds, "gyro_x", "gyro_y", "gyro_z", "theta", "phi", "psi"),
-        }
-    )
-
-
 def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
     """Return a note for each use that the log lacks columns for."""
+    torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
     findings = []
-    for use, needed in needed_columns(wheel_count).items():
+    for use, needed in (
+        ("identification and validation of the balancing robot", ("t", *torques, *STATE_NAMES)),
+        ("closed-loop validation", ("t", *torques, *STATE_NAMES, "ref_x", "ref_y", "ref_psi")),
+        ("identification of drivelines", ("t", *torques, *speeds)),
+        ("the on-board state", ("t", *speeds, "gyro_x", "gyro_y", "gyro_z", "theta", "phi", "psi")),
+    ):
         missing = [name for name in needed if name not in log]
         if missing:
             plural = "columns" if len(missing) > 1 else "column"
             names = f"{plural} {', '.join(missing)}{similar_column(missing, log.names)}"
             findings.append(note("use", f"Not enough for {use}: the log lacks the {names}.", *missing))
     return findings
-
-
-def _wheels_of(log: Log) -> int:
-    """Return the number of wheels that the log's columns name; three if they name none."""
-    numbers = range(1, MAX_WHEELS + 1)
-    return max(
-        (i for i in numbers if any(n in log for n in (f"u{i}", f"wheel{i}", f"wheel{i}_dot"))), default=3
-    )
 
 
 #: codes that concern a balancing robot only
@@ -192,12 +174,9 @@ class CheckedLogs:
 
 
 def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
-    """Return what is wrong with logs by their names, and with the robot that they are of; errors first.
+    """Return what is wrong with logs by their names, and with their robot; errors first.
 
-    Raises
-    ------
-    InputError
-        If two logs are of the same run.
+    InputError if two logs are of the same run.
     """
     refuse_copies(logs)
     of_robot = () if robot is None else robot_findings(robot, file=f"robot {robot.name}")
@@ -207,22 +186,10 @@ def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, 
 def checked_logs(
     robot: RobotLike | None, logs: LogsLike | CheckedLogs, *, accept: Collection[str] = ()
 ) -> CheckedLogs:
-    """Check logs, unless they are checked, and stop on an error that is not accepted.
+    """Check logs, unless they are checked, and stop on an error whose code (`ballbot.findings.CODES`) is not accepted.
 
-    Parameters
-    ----------
-    robot : Robot, preset or robot file, optional
-        Whose logs they are. Without it, only the checks without a robot run.
-    logs : Log or log file, several in a list or a mapping, or CheckedLogs
-        See `ballbot.log.as_logs` for their names in messages.
-    accept : collection of str
-        Codes of errors despite which to continue; see `ballbot.findings.CODES`.
-
-    Raises
-    ------
-    InputError
-        If the robot or a log has an error whose code is not accepted, two logs are of the same run, or a code is
-        unknown.
+    Without a robot, only the checks without one run. See `ballbot.log.as_logs` for the names of logs in messages.
+    InputError also if two logs are of the same run, or a code is unknown.
     """
     codes = check_codes(accept)
     if isinstance(logs, CheckedLogs):

@@ -11,19 +11,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from ballbot.findings import Finding, error, finding, note, warning
-from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, Floats, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
+from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
 if TYPE_CHECKING:
     from ballbot.log.mapping_search.placement import LeanTest
 
-Floats = NDArray[np.float64]
 #: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
 #: an order must correlate better than the columns' own by this much on average to be preferred
@@ -37,8 +36,6 @@ ALIKE, WRONG_GAIN = 1.12, 1.2
 IMPOSSIBLE_GAIN = 3.0
 #: differences of logarithms: of a sample time that is another one, and of an encoder's step
 SAME_PERIOD, SAME_STEP = 0.05, 0.02
-#: smallest step of an encoder [rad], fewest differences of its angles, and how far they may be off multiples of a step
-TINY_STEP, FEWEST_STEPS, OFF_STEP = 1e-7, 50, 0.1
 #: standard deviation of a heading that turns enough to show its sign [rad]: a heading that trembles about one value is
 #: late in the gyro
 TURNING_HEADING = 0.02
@@ -189,35 +186,19 @@ def check_sampling(log: Log, robot: Robot) -> list[Finding]:
         )
         findings.append(warning("robot-sensors", text, "t"))
     names = [name for name in wheel_angle_names(robot.wheel_count) if name in log]
-    steps = [step for name in names if (step := _encoder_step(log[name])) is not None]
-    counts = robot.sensors.encoder_counts
-    if len(steps) == len(names) > 0 and max(steps) < (1.0 + SAME_STEP) * min(steps):
-        seen = 2.0 * np.pi / (robot.drive.gear_ratio * float(np.median(steps)))
+    step = encoder_step(np.column_stack([log[name] for name in names])) if names else None
+    decimals = np.log10([step, np.degrees(step)]) if step else np.zeros(1)
+    # a power of ten, in radians or degrees, is the rounding of the file
+    if step and np.abs(decimals - np.round(decimals)).min() > 0.5 * SAME_STEP:
+        counts, seen = robot.sensors.encoder_counts, 2.0 * np.pi / (robot.drive.gear_ratio * step)
         if abs(np.log(seen / counts)) > SAME_STEP:
             text = (
-                f"The wheels' angles come in steps of {np.median(steps):.4g} rad: {seen:.4g} counts a motor turn "
+                f"The wheels' angles come in steps of {step:.4g} rad: {seen:.4g} counts a motor turn "
                 f"with the gear ratio {robot.drive.gear_ratio:g}, but encoder_counts of the robot file is {counts}. "
                 "Correct encoder_counts or gear_ratio."
             )
             findings.append(warning("robot-sensors", text, *names))
     return findings
-
-
-def _encoder_step(angles: Floats) -> float | None:
-    """Return the step [rad] that all differences of a wheel's angles are multiples of; None without one.
-
-    A step that is a power of ten, in radians or degrees, is the rounding of the file.
-    """
-    between = np.diff(np.unique(angles[np.isfinite(angles)]))
-    between = between[between > TINY_STEP]
-    if len(between) < FEWEST_STEPS:
-        return None
-    near = between[between < 4.5 * np.quantile(between, 0.05)]
-    number = np.round(near / np.quantile(near, 0.05))
-    step = float(near.sum() / number.sum())
-    decimals = np.log10([step, np.degrees(step)])
-    rounded = np.abs(decimals - np.round(decimals)).min() < 0.5 * SAME_STEP
-    return None if rounded or np.abs(near / step - number).max() > OFF_STEP else step
 
 
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
@@ -305,7 +286,7 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     See `ballbot.log.mapping_search.placement`.
     """
     from ballbot.log.mapping_search.placement import lean_test
-    from ballbot.log.signals import balancing_rows, even_rows, smooth
+    from ballbot.log.signals import across_a_gap, balancing_rows, even_rows, smooth
 
     names = ("theta", "phi", "psi", *wheel_angle_names(robot.wheel_count))
     if robot.wheel_count < 3 or not set(names) <= set(log.names):
@@ -323,7 +304,7 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     heading = smooth(rows, t, table[:, 2:3])
     usable = balancing_rows(tilt.value, wheels.rate, None)
     # rows interpolated across a gap are not balancing
-    usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < 0.05
+    usable &= ~across_a_gap(rows, t, 0.05)
     return lean_test(robot, tilt, wheels, heading, usable)
 
 

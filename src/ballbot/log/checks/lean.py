@@ -36,13 +36,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, error
-from ballbot.log.columns import torque_names
+from ballbot.log.columns import Bools, Floats, torque_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, Smooth, smooth
+from ballbot.log.signals import INTERVAL, Smooth, across_a_gap, near, smooth
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 #: in place of zero, the motion of a robot at rest
 _TINY = float(np.finfo(float).tiny)
@@ -116,7 +115,7 @@ class Rows:
 
     even: Floats  #: (M,) [s], at `INTERVAL`
     usable: NDArray[np.intp]  #: indices into `even`, one in `EVERY`
-    known: NDArray[np.bool_]  #: rows of the log without a missing value in the needed columns
+    known: Bools  #: rows of the log without a missing value in the needed columns
 
     def filtered(self, log: Log, values: Floats, *, late: float = 0.0) -> Smooth:
         """Return signals (len(log), c) filtered at the usable rows; they are valid `late` [s] after their row."""
@@ -131,11 +130,7 @@ class Rows:
 def usable_rows(log: Log, robot: Robot) -> Rows | None:
     """Return the rows on which the physics of a log can be checked.
 
-    Returns
-    -------
-    Rows or None
-        None if the log lacks a column of `COLUMNS`, is sampled too slowly, or has less than `LEAST_BLOCKS` seconds
-        of balancing.
+    None if the log lacks a column of `COLUMNS`, is sampled too slowly, or has too little balancing.
     """
     if not set(COLUMNS) <= set(log.names) or len(log) < 2 or log.sample_time > LONGEST_SAMPLE_TIME:
         return None
@@ -146,13 +141,12 @@ def usable_rows(log: Log, robot: Robot) -> Rows | None:
     if len(t) < 2 or t[-1] - t[0] < LEAST_BLOCKS * BLOCK:
         return None
     even = np.arange(t[0], t[-1], INTERVAL)
-    before = np.clip(np.searchsorted(t, even, side="right") - 1, 0, len(t) - 2)
     lean = np.hypot(log["theta"][known], log["phi"][known])
-    bad = (np.diff(t)[before] > LONGEST_GAP) | (lean[before] > LARGEST_LEAN)
+    fallen = lean[np.searchsorted(t, even, side="right") - 1] > LARGEST_LEAN
     reach = round(AWAY * WIDTH / INTERVAL)
-    near = np.convolve(bad, np.ones(2 * reach + 1), mode="same") > 0.5
-    near[:reach] = near[len(near) - reach :] = True
-    usable = np.flatnonzero(~near)[::EVERY]
+    bad = near(across_a_gap(even, t, LONGEST_GAP) | fallen, AWAY * WIDTH)
+    bad[:reach] = bad[len(bad) - reach :] = True
+    usable = np.flatnonzero(~bad)[::EVERY]
     if len(usable) * EVERY * INTERVAL < LEAST_BLOCKS * BLOCK:
         return None
     return Rows(even=even, usable=usable, known=known)

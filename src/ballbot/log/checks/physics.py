@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ballbot.errors import every
@@ -26,14 +25,13 @@ from ballbot.log.checks.torque_balance import (
     Driving,
     Gains,
     bound_findings,
-    change_findings,
     driving_of,
     gain_findings,
     gains_of,
     motor_sums,
     together,
 )
-from ballbot.log.columns import STATE_NAMES, torque_names
+from ballbot.log.columns import STATE_NAMES, Floats, torque_names
 from ballbot.log.log import Log
 from ballbot.log.mapping_search.commands import assign
 from ballbot.log.signals import INTERVAL
@@ -53,7 +51,7 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     """Check a log of balancing with the robot's equations, and return findings and the scales of the log.
 
     Order, sign and scale of the torques are checked only against a motion that the lean confirms: not if the lean
-    contradicts the ball's acceleration or is not conclusive. A change within the log shows without it.
+    contradicts the ball's acceleration or is not conclusive.
     Checks whose columns the log lacks are skipped. The robot's friction is not used.
     """
     names = torque_names(robot.wheel_count)
@@ -67,24 +65,18 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     wrong = lean_findings(lean)
     if wrong or found.findings:
         return replace(found, findings=(*found.findings, *wrong))
-    driving = driving_of(log, rows, motion, robot)
-    sums = motor_sums(driving, motion, robot) if driving else ()
-    fit = torque_findings(driving, names=names) if driving else []
-    # another order explains all torques at once; a change explains one of them
-    ordered = any(one.code == "torque-order" for one in fit) and lean.conclusive
-    changed = [] if ordered else change_findings(sums, motion, names=names[: len(sums)])
-    if any(one.severity == "error" for one in changed):
-        return replace(found, findings=tuple(changed))
     if not lean.conclusive:
         text = (
             "The signs and scales of lean and torques cannot be checked: the acceleration of the ball does not follow "
             "the lean clearly enough (too little motion, slipping wheels, or a robot that is held)."
         )
-        return replace(found, findings=(*changed, warning("physics", text)), lean=None)
-    if fit or not sums:
-        return replace(found, findings=(*changed, *fit))
-    gains = gains_of(sums)
-    return replace(found, findings=(*changed, *gain_findings(gains, names=names)), gains=gains)
+        return replace(found, findings=(warning("physics", text),), lean=None)
+    driving = driving_of(log, rows, motion, robot)
+    fit = torque_findings(driving, names=names) if driving else []
+    if fit or driving is None:
+        return replace(found, findings=tuple(fit))
+    gains = gains_of(motor_sums(driving, motion, robot))
+    return replace(found, findings=tuple(gain_findings(gains, names=names)), gains=gains)
 
 
 LONGEST_DELAY = 0.5  #: [s], in either direction
@@ -155,7 +147,7 @@ def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Findin
     return bound_findings(together(known), names=torque_names(robot.wheel_count)) if known else []
 
 
-def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> NDArray[np.float64]:
+def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> Floats:
     """Return the relative standard error (n,) that a motor's friction has because logs do not bound its torque's scale.
 
     Zero where they bound it; what is usual where they do not show it at all.
@@ -268,28 +260,23 @@ def _scales(one: PhysicsOfLog) -> dict[str, tuple[float, float]]:
 
 
 def _compared(scales: Mapping[str, tuple[float, float]], quantity: str) -> list[Finding]:
-    """Return the finding on the two logs that differ most clearly, in the one that differs from more others."""
+    """Return the finding on the two logs that differ most clearly, in the one that is farther from the robot file."""
 
-    def margin(first: str, second: str) -> float:
+    def margin(pair: tuple[str, str]) -> float:
         """Return the excess of the difference of two scales' logarithms over its tolerance."""
-        (one, uncertain), (other, also_uncertain) = scales[first], scales[second]
+        (one, uncertain), (other, also_uncertain) = scales[pair[0]], scales[pair[1]]
         return abs(np.log(one / other)) - max(uncertain + also_uncertain + MARGIN, np.log(APART))
 
-    apart = [pair for pair in combinations(scales, 2) if margin(*pair) > 0.0]
-    if not apart:
+    apart = max(combinations(scales, 2), key=margin, default=None)
+    if apart is None or margin(apart) <= 0.0:
         return []
-
-    def contradicted(name: str) -> tuple[int, float]:
-        """Return from how many logs one differs; with a tie, the one farther from the robot file is the odd one."""
-        return sum(name in pair for pair in apart), abs(np.log(scales[name][0]))
-
-    other, odd = sorted(max(apart, key=lambda pair: margin(*pair)), key=contradicted)
-    in_words = {
-        name: f"{middle:.2f} +- {middle * uncertain:.2f}" for name, (middle, uncertain) in scales.items()
-    }
+    other, odd = sorted(apart, key=lambda name: abs(np.log(scales[name][0])))
+    odd_words, other_words = (
+        f"{scales[n][0]:.2f} +- {scales[n][0] * scales[n][1]:.2f}" for n in (odd, other)
+    )
     text = (
         f"{odd} and {other} are of different robots: {quantity} is {scales[odd][0] / scales[other][0]:.2f} times as "
-        f"large in {odd} (relative to the robot file it is {in_words[odd]} in {odd} and {in_words[other]} in {other}). "
+        f"large in {odd} (relative to the robot file it is {odd_words} in {odd} and {other_words} in {other}). "
         f"{_CAUSES[quantity]} Use logs of one robot in one condition."
     )
     return [Finding(code="robots", severity="error", text=text, where=Place(file=odd))]

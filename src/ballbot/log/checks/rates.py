@@ -11,10 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding, error, finding
-from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, numbered_names
+from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, Floats, numbered_names
 from ballbot.log.log import Log
 
 DEGREES = float(np.degrees(1.0))
@@ -44,7 +43,7 @@ _GYRO = ("gyro_x", "gyro_y", "gyro_z")
 _Agreement = tuple[float, float]
 
 
-def _agreement(first: NDArray[np.float64], second: NDArray[np.float64]) -> _Agreement | None:
+def _agreement(first: Floats, second: Floats) -> _Agreement | None:
     """Compare two signals (N,) at the rows where both are finite; None if these are too few."""
     both = np.isfinite(first) & np.isfinite(second)
     a, b = first[both], second[both]

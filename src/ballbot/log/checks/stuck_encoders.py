@@ -16,14 +16,12 @@ nothing. No units, radii or masses enter.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding, error
-from ballbot.log.columns import wheel_angle_names
+from ballbot.log.columns import Bools, Floats, wheel_angle_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, balancing_rows, even_rows, smooth
+from ballbot.log.signals import INTERVAL, across_a_gap, balancing_rows, even_rows, smooth
 
-Floats = NDArray[np.float64]
 #: rows interpolated across a longer gap [s] are not used
 LONGEST_GAP = 0.05
 TINY = 1e-30
@@ -66,7 +64,7 @@ def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
     moved = smooth(rows, t, np.column_stack([lean.real, lean.imag, headings]), width=WIDTH)
     turned = smooth(rows, t, wheels, width=WIDTH)
     usable = balancing_rows(moved.value[:, :2], turned.rate, None)
-    usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < LONGEST_GAP
+    usable &= ~across_a_gap(rows, t, LONGEST_GAP)
     free = usable.copy()
     for start, end in (one for of_wheel in holds for one in of_wheel):
         free &= (rows < start - apart) | (rows > end + apart)
@@ -112,7 +110,7 @@ def _holds(t: Floats, angle: Floats) -> list[tuple[float, float]]:
 
 
 def _unexplained_along(
-    wheel: int, wheels: Floats, lean: Floats, y: Floats, free: NDArray[np.bool_]
+    wheel: int, wheels: Floats, lean: Floats, y: Floats, free: Bools
 ) -> tuple[Floats, Floats]:
     """Return the squares (N,) of r along the column of C of a wheel, and of all of r, fitted on the free rows."""
     n = wheels.shape[1]
@@ -131,7 +129,7 @@ def _unexplained_along(
     return along, np.square(left).sum(axis=1)
 
 
-def _windows(values: Floats, kept: NDArray[np.bool_]) -> Floats:
+def _windows(values: Floats, kept: Bools) -> Floats:
     """Return the means of a signal over windows of the kept rows."""
     rows = round(WINDOW / INTERVAL)
     values = values[kept]

@@ -1,4 +1,4 @@
-"""Wheel torques against the torques that the motion needs, and how large each is: over a log, and before and after.
+"""Wheel torques against the torques that the motion needs, and how large each is.
 
 The rows of the equations of motion without the lean, about upright and in the heading frame, give the torque between
 ball and wheels,
@@ -7,7 +7,7 @@ ball and wheels,
 
 and with it n, the torque that each wheel needs for the motion. A motor supplies it and its driveline's friction:
 
-    u_i = s_i(t) (k n_i + f(wheel speed i))    f: dry, viscous, falling with speed; it never drives
+    u_i = s_i (k n_i + f(wheel speed i))    f: dry, viscous, falling with speed; it never drives
 
 so k is one for the right robot, s_i for the right scale, and wheel i's torque follows n_i and its own speed's sign.
 Which order and signs of the torques explain the log best: `ballbot.log.mapping_search.commands`.
@@ -21,10 +21,6 @@ that gravity causes (`gravity_need`): its noise is that of another sensor, an in
 parts: the scatter of the seconds; what friction's three terms miss, a fraction of the friction that grows with the part
 of it that goes along with the need; and a floor. A log in which friction is most of the torque hardly bounds the scale,
 and says so.
-
-A change. For every second and every factor, one model with that factor before or after is compared with the model
-without it by the squares that both leave. The friction that the wheel has before, it has after: this shows a change in
-logs that do not bound the scale.
 """
 
 from __future__ import annotations
@@ -37,14 +33,13 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, error, finding, warning
 from ballbot.log.checks.lean import EVERY, Motion, Rows, as_complex, as_plane
-from ballbot.log.columns import torque_names, wheel_speed_names
+from ballbot.log.columns import Floats, torque_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, local_fit
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
 
-Floats = NDArray[np.float64]
 #: speed at which the sign of a wheel's dry friction is nearly certain, and above which it is certain [rad/s]
 SIGN, TURNING = 0.1, 0.3
 #: exponent of the weight of rows by the fraction of the filter's time in which the wheel turned for certain
@@ -135,7 +130,7 @@ def gravity_need(motion: Motion, robot: Robot) -> Floats:
     return tau @ np.linalg.pinv(transforms(robot).T_owb)
 
 
-#: fewest seconds in which a wheel turns for certain for the gain of a motor, and on each side of a change
+#: fewest seconds in which a wheel turns for certain for the gain of a motor
 LEAST_TURNING = 2.0
 #: relative error of every gain, and of the friction that the three terms give: with these, the largest of 724 gains of
 #: sound recordings of the development halves of campaigns/mapping_recordings.py is 3.2 standard errors from one
@@ -150,16 +145,8 @@ MUST_SHOW = 1.4
 #: gains nearer to zero than this part of the middle one are as good as zero
 ZERO = 0.05
 
-#: factors of one side of a change over the other that are tried, beside one
-FACTORS = np.array([-1.0, -0.5, *np.linspace(0.0, 0.8, 17)])
-#: part of a torque's squares that models of sound torques leave, and how many times as much must be left without the
-#: change as with it: 1.4 is the most on those recordings with three wheels, 1.7 with four
-LEFT, CHANGED = 0.01, 2.0
-#: part of a torque's squares that may be left with the change; more is no torque of this wheel
-MOST_LEFT = 0.06
-
 #: columns of `MotorSums`: the need, three terms of friction and a constant, gravity's part of the need, the torque
-_OWN, _REST, _MODEL, _TORQUE = slice(1, 5), [0, 5, 6], slice(0, 5), 6
+_OWN, _REST = slice(1, 5), [0, 5, 6]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,7 +159,9 @@ class MotorSums:
     def gain(self) -> tuple[float, float]:
         """Return the factor of the whole log and its relative standard error; (nan, inf) if the log has none."""
         total = self.products.sum(axis=0)
-        friction = np.linalg.solve(_regular(total[_OWN, _OWN]), total[_OWN, _REST])
+        size = np.diag(total[_OWN, _OWN])
+        tiny = np.diag(1e-9 * size + 1e-12 * size.sum() + 1e-300)  # terms may be collinear, or zero
+        friction = np.linalg.solve(total[_OWN, _OWN] + tiny, total[_OWN, _REST])
         without = np.zeros((7, 3))
         without[_REST], without[_OWN] = np.eye(3), -friction
         left = without.T @ self.products @ without  # need, gravity's need, torque
@@ -186,40 +175,6 @@ class MotorSums:
         # what the terms miss, at its worst goes along with gravity's need
         missed = FRICTION_ERROR * np.sqrt(own @ total[_OWN, _OWN] @ own * left[:, 1, 1].sum()) / common
         return k, float(np.hypot(np.hypot(scatter, missed) / max(abs(k), ZERO), FLOOR))
-
-    def change(self) -> tuple[int, float, bool] | None:
-        """Return the clearest change of the torque's factor; None if there is none.
-
-        It is the number of the second, the factor of the smaller side over the larger one (-1 to 1), and whether the
-        smaller side, or the one of the wrong sign, is the one before.
-        """
-        turned = np.cumsum(self.turning)
-        at = np.flatnonzero((turned[:-1] >= LEAST_TURNING) & (turned[-1] - turned[:-1] >= LEAST_TURNING)) + 1
-        power = float(self.products[:, _TORQUE, _TORQUE].sum())
-        if not at.size or power <= 0.0:
-            return None
-        summed = np.cumsum(self.products, axis=0)
-        sides = np.stack((summed[at - 1], summed[-1] - summed[at - 1]), axis=1)[:, :, None]
-        # [place, which side is scaled, factor]
-        factor = np.append(FACTORS, 1.0)[:, None, None]
-        model = sides[..., _MODEL, _MODEL] * factor**2 + sides[:, ::-1, ..., _MODEL, _MODEL]
-        right = sides[..., _MODEL, _TORQUE] * factor[..., 0] + sides[:, ::-1, ..., _MODEL, _TORQUE]
-        found = np.linalg.solve(_regular(model), right[..., None])[..., 0]
-        left = np.maximum(1.0 - np.sum(right * found, axis=-1) / power, 0.0)
-        place, side, number = np.unravel_index(int(np.argmin(left[..., :-1])), left[..., :-1].shape)
-        with_change, without = float(left[place, side, number]), float(left[place, side, -1])
-        if with_change > MOST_LEFT or without + LEFT < CHANGED * (with_change + LEFT):
-            return None
-        # a torque of the right sign drives its wheel
-        wrong_sign = FACTORS[number] < 0.0 and found[place, side, number, 0] < 0.0
-        return int(at[place]), float(FACTORS[number]), bool((side == 0) != wrong_sign)
-
-
-def _regular(matrix: Floats) -> Floats:
-    """Return symmetric matrices (.., m, m) that are invertible, nearly the same ones."""
-    diagonal = np.einsum("...ii->...i", matrix)
-    tiny = 1e-9 * diagonal + 1e-12 * np.sum(diagonal, axis=-1, keepdims=True) + 1e-300
-    return matrix + tiny[..., None] * np.eye(matrix.shape[-1])
 
 
 def motor_sums(driving: Driving, motion: Motion, robot: Robot) -> tuple[MotorSums, ...]:
@@ -299,32 +254,6 @@ def together(gains: Sequence[Gains]) -> Gains:
     mean = np.sum(np.where(weights > 0.0, weights * [one.factors for one in gains], 0.0), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return Gains(factors=mean / precision, errors=np.maximum(precision**-0.5, FLOOR))
-
-
-def change_findings(sums: Sequence[MotorSums], motion: Motion, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return the finding of each torque whose factor changes within the log; an error where it is negated."""
-    findings = []
-    for name, change in ((name, one.change()) for name, one in zip(names, sums, strict=True)):
-        if change is None:
-            continue
-        second, factor, is_before = change
-        time = float(motion.t[motion.block == second][0])
-        span = f"before about t = {time:.0f} s" if is_before else f"from about t = {time:.0f} s on"
-        if factor < 0.0:
-            text = (
-                f"{name} has the opposite sign {span}, by the torque that its wheel needs. Use the rest of the log, or "
-                "correct the column."
-            )
-            findings.append(error("torque-sign", text, name, time=time))
-        else:
-            # no error: a robot that moves first and then hardly does looks like that, too
-            text = (
-                f"{name} is {factor:.2g} times as large {span} as otherwise, by the torque that its wheel needs: its "
-                "scale changed, its motor gives another torque than its command, or the robot moves too little in one "
-                "part. If its scale changed, use the part that is right."
-            )
-            findings.append(warning("torque-scale", text, name, time=time))
-    return findings
 
 
 def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:

@@ -28,17 +28,17 @@ from ballbot.log.columns import (
     POSITION_NAMES,
     STATE_NAMES,
     TRUE_PREFIX,
+    Bools,
+    Floats,
     torque_names,
     unit_of,
     wheel_angle_names,
     wheel_speed_names,
 )
 from ballbot.log.log import Log
+from ballbot.log.mapping_search.units import fastest
 from ballbot.robot import Robot
-from ballbot.robot.derived import wheel_speed_limit
 from ballbot.summary import counted
-
-Bools = NDArray[np.bool_]
 
 #: a spike differs by so many times the range of the others, without this fraction of them at either end
 _FAR, _ENDS = 5.0, 0.005
@@ -70,7 +70,7 @@ COARSE, USELESS, LEVELS = 0.5, 1.2, 200
 _LEAN = ("theta", "phi")
 
 
-def spikes(values: NDArray[np.float64]) -> Bools:
+def spikes(values: Floats) -> Bools:
     """Return which rows of a signal (N,) are spikes; the first and the last, and missing values, never are."""
     found = np.zeros(len(values), dtype=bool)
     rows = np.flatnonzero(np.isfinite(values))
@@ -92,7 +92,7 @@ def spiked_rows(log: Log, names: Sequence[str]) -> Bools:
     return np.any([spikes(log[name]) for name in names], axis=0)
 
 
-def runs_of(values: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def runs_of(values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the starts and the lengths of the runs of equal values of a column (N,)."""
     starts = np.concatenate(([0], np.flatnonzero(values[1:] != values[:-1]) + 1))
     return starts, np.diff(np.concatenate((starts, [len(values)])))
@@ -105,10 +105,6 @@ def _at_limit(log: Log, name: str, _: float) -> Bools:
     starts, lengths = runs_of(top.astype(np.float64))
     long = np.repeat(top[starts] & (lengths >= SATURATED_ROWS), lengths)
     return long & (size > 0.0) & (not long.all())
-
-
-def _wraps(log: Log, name: str, _: float) -> Bools:
-    return np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5
 
 
 def _jumps(log: Log, name: str, _: float) -> Bools:
@@ -127,13 +123,6 @@ def _jumps(log: Log, name: str, _: float) -> Bools:
 
 def _beyond(log: Log, name: str, limit: float) -> Bools:
     return np.abs(log[name]) > limit
-
-
-def _speed_limit(robot: Robot) -> float:
-    drive = robot.drive
-    return wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +155,7 @@ ROW_FAULTS = (
         code="wrap",
         severity="warning",
         columns=wheel_angle_names(MAX_WHEELS),
-        rows=_wraps,
+        rows=lambda log, name, _: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5,
         text="{name} jumps by a full turn in {rows}, first " + _WHERE + ": it is wrapped. Unwrap it (numpy.unwrap) "
         "before use.",
     ),
@@ -200,7 +189,7 @@ ROW_FAULTS = (
         severity="warning",
         columns=wheel_speed_names(MAX_WHEELS),
         rows=_beyond,
-        limit=_speed_limit,
+        limit=fastest,
         text="{name} is above {limit:.4g} rad/s, the limit of the robot's supply and motors, in {rows}, first "
         + _WHERE + ": the commanded torque is not the torque that acted.",
     ),

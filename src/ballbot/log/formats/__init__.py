@@ -18,13 +18,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ballbot.arrays import check_table, format_bytes
 from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.files import LARGEST_TABLE, check_regular, folder_refusal
-from ballbot.log.columns import Columns, check_column_names, has_native_names, mark_missing, native_columns
+from ballbot.log.columns import (
+    Columns,
+    Floats,
+    check_column_names,
+    has_native_names,
+    mark_missing,
+    native_columns,
+)
 from ballbot.log.formats.inference import (
     ForeignTable,
     infer_text_table,
@@ -57,23 +61,24 @@ class LogFormat:
     The file's size, whether names can be printed, whether there are numbers, how many, and which of them are too large
     to be values are checked here for every format, and what a library raises on a damaged file becomes InputError.
 
-    `write` takes a path and columns (N,) of equal length, whose names can be printed. It writes with
-    `ballbot.files.write_bytes` or `write_text`, so that the file is whole or not there. `read` then returns the same
-    names in the same order, and the same bits. It raises InputError if the format cannot hold a name.
+    `write` takes a path and columns (N,) of equal length, whose names can be printed. The file is whole or not there,
+    and `read` returns the same names in the same order, and the same bits. InputError if the format cannot hold a name.
     """
 
     name: str  #: in messages
     suffixes: tuple[str, ...]  #: of the names of its files; a written file has the first
     read: Callable[[Path], Columns]
-    write: Callable[[Path, Mapping[str, NDArray[np.float64]]], None] | None = None  #: None: only read
+    write: Callable[[Path, Mapping[str, Floats]], None] | None = None  #: None: only read
     extra: str = ""  #: the extra of `pip install ballbot[...]` that it needs
     is_text: bool = False  #: whether a mapping file may give its layout
 
 
-_TEXT = (".csv", ".txt", ".tsv", ".dat", ".log")
+_TEXT = LogFormat(
+    "CSV", (".csv", ".txt", ".tsv", ".dat", ".log"), read_inferred, write_text_table, is_text=True
+)
 #: every format; adding one takes a file beside this one and a line here
 FORMATS: tuple[LogFormat, ...] = (
-    LogFormat("CSV", _TEXT, read_inferred, write_text_table, is_text=True),
+    _TEXT,
     LogFormat("Parquet", (".parquet",), read_parquet_table, write_parquet_table, extra="formats"),
     LogFormat("JSON", (".json", ".jsonl", ".ndjson"), read_json_table),
     LogFormat("NumPy", (".npz",), read_npz, write_npz),
@@ -108,10 +113,10 @@ def is_foreign(path: str | Path) -> bool:
     A file that Ballbot's own reader refuses, but whose header has these names, is a damaged log and not foreign.
     """
     path = Path(path)
-    if not (path.is_file() or path.is_dir()):
+    if not path.exists():
         return False
-    one = _format_of(path)
-    return not has_native_names(text_names(path) if one is None or one.is_text else _read(one, path))
+    one = _format_of(path, otherwise=_TEXT)
+    return not has_native_names(text_names(path) if one.is_text else _read(one, path))
 
 
 def read_columns(
@@ -121,39 +126,25 @@ def read_columns(
     used: Collection[str] | None = None,
     notes: list[str] | None = None,
 ) -> Columns:
-    """Read a log's columns (N,) by name.
+    """Read a log's columns (N,) by name, equally long: of a file's variables those as long as t, or as most others.
 
     Parameters
     ----------
     path : str or Path
-        A file of one of the `FORMATS`.
+        A file of one of the `FORMATS`; InputError if it is none, or no table.
     layout : TextLayout, optional
         How a table of text is laid out; as its lines show if it is not given.
     used : collection of str, optional
         The columns that must consist of numbers, see `read_text_table`; Ballbot's own without a layout.
     notes : list of str, optional
         Sentences on what is left out are added to it.
-
-    Returns
-    -------
-    dict of str to (N,) array
-        Equally long: of a file's variables those as long as t, or as most others if there is no t.
-
-    Raises
-    ------
-    InputError
-        If the suffix is unknown, a package that reads the format is missing, or the file is not such a table.
     """
-    one = _known_format(path)
+    one, notes = _format_of(path), [] if notes is None else notes
     if one.is_text and layout is not None:
         return read_text_table(path, layout, used=used, notes=notes)
     columns = read_inferred(path, of_a_log=True, notes=notes) if one.is_text else _table(one, Path(path))
-    return _native(columns, notes) if layout is None else columns
-
-
-def _native(columns: Columns, notes: list[str] | None) -> Columns:
-    """Return columns by Ballbot's names and in its units, without rows that are none; see `rows_with_times`."""
-    notes = [] if notes is None else notes
+    if layout is not None:
+        return columns
     read: Columns = {}
     own = native_columns(columns)
     for name, values in columns.items():
@@ -167,40 +158,27 @@ def _native(columns: Columns, notes: list[str] | None) -> Columns:
 
 def read_variables(path: str | Path) -> Columns:
     """Read all variables of a file by name, of any length; InputError as for `read_columns`."""
-    return _read(_known_format(path), Path(path))
+    return _read(_format_of(path), Path(path))
 
 
 def read_units(path: str | Path) -> dict[str, str]:
     """Return the units of a file's variables by name, as a table of text has them in a row below its header."""
-    return read_text_units(path) if _known_format(path).is_text else {}
+    return read_text_units(path) if _format_of(path).is_text else {}
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
-    """Read a table of any format, and of text in any layout, whatever its suffix.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or has no table of numbers.
-    """
-    one = _format_of(path)
-    if one is None or one.is_text:
-        _check_unpacked(Path(path))
+    """Read a table of any format, and of text in any layout, whatever its suffix; InputError if it has no numbers."""
+    one = _format_of(path, otherwise=_TEXT)
+    if one.is_text:
         return infer_text_table(path, given_names=names)
     columns = _table(one, Path(path))
     if names is not None:
         raise InputError(f"{path} has names of its own; --columns is for tables of text.")
-    return ForeignTable(layout=OWN_LAYOUT, separator="comma", columns=columns, named=True, notes=())
+    return ForeignTable(layout=OWN_LAYOUT, columns=columns, named=True, notes=())
 
 
-def write_columns(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write columns (N,) in the format of the suffix of `path`.
-
-    Raises
-    ------
-    InputError
-        If the suffix is not that of a format which is written, or the file cannot be written.
-    """
+def write_columns(path: str | Path, columns: Mapping[str, Floats]) -> None:
+    """Write columns (N,) in the format of the suffix of `path`; InputError if none is written so."""
     one = written_format(path)
     check_column_names(columns, source=str(path))
     with _needing(one):
@@ -226,28 +204,20 @@ def check_format(word: str) -> str:
     return word
 
 
-def _format_of(path: str | Path) -> LogFormat | None:
-    if Path(path).is_dir():
-        return _FOLDER
-    suffix = Path(path).suffix.lower()
-    return next((one for one in FORMATS if suffix in one.suffixes), None)
-
-
-def _known_format(path: str | Path) -> LogFormat:
-    one = _format_of(path)
-    if one is not None:
-        return one
-    _check_unpacked(Path(path))
-    near = nearest(Path(path).suffix.lower(), _SUFFIXES)
-    hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
-    raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_SUFFIXES)}.")
-
-
-def _check_unpacked(path: Path) -> None:
-    """Raise InputError if the suffix of a file is that of a compressed one."""
-    check_regular(path)
-    if path.suffix.lower() in _COMPRESSED:
+def _format_of(path: str | Path, *, otherwise: LogFormat | None = None) -> LogFormat:
+    """Return the format of a file by its suffix, or `otherwise`; InputError if it is compressed, or of no format."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    found = _FOLDER if path.is_dir() else next((one for one in FORMATS if suffix in one.suffixes), otherwise)
+    if suffix in _COMPRESSED and found is not _FOLDER:
+        check_regular(path)
         raise InputError(f"{path} is compressed; unpack it first.")
+    if found is None:
+        check_regular(path)
+        near = nearest(suffix, _SUFFIXES)
+        hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
+        raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_SUFFIXES)}.")
+    return found
 
 
 def _read(one: LogFormat, path: Path) -> Columns:

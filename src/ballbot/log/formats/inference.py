@@ -12,33 +12,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import check_regular, decode_text
-from ballbot.log.columns import KNOWN_NAMES, Columns, native_columns
+from ballbot.log.columns import KNOWN_NAMES, UNIT_OF, Columns, native_columns
 from ballbot.log.formats.text import (
     MISSING,
+    SEPARATORS,
     PlainText,
     TextLayout,
     is_number,
     plain,
-    read_plain,
     read_text_table,
     seconds_of,
     split_cells,
 )
 
-_SEPARATORS: dict[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
 #: lines examined to find the separator, and bytes of a file in which its layout must show
 _EXAMINED, _HEAD = 200, 100_000
-#: largest file of unknown layout [bytes], because every cell is examined
-_LARGEST = 100_000_000
 #: units, of which a row below the header consists: alone, in products, quotients and powers, or in brackets
-_UNIT_WORDS = (
-    "s ms us µs μs ns min h m cm mm um µm μm km rad mrad deg ° turn turns rev rpm U count counts cnt inc "
-    "g kg N mN kN Nm mNm Ncm kNm A mA mV V mW W kW Hz kHz K C °C Pa bar %"
-)
-_UNITS = frozenset(_UNIT_WORDS.split())
+_OTHER_UNITS = "n mn kn knm cm um µm km kg g w mw hz khz k c °c pa bar min h u inc"
+_UNITS = {*UNIT_OF, *_OTHER_UNITS.split()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +39,6 @@ class ForeignTable:
     """The columns of a foreign file, and the layout that was inferred."""
 
     layout: TextLayout
-    separator: str  #: its name in a mapping file
     columns: Columns
     named: bool  #: whether the file has a header
     notes: tuple[str, ...]  #: sentences on anomalies of the file
@@ -54,15 +46,8 @@ class ForeignTable:
 
 
 def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = None) -> ForeignTable:
-    """Read a table of text, whatever its layout.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or has no table of numbers.
-    """
-    text = read_plain(path, largest=_LARGEST)
-    head = _head_of(path, text)
+    """Read a table of text, whatever its layout; InputError if the file cannot be read or has no table of numbers."""
+    head = _read_head(path)
     if not head.rows:
         raise InputError(f"{path} contains no table: none of its lines consists only of numbers.")
     if head.rows == 1:
@@ -70,19 +55,16 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
             f"{path} has one row of numbers (line {head.layout.header_lines + 1}); a log needs at least two."
         )
     notes = list(head.notes) if given_names is None else []
-    names = head.layout.names or () if given_names is None else tuple(given_names)
-    width = len(head.layout.names or ())
+    names, width = head.names if given_names is None else tuple(given_names), len(head.names)
     if len(names) != width:
         raise InputError(
             f"{path} has {width} columns, but {len(names)} names were given: {', '.join(names)}."
         )
-    layout = replace(head.layout, names=names, drop_damaged=True)
-    told = len(notes)
+    layout = replace(head.layout, names=names, damaged_rows="drop")
     columns = read_text_table(path, layout, notes=notes)
-    damaged = any(one.startswith("Skipped") for one in notes[told:])
+    damaged = any(one.startswith("Skipped") for one in notes)
     return ForeignTable(
-        layout=replace(layout, drop_damaged=damaged),
-        separator=head.separator,
+        layout=layout if damaged else replace(layout, damaged_rows="refuse"),
         columns=columns,
         named=given_names is not None or head.named,
         notes=tuple(notes),
@@ -93,18 +75,8 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
 def read_inferred(path: str | Path, *, of_a_log: bool = False, notes: list[str] | None = None) -> Columns:
     """Read a table of numbers whose separator, decimal sign and header are inferred; every row must be whole.
 
-    Parameters
-    ----------
-    path : str or Path
-    of_a_log : bool
-        Whether columns of words are left out unless they have one of Ballbot's names.
-    notes : list of str, optional
-        Sentences on what is left out are added to it.
-
-    Raises
-    ------
-    InputError
-        As `read_text_table`.
+    Columns of words are left out; those of a log, unless they have one of Ballbot's names. Sentences on what is left
+    out are added to `notes`. InputError as of `read_text_table`.
     """
     head = _read_head(path)
     if head.twice:
@@ -131,7 +103,6 @@ class _Head:
     """What the lines of a table show."""
 
     layout: TextLayout
-    separator: str
     rows: int = 0  #: that consist of numbers, of the examined ones
     #: lines down to the one with the names, or units; None if no line has a name for each
     above: int | None = None
@@ -153,50 +124,51 @@ def _read_head(path: str | Path) -> _Head:
             start = stream.read(_HEAD)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    # a character may be cut
-    return _head_of(path, plain(decode_text(start, source=str(path), errors="replace").split("\n")))
+    if not start.strip():
+        raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
+    # a character, and the last line, may be cut
+    lines = decode_text(start, source=str(path), errors="replace").split("\n")
+    return _head_of(plain(lines[:-1] if len(start) == _HEAD and len(lines) > 1 else lines))
 
 
-def _head_of(path: str | Path, text: PlainText) -> _Head:
-    separator, decimal_comma = _likely_separator(text.lines)
-    mark = _SEPARATORS[separator]
-    layout = TextLayout(separator=mark, decimal_comma=decimal_comma)
-    cells = [_cells(line, mark, decimal_comma) for line in text.lines]
+def _head_of(text: PlainText) -> _Head:
+    layout = _likely_layout(text.lines)
+    cells = [_cells(line, layout) for line in text.lines]
     rows = [row for row in cells if _is_row(row)]
     if not rows:
-        return _Head(layout=replace(layout, names=tuple(cells[0])), separator=separator)
+        return _Head(layout=replace(layout, names=tuple(cells[0])))
     widest = max(map(len, rows))
-    if mark is not None and widest > 1 and all(row[-1] == "" for row in rows if len(row) == widest):
+    if (
+        layout.separator != "blanks"
+        and widest > 1
+        and all(row[-1] == "" for row in rows if len(row) == widest)
+    ):
         # a separator at the end of lines
         cells = [row[:-1] if len(row) == widest and row[-1] == "" else row for row in cells]
         rows = [row for row in cells if _is_row(row)]
     width = Counter(map(len, rows)).most_common(1)[0][0]
-    check_table(len(text.lines), width, source=str(path))
     wide = [len(row) == width and _is_row(row) for row in cells]
     # the first of two rows, as a line of numbers may be a title's
     first = next((k for k in range(len(wide) - 1) if wide[k] and wide[k + 1]), wide.index(True))
-    quoted = text.lines[first].lstrip().startswith('"')
     labelled = len(text.labels) == width
     head = [list(text.labels)] if labelled else cells[:first]
     # the last line with a name for each column, but for units
-    wanted = (width, width - 1) if quoted else (width,)
     fitting = [
         k
         for k, row in enumerate(head)
         if any(row)
-        and (len(row) in wanted or len(_filled(row)) == width)
+        and width in (len(row), len(_filled(row)))
         and not any(is_number(cell.replace(",", ".")) for cell in row)
     ]
     named = max((k for k in fitting if not _are_units(head[k])), default=fitting[-1] if fitting else None)
     words = [row for row in head if not all(_number_like(cell) for cell in row)]
     line = words[-1:] if named is None else [head[named]]
-    names, notes = _names_of(line[0] if line else [], width, quoted=quoted)
+    names, notes = _names_of(line[0] if line else [], width)
     below = [] if named is None or named + 1 >= len(head) else head[named + 1]
     units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
     twice = [] if named is None else [one for one in head[named] if one and head[named].count(one) > 1]
     return _Head(
         layout=replace(layout, names=tuple(names), header_lines=first),
-        separator=separator,
         rows=len(rows),
         above=None if named is None else first if labelled else named + 1 + bool(units),
         named=named is not None or any(head),
@@ -206,24 +178,25 @@ def _head_of(path: str | Path, text: PlainText) -> _Head:
     )
 
 
-def _likely_separator(lines: list[str]) -> tuple[str, bool]:
-    """Return the separator under which most lines are rows of two or more numbers, and whether decimals have commas."""
+def _likely_layout(lines: list[str]) -> TextLayout:
+    """Return the separator and the decimal sign under which most lines are rows of two or more numbers."""
     looked_at = [line for line in lines if line.strip()][: 2 * _EXAMINED][-_EXAMINED:]
+    point = [TextLayout(), *(TextLayout(separator=one) for one in ("semicolon", "tab", "blanks"))]
 
-    def fit(choice: tuple[str, bool]) -> tuple[int, int, int]:
-        rows = [_cells(line, _SEPARATORS[choice[0]], choice[1]) for line in looked_at]
+    def fit(layout: TextLayout) -> tuple[int, int, int]:
+        rows = [_cells(line, layout) for line in looked_at]
         numbers = [sum(map(_number_like, row)) for row in rows]
         whole = sum(len(row) == count > 1 for row, count in zip(rows, numbers, strict=True))
         # the others decide where a column of words spoils every row
         return whole, sum(len(row) > 1 and _is_row(row) for row in rows), sum(numbers)
 
-    return max(((word, comma) for comma in (False, True) for word in _SEPARATORS), key=fit)
+    return max([*point, *(replace(one, decimal="comma") for one in point)], key=fit)
 
 
-def _cells(line: str, mark: str | None, decimal_comma: bool) -> list[str]:
+def _cells(line: str, layout: TextLayout) -> list[str]:
     """Return the cells of a line, with decimal points in numbers that have decimal commas."""
-    cells = split_cells(line, mark) if line.strip() else []
-    if decimal_comma:
+    cells = split_cells(line, SEPARATORS[layout.separator]) if line.strip() else []
+    if layout.decimal == "comma":
         pointed = [cell.replace(",", ".") for cell in cells]
         cells = [new if _number_like(new) else cell for new, cell in zip(pointed, cells, strict=True)]
     return cells
@@ -244,11 +217,8 @@ def _filled(cells: list[str]) -> list[str]:
     return [name for cell in cells if (name := cell.lstrip("#%").strip())]
 
 
-def _names_of(line: list[str], width: int, *, quoted: bool) -> tuple[list[str], list[str]]:
-    """Return a name for each of `width` columns, and notes, from the header's cells, if there is a header.
-
-    If the first row begins with a quoted cell, that is a row's name, as R writes them without a name for their column.
-    """
+def _names_of(line: list[str], width: int) -> tuple[list[str], list[str]]:
+    """Return a name for each of `width` columns, and notes, from the header's cells, if there is a header."""
     if not line:
         note = f"The file has no header; its columns are called column_1 to column_{width}."
         return [f"column_{place}" for place in range(1, width + 1)], [note]
@@ -257,8 +227,6 @@ def _names_of(line: list[str], width: int, *, quoted: bool) -> tuple[list[str], 
     if len(given) != width and (len(filled) == width or (line[0] and not given[0])):
         # blanks or tabs that align the names, or a mark of a comment before them
         given = filled if len(filled) == width else given[1:]
-    elif len(given) == width - 1 and quoted:
-        given = ["", *given]
     notes = []
     unnamed = [str(place) for place, name in enumerate(given[:width], start=1) if not name]
     if unnamed:
@@ -281,5 +249,5 @@ def _are_units(row: list[str]) -> bool:
 def _is_unit(cell: str) -> bool:
     if re.fullmatch(r"\[.*\]|\(.*\)|<.*>", cell):
         return True
-    parts = [part for part in re.split(r"[\s·*/^²³⁻¹0-9-]+", cell) if part]
+    parts = [part for part in re.split(r"[\s·*/^²³⁻¹0-9-]+", cell.lower()) if part]
     return bool(parts) and all(part in _UNITS for part in parts)

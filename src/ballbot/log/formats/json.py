@@ -31,13 +31,7 @@ _WIDEST = 100
 
 
 def read_json_table(path: str | Path) -> Columns:
-    """Read the columns (N,) of a table in JSON, by name.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not JSON, has a name twice, or holds no table of numbers.
-    """
+    """Read the columns (N,) of a table in JSON, by name; InputError if it is none."""
     text = read_text(path, largest=LARGEST_TABLE)
     try:
         tree = _tree(text)
@@ -57,16 +51,8 @@ def _tree(text: str) -> object:
     """Return the value of a text of JSON, or the list of those of its lines."""
     lines = [line for line in text.split("\n") if line.strip()]
     by_line = len(lines) > 1 and lines[0].strip().startswith("{") and lines[0].strip().endswith("}")
-    values = [json.loads(one, object_pairs_hook=_unique) for one in (lines if by_line else [text])]
+    values = [json.loads(one) for one in (lines if by_line else [text])]
     return values if by_line else values[0]
-
-
-def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"the name {next(name for name in names if names.count(name) > 1)!r} appears twice")
-    return found
 
 
 def _table(tree: object, *, depth: int) -> dict[str, list[float]]:

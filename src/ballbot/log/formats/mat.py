@@ -15,11 +15,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
-from ballbot.log.columns import Columns
+from ballbot.log.columns import Columns, Floats
 
 #: a matrix has a log's columns if it has so many rows, and so many times more than columns
 _LONG, _LONGER = 50, 5
@@ -46,7 +45,7 @@ def read_mat(path: Path) -> Columns:
     return parts | found
 
 
-def write_mat(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+def write_mat(path: Path, columns: Mapping[str, Floats]) -> None:
     """Write columns (N,) as compressed column vectors; InputError if MATLAB has no variable of such a name."""
     from scipy.io import savemat
 
@@ -62,7 +61,7 @@ def write_mat(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
     write_bytes(path, stream.getvalue())
 
 
-def _variables(content: Mapping[str, object], before: str = "") -> Iterator[tuple[str, NDArray[np.float64]]]:
+def _variables(content: Mapping[str, object], before: str = "") -> Iterator[tuple[str, Floats]]:
     """Yield the real numeric arrays of a file, those of structures by the names of both."""
     for name, value in content.items():
         if isinstance(value, Mapping):
@@ -86,7 +85,7 @@ def _short_names(variables: Columns) -> Columns:
     return short if len(short) == len(variables) else variables
 
 
-def _columns_of(values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def _columns_of(values: Floats) -> list[Floats]:
     """Return the columns of a long matrix, or its rows if these are long; none of other arrays."""
     if values.ndim != 2 or min(values.shape) < 2:
         return []

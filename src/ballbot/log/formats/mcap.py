@@ -19,11 +19,10 @@ from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
-from ballbot.log.columns import Columns, unit_of
+from ballbot.log.columns import Columns, Floats, unit_of
 from ballbot.log.formats.json import flattened
 from ballbot.log.formats.ros import Topic, first_time, joined, nanoseconds, read_bag
 
@@ -57,19 +56,8 @@ def read_mcap(path: Path) -> Columns:
     return {name: np.array([row.get(name, np.nan) for row in rows]) for name in json.loads(own[0])}
 
 
-def write_mcap(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write columns (N,) to an MCAP file, whole or not at all.
-
-    Parameters
-    ----------
-    path : str or Path
-    columns : mapping of str to ndarray
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+def write_mcap(path: Path, columns: Mapping[str, Floats]) -> None:
+    """Write columns (N,) to an MCAP file, whole or not at all."""
     from mcap.writer import Writer
 
     properties = {name: {"type": "number"} for name in columns}

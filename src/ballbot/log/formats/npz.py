@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
-from ballbot.log.columns import Columns
+from ballbot.log.columns import Columns, Floats
 
 #: kinds of NumPy's types that are real numbers
 _REAL = "biuf"
@@ -40,7 +39,7 @@ def read_npz(path: Path) -> Columns:
     return found
 
 
-def write_npz(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+def write_npz(path: Path, columns: Mapping[str, Floats]) -> None:
     """Write columns (N,) to an archive, whole or not at all; the same columns give the same bytes."""
     stream = io.BytesIO()
     # not numpy.savez, whose own arguments' names no column could have

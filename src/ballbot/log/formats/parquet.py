@@ -5,12 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
-from ballbot.log.columns import Columns, unit_of
+from ballbot.log.columns import Columns, Floats, unit_of
 
 
 def read_parquet_table(path: Path) -> Columns:
@@ -29,7 +28,7 @@ def read_parquet_table(path: Path) -> Columns:
     return {name: table.column(name).to_numpy(zero_copy_only=False).astype(np.float64) for name in names}
 
 
-def write_parquet_table(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+def write_parquet_table(path: Path, columns: Mapping[str, Floats]) -> None:
     """Write columns (N,) to a Parquet file, whole or not at all; the metadata of Ballbot's columns have their unit."""
     import pyarrow
     from pyarrow import parquet

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
-from ballbot.log.columns import Columns
+from ballbot.log.columns import Columns, Floats
 from ballbot.log.formats.json import flattened
 
 if TYPE_CHECKING:
@@ -50,17 +50,11 @@ _NOT_MEASURED = -1.0
 
 
 def read_bag(path: Path) -> Columns:
-    """Return the columns of a log, or the joined topics of another bag.
-
-    Parameters
-    ----------
-    path : Path
-        A bag in one file (.bag of ROS 1, .db3, .mcap), or the folder of a ROS 2 bag.
-    """
+    """Return the columns of a log, or the joined topics of another bag, in one file or a folder."""
     from rosbags.highlevel import AnyReader
 
     names: list[str] = []
-    rows: list[NDArray[np.float64]] = []
+    rows: list[Floats] = []
     topics: dict[str, Topic] = {}
     with AnyReader([path], default_typestore=_store()) as reader:
         known = [one for one in reader.connections if one.msgtype in reader.typestore.types]
@@ -150,10 +144,7 @@ class Topic:
 def joined(topics: Iterable[Topic]) -> Columns:
     """Return one table of the messages of all topics with numbers: `t` [s] from its first row on, and `topic.field`.
 
-    Raises
-    ------
-    InputError
-        If two fields get the same name.
+    InputError if two fields get the same name.
     """
     tables = [_table(one) for one in topics if any(one.messages)]
     if not tables:
@@ -182,26 +173,20 @@ def _table(topic: Topic) -> tuple[NDArray[np.int64], Columns]:
     return times[order], fields
 
 
-def first_time(columns: Mapping[str, NDArray[np.float64]]) -> float:
+def first_time(columns: Mapping[str, Floats]) -> float:
     """Return the time [s] that a file's clock calls zero: zero, or the log's first time if that is below zero."""
     t = columns.get("t", np.zeros(1))
     return float(np.min(t, initial=0.0, where=np.isfinite(t)))
 
 
-def nanoseconds(t: NDArray[np.float64], *, origin: float) -> list[int]:
+def nanoseconds(t: Floats, *, origin: float) -> list[int]:
     """Return times [s] as whole nanoseconds after `origin` [s], within what a file can hold; missing times as zero."""
     known = np.where(np.isfinite(t), t, origin)
     return [min(max(int(one), 0), _LATEST) for one in np.rint((known - origin) * _NANOSECONDS).tolist()]
 
 
-def write_ros_bag(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write columns (N,) to a bag in one file, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+def write_ros_bag(path: Path, columns: Mapping[str, Floats]) -> None:
+    """Write columns (N,) to a bag in one file, whole or not at all."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     store = _store()

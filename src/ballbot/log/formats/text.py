@@ -22,43 +22,43 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import NonNegativeInt, PositiveInt
 
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_text, write_text
-from ballbot.log.columns import Columns, check_column_names, mark_missing
+from ballbot.log.columns import Columns, Floats, check_column_names, mark_missing
 from ballbot.summary import counted
+
+#: by its name, what separates the cells of a line; None is any run of blanks
+SEPARATORS: dict[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
 
 
 @dataclass(frozen=True, kw_only=True)
 class TextLayout:
-    """How a text file lays out its table. The defaults are the CSV that Ballbot writes."""
+    """How a text file lays out its table: [file] of a mapping. The defaults are the CSV that Ballbot writes."""
 
-    separator: str | None = ","  #: between cells; None is any run of blanks
-    #: whether 0,5 is a half; if the separator is a comma, the cells are in quotes
-    decimal_comma: bool = False
+    separator: Literal["comma", "semicolon", "tab", "blanks"] = "comma"
+    decimal: Literal["point", "comma"] = "point"  #: beside commas, numbers with a decimal comma are in quotes
     missing: tuple[str, ...] = ()  #: marks of a missing value, beside `MISSING` and "nan"
-    header_lines: int = 1  #: lines before the first row, the last of them with the columns' names
+    header_lines: NonNegativeInt = 1  #: lines before the first row, the last of them with the columns' names
     names: tuple[str, ...] | None = None  #: the columns' names if the header has none or wrong ones
-    drop_damaged: bool = False  #: skip rows of another width or with words instead of refusing them
-    rows: tuple[int, int] | None = None  #: first and last row to use, from 1, damaged ones not counted
+    damaged_rows: Literal["refuse", "drop"] = "refuse"  #: those of another width or with words
+    unordered_rows: Literal["refuse", "drop"] = (
+        "refuse"  #: those whose time decreases; `ballbot.log.row_order`
+    )
+    rows: tuple[PositiveInt, PositiveInt] | None = (
+        None  #: first and last row to use, damaged ones not counted
+    )
 
 
 #: cells without a value, in small letters
 MISSING = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
 _TOO_LONG = f"a cell has more than {csv.field_size_limit()} characters."
 OWN_LAYOUT = TextLayout()
-
-
-def read_plain(path: str | Path, *, largest: int = LARGEST_TABLE) -> PlainText:
-    """Return the lines of a text file; InputError if it cannot be read, is empty or is too large."""
-    text = read_text(path, largest=largest)
-    if not text.strip():
-        raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
-    return plain(text.split("\n"))
 
 
 def read_text_table(
@@ -68,35 +68,20 @@ def read_text_table(
     used: Collection[str] | None = None,
     notes: list[str] | None = None,
 ) -> Columns:
-    """Read a table of numbers.
+    """Read a table of numbers: the columns (N,) by name, in the file's order; cells without a value are NaN.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file, UTF-8.
-    layout : TextLayout
-        How it is laid out.
-    used : collection of str, optional
-        The columns that must consist of numbers. Others are left out if they do not; if not given, so are those of
-        which most cells are words.
-    notes : list of str, optional
-        Sentences on what is left out are added to it.
-
-    Returns
-    -------
-    dict of str to (N,) array
-        The columns by name, in the file's order; a cell without a value, or with one beyond `LARGEST_CELL`, is NaN.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is not such a table; the message names the line.
+    `used` are the columns that must consist of numbers. Others are left out if they do not; if not given, so are those
+    of which most cells are words. Sentences on what is left out are added to `notes`. InputError, with the line, if the
+    file is not such a table.
     """
-    lines = read_plain(path).lines
+    text = read_text(path, largest=LARGEST_TABLE)
+    if not text.strip():
+        raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
+    lines = plain(text.split("\n")).lines
     names = list(layout.names) if layout.names is not None else _header_names(path, lines, layout)
     check_table(len(lines), len(names), source=str(path))
     body = lines[layout.header_lines :]
-    if layout.decimal_comma and layout.separator != ",":
+    if layout.decimal == "comma" and layout.separator != "comma":
         body = [line.replace(",", ".") for line in body]
     table = _parse_fast(body, names, layout)
     if table is None:
@@ -113,14 +98,8 @@ def read_text_table(
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
-def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write columns (N,) as CSV, in the fewest digits that read back to the same bits; NaN becomes `nan`.
-
-    Raises
-    ------
-    InputError
-        If a column's name cannot be written to CSV, or the file cannot be written.
-    """
+def write_text_table(path: str | Path, columns: Mapping[str, Floats]) -> None:
+    """Write columns (N,) as CSV, in the fewest digits that read back to the same bits; NaN becomes `nan`."""
     for name in columns:
         if not name or name != name.strip() or any(mark in name for mark in ',"\n\r'):
             raise InputError(
@@ -133,7 +112,7 @@ def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]
 def _header_names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
     """Return the names in the last line of a header, which may end with a separator; InputError if it has none."""
     number = layout.header_lines
-    names = split_cells(lines[number - 1], layout.separator) if 0 < number <= len(lines) else []
+    names = split_cells(lines[number - 1], SEPARATORS[layout.separator]) if 0 < number <= len(lines) else []
     names = names[:-1] if len(names) > 1 and not names[-1] else names
     where = f"{path}, line {number}"
     check_table(0, len(names), source=str(path))
@@ -150,16 +129,17 @@ def _header_names(path: str | Path, lines: list[str], layout: TextLayout) -> lis
     return names
 
 
-def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArray[np.float64] | None:
+def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> Floats | None:
     """Return the table if NumPy's parser can read it, else None."""
     first = next((line for line in body if line.strip()), None)
     # a row of another width may be millions of cells wide
-    if first is None or len(split_cells(first, layout.separator)) != len(names):
+    mark = SEPARATORS[layout.separator]
+    if first is None or len(split_cells(first, mark)) != len(names):
         return None
-    if any(is_number(mark) for mark in layout.missing) or (layout.decimal_comma and layout.separator == ","):
+    if any(map(is_number, layout.missing)) or (layout.decimal == "comma" and layout.separator == "comma"):
         return None
     try:
-        table = np.loadtxt(body, delimiter=layout.separator, comments=None, quotechar='"', ndmin=2)
+        table = np.loadtxt(body, delimiter=mark, comments=None, quotechar='"', ndmin=2)
     except ValueError:
         return None
     return table if table.shape[1] == len(names) else None
@@ -171,13 +151,13 @@ _BEGUN = re.compile(r"[+-]?(\d+\.?\d*)?([eE][+-]?)?", re.ASCII)
 
 def _parse_rows(
     path: str | Path, body: list[str], names: list[str], layout: TextLayout, used: Collection[str] | None
-) -> tuple[list[str], NDArray[np.float64], list[str]]:
+) -> tuple[list[str], Floats, list[str]]:
     """Return the names of the columns of numbers, their table, and notes; InputError as `read_text_table`."""
     numbers, rows, damaged, cut, notes = list[int](), list[list[str]](), 0, 0, list[str]()
     lines = [(k, line) for k, line in enumerate(body, start=layout.header_lines + 1) if line.strip()]
     for number, line in lines:
-        cells = split_cells(line, layout.separator)
-        if layout.decimal_comma:
+        cells = split_cells(line, SEPARATORS[layout.separator])
+        if layout.decimal == "comma":
             cells = [cell.replace(",", ".") for cell in cells]
         if len(cells) == len(names) + 1 and not cells[-1]:  # a separator at the row's end
             cells.pop()
@@ -188,7 +168,7 @@ def _parse_rows(
             raise InputError(f"{path}, line {number}: {_TOO_LONG}")
         elif number == lines[-1][0] and len(cells) < len(names):
             cut = number
-        elif layout.drop_damaged:
+        elif layout.damaged_rows == "drop":
             damaged += 1
         else:
             raise InputError(
@@ -211,7 +191,7 @@ def _parse_rows(
     is_last = len(places) == 1 and (row, column) == (len(rows) - 1, len(names) - 1)
     if is_last and _BEGUN.fullmatch(rows[-1][-1]):
         cut = numbers[-1]
-    elif len(places) and not layout.drop_damaged:
+    elif len(places) and layout.damaged_rows == "refuse":
         raise InputError(
             f"{path}, line {numbers[row]}: {rows[row][column]!r} in column {names[column]} is not a number; correct "
             "it, or leave the cell empty if the value is missing."

@@ -21,13 +21,13 @@ from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.lean import Motion, clarity, motion_of, usable_rows
 from ballbot.log.checks.torque_balance import Driving, driving_of, gains_of, motor_sums
+from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping_search.evidence import (
     MOST,
     behind,
@@ -41,7 +41,6 @@ from ballbot.log.mapping_search.placement import SensorFrame
 from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
 from ballbot.robot import Robot
 
-Floats = NDArray[np.float64]
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
 #: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
 SAME_TORQUES = 0.1
@@ -265,9 +264,7 @@ def _delay(
     return command_delay(wheels, commands, usable, driven)
 
 
-def command_delay(
-    wheels: Smooth, commands: Floats, usable: NDArray[np.bool_], driven: Floats
-) -> tuple[float, float]:
+def command_delay(wheels: Smooth, commands: Floats, usable: Bools, driven: Floats) -> tuple[float, float]:
     """Return how late the wheels (N, n) answer to commands (N, k) [s], and its standard error; nan, inf if unknown.
 
     The lean is not among what explains them: commands are made of it, and would share its gain. Commands that chatter

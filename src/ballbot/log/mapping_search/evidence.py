@@ -7,9 +7,8 @@ from collections.abc import Hashable, Mapping
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ballbot.log.columns import Floats
 
 #: below this confidence a conclusion is undetermined
 CONFIDENT = 0.9

@@ -9,10 +9,9 @@ from itertools import permutations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ballbot.log.columns import FACTORS, Columns
-from ballbot.log.formats.inference import ForeignTable
+from ballbot.log.columns import FACTORS, Bools, Columns, Floats
+from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import correlations
 from ballbot.log.mapping_search.names import InputKind, Roles
@@ -33,8 +32,6 @@ from ballbot.log.signals import (
 )
 from ballbot.robot import Robot
 
-Floats = NDArray[np.float64]
-
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
 IMPOSSIBLE_SPEED = 3.0
 #: filters that the tests of the lean and of the gyro try [s]: the wheels of light robots move quickly, and encoders of
@@ -46,8 +43,9 @@ WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
 EVEN_TIMES = 0.01
 #: correlations of a gyro with the rates of the angles from which it is taken, and how far its gain may be off [log]
 GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
-#: an encoder or counter begins again after so many counts
-PERIODS = tuple(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32))
+#: after so many counts an encoder or counter begins again; and an angle in turns, radians or degrees
+PERIODS = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32)), 360.0)
+TURNS = (1.0, 2.0 * math.pi, 360.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,11 +63,8 @@ class Columned:
     """The columns that have a role."""
 
     path: Path
-    table: ForeignTable
+    layout: TextLayout
     cut: Columns  #: the rows that are taken
-    rows: tuple[int, int] | None  #: the first and the last of them, from 1; None for all
-    repeated: bool  #: whether repeated rows are left out
-    unordered: bool  #: whether rows whose time decreases are left out
     roles: Roles
     time: Unit
     robot: Robot
@@ -128,7 +123,7 @@ class Signals:
     wheels: Smooth
     lean: Smooth | None
     heading: Smooth | None
-    usable: NDArray[np.bool_]  #: moving and not fallen
+    usable: Bools  #: moving and not fallen
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,11 +172,11 @@ def motion_of_file(base: Columned) -> SensedMotion:
 
 
 def _continued(angles: Floats, *, of_speeds: bool) -> tuple[Floats, float | None]:
-    """Return whole-numbered angles (M, n) without the jumps of a full counter, and its period if there is one."""
-    whole = bool(np.all(angles == np.round(angles)))
+    """Return angles (M, n) without the jumps of a full counter or turn, and its period if there is one."""
+    periods = PERIODS if np.all(angles == np.round(angles)) else TURNS
     jump, extent = float(np.abs(np.diff(angles, axis=0)).max(initial=0.0)), float(np.ptp(angles))
-    period = next((one for one in PERIODS if 0.6 * one < extent < one + 0.5), None)
-    if of_speeds or not whole or period is None or jump < 0.6 * period:
+    period = next((one for one in periods if 0.6 * one < extent < 1.0001 * one), None)
+    if of_speeds or period is None or jump < 0.6 * period:
         return angles, None
     return np.column_stack([unwrapped(column, period=period) for column in angles.T]), period
 
@@ -201,7 +196,14 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         (one, lean_test(robot, one.lean, one.wheels, one.heading, one.usable)) for one in tried if one.lean
     ]
     known = [(one, test) for one, test in tests if test is not None]
-    signals, tested = min(known, key=lambda one: _doubt(one[1])) if known else (tried[0], None)
+    # the smallest error of the phase, which counts more if the placement is in doubt
+    signals, tested = min(
+        known,
+        key=lambda one: (
+            (math.pi if one[1].phase_error is None else one[1].phase_error) / max(one[1].confidence, 0.05)
+        ),
+        default=(tried[0], None),
+    )
     heading = None
     if tested is not None and signals.heading is not None:
         heading = heading_test(robot, signals.wheels, signals.heading, tested)
@@ -218,12 +220,6 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         tested=tested,
         heading=heading,
     )
-
-
-def _doubt(tested: LeanTest) -> float:
-    """Return how little a test shows: the error of the phase, more if the placement is in doubt."""
-    error = tested.phase_error if tested.phase_error is not None else math.pi
-    return error / max(tested.confidence, 0.05)
 
 
 def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | None]:

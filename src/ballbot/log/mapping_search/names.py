@@ -23,14 +23,11 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.log.columns import UNIT_OF
+from ballbot.log.columns import UNIT_OF, Floats
 from ballbot.log.formats.inference import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
-
-Floats = NDArray[np.float64]
 
 InputKind = Literal["torque", "current", "voltage", "duty"]
 Kind = Literal["time", "attitude", "gyro", "wheel angle", "wheel speed", "command", "other"]
@@ -320,10 +317,7 @@ class Roles:
 def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[ForeignTable, Roles]:
     """Return the roles of a table's columns, and the table with the columns that are made of others.
 
-    Raises
-    ------
-    InputError
-        If no name says which column is the time, or which are lean or wheels; it says what to give as --columns.
+    InputError, with what to give as --columns, if no name says which column is the time, or which are lean or wheels.
     """
     if not table.named:
         raise InputError(

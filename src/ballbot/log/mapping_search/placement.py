@@ -57,6 +57,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
 from ballbot.log.checks.lean import block_sums, clarity
+from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
@@ -72,7 +73,6 @@ from ballbot.log.mapping_search.evidence import (
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 #: lean later than wheels that is tried [s]: an IMU's filter takes 15 to 20 ms. Whole rows: between them, interpolation
@@ -161,8 +161,8 @@ class LeanTest:
     handedness: float
     headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
-    balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
-    pushed: NDArray[np.bool_]  #: (N,), rows left out because something pushed the robot
+    balancing: Bools  #: (N,), the even rows that were judged
+    pushed: Bools  #: (N,), rows left out because something pushed the robot
 
     @property
     def gain(self) -> float | None:
@@ -210,7 +210,7 @@ def torque_free_gains(robot: Robot) -> tuple[float, float]:
 
 
 def lean_test(
-    robot: Robot, lean: Smooth, wheels: Smooth, heading: Smooth | None, usable: NDArray[np.bool_]
+    robot: Robot, lean: Smooth, wheels: Smooth, heading: Smooth | None, usable: Bools
 ) -> LeanTest | None:
     """Find how three wheels or more sit; None if too little of the log is balancing.
 
@@ -236,7 +236,9 @@ def lean_test(
     usable = usable & ~pushed
     placements, confidence = _ranked_placements(robot, law, heading, weights, gamma)
     best = placements[0]
-    law = replace(law, way=_way(robot, best), heading=heading or _heading_of(robot, wheels, best))
+    beta = np.asarray(robot.wheels.azimuths)[np.asarray(best.positions) - 1]
+    way = np.asarray(best.signs) * np.exp(1j * beta)
+    law = replace(law, way=way, heading=heading or _heading_of(robot, wheels, best))
     turning, driven = law.columns, law.driven
     sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
     gains = [_solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
@@ -321,11 +323,6 @@ def _heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
     return Smooth(value=wheels.value @ way, rate=wheels.rate @ way, acceleration=wheels.acceleration @ way)
 
 
-def _way(robot: Robot, placement: Placement) -> Complex:
-    beta = np.asarray(robot.wheels.azimuths)[np.asarray(placement.positions) - 1]
-    return np.asarray(placement.signs) * np.exp(1j * beta)
-
-
 def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
     """Return by how many standard errors the first of two explanations is better, from what they leave by blocks (B,).
 
@@ -374,7 +371,7 @@ def _sums(table: Complex, weights: Floats) -> Complex:
     )
 
 
-def _weights(law: _Law, usable: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
+def _weights(law: _Law, usable: Bools) -> tuple[Floats, Bools]:
     """Return weights (N,), one over a block's residual, and the rows of blocks that the wheels do not explain.
 
     Rows that are not usable, and those pushed, have weight zero.

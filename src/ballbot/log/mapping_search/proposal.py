@@ -37,9 +37,9 @@ from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
 from ballbot.log.mapping_search.placement import LeanTest, SensorFrame, frame_of
 from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
 from ballbot.log.pose import with_odometry
-from ballbot.log.row_order import increasing_rows, longest_run, repeated_rows, rows_in_order
+from ballbot.log.row_order import increasing_rows, longest_run, rows_with_times
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
-from ballbot.log.wrapping import clock_note, continuous_clock
+from ballbot.log.wrapping import continuous_clock
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -119,21 +119,9 @@ class Proposal:
 
 
 def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Proposal:
-    """Read a foreign log and propose how it becomes one of Ballbot's.
+    """Read a foreign log, a table of any format that Ballbot reads, and propose how it becomes one of Ballbot's.
 
-    Parameters
-    ----------
-    path : str or Path
-        A table of any format that Ballbot reads.
-    robot : Robot
-        Its geometry, encoders and drives.
-    stated : Stated, optional
-        What the user says.
-
-    Raises
-    ------
-    InputError
-        If the file is no table, or no names say which columns are the time, and the lean or the wheels.
+    InputError if the file is no table, or no names say which columns are the time, and the lean or the wheels.
     """
     base, notes = _columned(path, robot, stated or Stated())
     roles = base.roles
@@ -173,11 +161,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
 def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned, list[Finding]]:
     """Return the rows that are taken of a file's columns, and what is left out."""
     table, roles = roles_of(path, read_foreign_table(path, names=stated.columns), robot.wheel_count)
-    clock, again = continuous_clock(table.columns[roles.time])
-    table = replace(table, columns={**table.columns, roles.time: clock})
-    notes = [note("file", sentence) for sentence in table.notes]
-    if again.size:
-        notes.append(warning("time", clock_note(roles.time, again), roles.time))
+    clock, _ = continuous_clock(table.columns[roles.time])
     time = time_unit(clock, roles.unit((roles.time,)))
     if time is None:
         raise InputError(
@@ -185,22 +169,22 @@ def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned,
             f"{float(np.median(np.diff(clock))):.6g}); write a mapping file with its scale, "
             f'[columns] t = {{ from = "{roles.time}", scale = .. }} in seconds.'
         )
-    repeated = repeated_rows(table.columns, roles.time)
-    t = time.factor * clock
-    first, last = longest_run(t, repeated)
-    part = {name: values[first:last] for name, values in table.columns.items()}
-    unordered = not bool(increasing_rows(t[first:last][~repeated[first:last]]).all())
-    whole = (first, last) == (0, len(t))
-    if not whole:
-        sentence = f"The longest run is rows {first + 1} to {last}; others are left out."
-        notes.append(warning("time", sentence))
+    first, last = longest_run(time.factor * clock)
+    sentences, layout = list(table.notes), table.layout
+    cut = {name: values[first:last] for name, values in table.columns.items()}
+    cut = rows_with_times(cut, roles.time, sentences)
+    notes = [note("file", sentence) for sentence in sentences]
+    ordered = increasing_rows(cut[roles.time])
+    if not ordered.all():
+        cut = {name: values[ordered] for name, values in cut.items()}
+        layout = replace(layout, unordered_rows="drop")
+    if (first, last) != (0, len(clock)):
+        notes.append(warning("time", f"The longest run is rows {first + 1} to {last}; others are left out."))
+        layout = replace(layout, rows=(first + 1, last))
     base = Columned(
         path=Path(path),
-        table=table,
-        cut=rows_in_order(part, t[first:last], repeated=repeated[first:last], unordered=unordered),
-        rows=None if whole else (first + 1, last),
-        repeated=bool(repeated.any()),
-        unordered=unordered,
+        layout=layout,
+        cut=cut,
         roles=roles,
         time=time,
         robot=robot,
@@ -393,12 +377,7 @@ def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
 def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None) -> Evaluation:
     """Return a proposal's mapping file, the log that it makes, and whether that agrees with the robot.
 
-    Parameters
-    ----------
-    proposal : Proposal
-    robot : Robot
-    common : Proposal, optional
-        The surest of several logs of the same robot: it answers what this log leaves open.
+    `common`, the surest of several logs of the same robot, answers what this log leaves open.
     """
     if common is not None:
         proposal = _answered(proposal, common)
@@ -448,7 +427,8 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
     """Return a proposal with the answers of another log of the same robot, and without its own times to keep."""
     still = {one.key for one in common.questions}
     questions = tuple(one for one in proposal.questions if one.key in still)
-    answered = replace(proposal, questions=questions, keep=None, base=replace(proposal.base, rows=None))
+    base = replace(proposal.base, layout=replace(proposal.base.layout, rows=None))
+    answered = replace(proposal, questions=questions, keep=None, base=base)
     if proposal.questions and proposal.tested is not None and common.tested is not None:
         answered = replace(answered, frame=common.frame)
         if proposal.drive is not None and common.drive is not None:
@@ -514,17 +494,15 @@ def _line(entry: _Entry) -> str:
 
 
 def _file_entries(base: Columned) -> list[_Entry]:
-    layout = base.table.layout
+    layout = base.layout
     return [
-        ("separator", base.table.separator, ""),
+        ("separator", layout.separator, ""),
         ("header_lines", layout.header_lines, ""),
-        ("decimal", "comma" if layout.decimal_comma else None, ""),
+        ("decimal", "comma" if layout.decimal == "comma" else None, ""),
         ("names", layout.names, ""),
-        ("missing", layout.missing or None, ""),
-        ("damaged_rows", "drop" if layout.drop_damaged else None, ""),
-        ("repeated_rows", "drop" if base.repeated else None, ""),
-        ("unordered_rows", "drop" if base.unordered else None, ""),
-        ("rows", base.rows, "time starts again outside these rows"),
+        ("damaged_rows", "drop" if layout.damaged_rows == "drop" else None, ""),
+        ("unordered_rows", "drop" if layout.unordered_rows == "drop" else None, ""),
+        ("rows", layout.rows, "time starts again outside these rows"),
     ]
 
 

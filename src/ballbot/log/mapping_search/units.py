@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ballbot.log.columns import FACTORS
+from ballbot.log.columns import FACTORS, Floats
 from ballbot.log.mapping_search.evidence import probabilities
+from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
-
-Floats = NDArray[np.float64]
 
 #: intervals between rows that a log may have [s]
 INTERVALS = (2e-4, 0.2)
@@ -61,22 +59,6 @@ def time_unit(t: Floats, named: str | None) -> Unit | None:
     return None
 
 
-def _step_of(angles: Floats) -> float | None:
-    """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
-    found = []
-    for column in angles.T:
-        steps = np.abs(np.diff(column))
-        steps = steps[steps > 1e-9]
-        if len(steps) < 20:
-            continue
-        step = float(np.quantile(steps, 0.001, method="lower"))
-        multiples = steps[steps < 20.5 * step] / step
-        whole = np.abs(multiples - np.round(multiples)) < 0.05
-        if len(multiples) >= 20 and whole.mean() > 0.95:
-            found.append(step)
-    return float(np.median(found)) if found else None
-
-
 def fastest(robot: Robot) -> float:
     """Return the speed [rad/s] of a wheel at which the back-EMF is the supply's voltage."""
     drive = robot.drive
@@ -103,7 +85,7 @@ def wheel_units(
     if named in table:
         reason = f"the heading has it{f', {of_counts}' if 'counts' in named else ''}"
         return [Unit(name=named, factor=table[named], reason=reason)]
-    whole, step = bool(np.all(angles == np.round(angles))), None if of_speeds else _step_of(angles)
+    whole, step = bool(np.all(angles == np.round(angles))), None if of_speeds else encoder_step(angles)
     speeds = np.abs(angles) if of_speeds else np.abs(np.diff(angles, axis=0)) / float(np.median(np.diff(t)))
     largest = float(np.quantile(speeds, 0.98)) if speeds.size else 0.0
     found = []
