@@ -51,7 +51,7 @@ WRONG: dict[str, tuple[Change, str, str]] = {
     ),
     "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "the torques are in mN m"),
     "dead motor": (noise("u2"), "dead-motor", "Nothing responds to u2"),
-    "torque not logged": (times(0.0, "u3"), "dead-motor", "u3 is almost zero"),
+    "torque not logged": (times(0.0, "u3"), "dead-motor", "Nothing responds to u3"),
     "random torques": (noise(*TORQUES), "torque-unrelated", "noise, columns of another log"),
     "ball's x negated": (times(-1.0, BALL[0]), "ball-omega", "-ball_omega_x were ball_omega_x"),
     "ball's x and y exchanged": (

@@ -53,10 +53,7 @@ def check_wheels_free(log: Log) -> None:
 
     A log without lean and without the ball's angular velocity shows neither, and passes.
 
-    Raises
-    ------
-    InputError
-        If it is such a log.
+    InputError if it is such a log.
     """
     for name in ("theta", "phi"):
         values = _known(log, name)
@@ -111,10 +108,7 @@ class Sweep:
     def record(self) -> AxisRecord:
         """Return these pieces as a record of an axis.
 
-        Raises
-        ------
-        InputError
-            If they are too short.
+        InputError if they are too short.
         """
         rows = np.concatenate([np.arange(a, b) for a, b in self.pieces()] or [np.empty(0, dtype=int)])
         if len(rows) < LEAST_ROWS:
@@ -135,11 +129,8 @@ class Sweep:
 def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Sweep]:
     """Return each wheel's sweep; the default limit [rad/s] is the greatest speed in the log.
 
-    Raises
-    ------
-    InputError
-        If the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
-        free of the ball, or the limit is not above zero.
+    InputError if the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
+    free of the ball, or the limit is not above zero.
     """
     check_wheels_free(log)
     torques, speeds = log.torques, log.wheel_speeds
@@ -218,14 +209,11 @@ def classical(values: NDArray[np.float64]) -> Classical:
 def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     """Identify one driveline's friction from the pieces of its sweep.
 
-    Raises
-    ------
-    InputError
-        If the sweep does not determine it.
+    InputError if the sweep does not determine it.
     """
     # a robot file has this law; a free wheel has no weight, and a sweep passes its ripple at every speed
-    options = AxisOptions(law="stribeck", known={"mass": sweep.inertia}, gravity=False, load_friction=False)
-    found = identify_axis(sweep.record(), options=options, run=run)
+    options = AxisOptions(law="stribeck", gravity=False, load_friction=False)
+    found = identify_axis(sweep.record(), options=options, known={"mass": sweep.inertia}, run=run)
     places = [list(found.best.values).index(one.name) for one in QUANTITIES]
     values, errors, halves = (
         np.array([by_label[one.name] for one in QUANTITIES])

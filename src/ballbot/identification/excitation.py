@@ -75,10 +75,7 @@ class Excitation:
 def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
     """Refuse too few windows.
 
-    Raises
-    ------
-    InputError
-        If the windows to fit are fewer than `WINDOWS_PER_PARAMETER` times the parameters.
+    InputError if the windows to fit are fewer than `WINDOWS_PER_PARAMETER` times the parameters.
     """
     least = WINDOWS_PER_PARAMETER * parameters
     if fitted < least:
@@ -96,10 +93,7 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
 def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Excitation:
     """Refuse logs without motion, and the parameters that the other logs cannot determine.
 
-    Raises
-    ------
-    InputError
-        If no wheel turns in enough windows, no torque is ever applied, or no free parameter can be determined.
+    InputError if no wheel turns in enough windows, no torque is ever applied, or no free parameter can be determined.
     """
     if not np.any(windows.torques):
         raise InputError(

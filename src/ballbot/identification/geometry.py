@@ -93,10 +93,7 @@ class Cuts:
 def cut(log: Log, columns: NDArray[np.float64], *, window: float) -> Cuts:
     """Return the windows, end to end, in which no row of `columns` (N, k) is missing and no row left out.
 
-    Raises
-    ------
-    InputError
-        If a window is less than two samples.
+    InputError if a window is less than two samples.
     """
     samples = round(window / log.sample_time)
     if samples < 2:
@@ -130,10 +127,7 @@ class MocapRun:
 def mocap_run(log: Log, film: Log) -> MocapRun:
     """Return a balancing run: its log, with a gyro, and its motion capture of ball and body.
 
-    Raises
-    ------
-    InputError
-        If a column is missing, the robot is hardly ever seen upright, or both are not of one run.
+    InputError if a column is missing, the robot is hardly ever seen upright, or both are not of one run.
     """
     log.require(*GYRO_NAMES)
     poses = read_poses(film)
@@ -173,10 +167,7 @@ def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) 
     leaning : float
         (r_b / r_w) cos(tilt), wheel angle for an angle of leaning, which the share is one of.
 
-    Raises
-    ------
-    InputError
-        If a column is missing or the motion does not determine the geometry.
+    InputError if a column is missing or the motion does not determine the geometry.
     """
     n = robot.wheel_count
     parts = [_rolling_increments(run, n) for run in runs]
@@ -235,10 +226,7 @@ class UpsideDownGeometry:
 def upside_down_geometry(robot: Robot, logs: Sequence[Log]) -> UpsideDownGeometry:
     """Find the wheels' geometry from logs of wheel angles and ball_omega_x, _y, _z.
 
-    Raises
-    ------
-    InputError
-        If a column is missing or the motion does not determine the geometry.
+    InputError if a column is missing or the motion does not determine the geometry.
     """
     n = robot.wheel_count
     parts = [_upside_down_increments(log, n) for log in logs]
@@ -342,10 +330,7 @@ class Geometry:
     def find(self, name: str, kind: str | None = None) -> GeometryQuantity:
         """Return the quantity of that name, from that kind of logs where it is given.
 
-        Raises
-        ------
-        InputError
-            If the logs did not give it.
+        InputError if the logs did not give it.
         """
         for one in self.measured:
             if one.name == name and kind in (None, one.kind):
@@ -392,10 +377,7 @@ def survey_geometry(
     progress : callable, optional
         Called before each stage.
 
-    Raises
-    ------
-    InputError
-        If there is no log, a column is missing, or the motion does not determine the geometry.
+    InputError if there is no log, a column is missing, or the motion does not determine the geometry.
     """
     if not upside_down and not balancing:
         raise InputError(
@@ -530,10 +512,7 @@ def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
     Azimuths are upside down's where there are both, less the turn that all have in common, which is a camera's heading.
     A standard deviation is that of noise and of slip together.
 
-    Raises
-    ------
-    InputError
-        If that is no robot, as when another radius does not go with the ball's inertia.
+    InputError if that is no robot, as when another radius does not go with the ball's inertia.
     """
     found = {one.name: one for one in reversed(geometry.measured)}  # the first of a name counts
     ball, wheels = robot.ball, robot.wheels

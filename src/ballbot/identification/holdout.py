@@ -91,10 +91,7 @@ def horizon_errors(
     HorizonErrors or None
         None if no interval of the log is as long as the longest horizon and has a known start.
 
-    Raises
-    ------
-    InputError
-        If the log lacks a column.
+    InputError if the log lacks a column.
     """
     sample_time = log.sample_time
     # windows are cut to a multiple of so many samples: half of that more, so that the longest horizon is within
@@ -225,10 +222,7 @@ def cross_validate(
         The states known at times of its rows, from which the predictions by horizon start, as
         `ballbot.log.mapping.causal_states` gives them for a log from elsewhere; by default those of its rows.
 
-    Raises
-    ------
-    InputError
-        If the log lacks a column or has no window.
+    InputError if the log lacks a column or has no window.
     """
     predictor, log = found.predictor, as_log(log)
     windows = windows_for(

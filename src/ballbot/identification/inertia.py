@@ -55,10 +55,7 @@ class Pivot:
         deviation : float, optional
             Standard deviation of r [m]; the file's of l where r is l, else zero.
 
-        Raises
-        ------
-        InputError
-            If the distance is not above zero, or the deviation below it.
+        InputError if the distance is not above zero, or the deviation below it.
         """
         known = robot.standard_deviations.get("body.center_of_mass", 0.0) if distance is None else 0.0
         pivot = Pivot(
@@ -109,10 +106,7 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
         Gives the hanging mass, l and g, and their standard deviations.
     pivot : Pivot
 
-    Raises
-    ------
-    InputError
-        If the pivot's distance leaves nothing for the body about its own centre of mass.
+    InputError if the pivot's distance leaves nothing for the body about its own centre of mass.
     """
     m, g, r = robot.body.mass, robot.gravity, pivot.distance
     height = robot.body.center_of_mass

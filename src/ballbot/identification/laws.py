@@ -115,10 +115,7 @@ LAWS: tuple[Law, ...] = (
 def law_named(name: str) -> Law:
     """Return the law of that name.
 
-    Raises
-    ------
-    InputError
-        If there is no such law.
+    InputError if there is no such law.
     """
     names = [law.name for law in LAWS]
     if name in names:

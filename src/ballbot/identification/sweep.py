@@ -71,10 +71,7 @@ class Combined:
 def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
     """Return the friction in a results.json of `ballbot identify-driveline`.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not such a file, or is of a robot with another number of wheels.
+    InputError if the file cannot be read, is not such a file, or is of a robot with another number of wheels.
     """
     results = cast("dict[str, dict]", read_results(path))
     try:

@@ -55,10 +55,7 @@ _LARGEST_RATE = 2.5
 class Swing:
     """A free swing: the body let go and touched by nothing until the last row.
 
-    Raises
-    ------
-    InputError
-        If times and values are not two rows of finite numbers of one length.
+    InputError if times and values are not two rows of finite numbers of one length.
     """
 
     t: NDArray[np.float64]  #: (n,) [s]
@@ -89,10 +86,7 @@ def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
         An angle [rad], or a rate [rad/s] where the name is a rate's. Without it the gyro about its main axis; or of
         theta, phi and psi the one that swings most.
 
-    Raises
-    ------
-    InputError
-        If the log has none of these, or no free swing in it.
+    InputError if the log has none of these, or no free swing in it.
     """
     if column is not None:
         log.require(column)
@@ -128,10 +122,7 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     source : str
         The sensor or file that it was measured with, in words.
 
-    Raises
-    ------
-    InputError
-        If nothing swings, swings or samples are too few, or no pendulum has such an angle.
+    InputError if nothing swings, swings or samples are too few, or no pendulum has such an angle.
     """
     values = np.unwrap(values) if kind == "angle" else values
     centred = values - np.median(values)
@@ -310,10 +301,7 @@ class SwingFit:
 def fit_swing(swing: Swing) -> SwingFit:
     """Fit a pendulum to a free swing.
 
-    Raises
-    ------
-    InputError
-        If the recording is not that of a free pendulum: the residual of the fit is a third of the motion.
+    InputError if the recording is not that of a free pendulum: the residual of the fit is a third of the motion.
     """
     fit = _fitted(swing)
     if fit is not None and fit.residual < _WORST:

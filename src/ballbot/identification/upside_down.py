@@ -125,11 +125,8 @@ def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> B
     duration : float
         Of a window [s].
 
-    Raises
-    ------
-    InputError
-        If there is no log, a column is missing, the sample times differ, or the window is no length or longer
-        than every log.
+    InputError if there is no log, a column is missing, the sample times differ, or the window is no length or longer
+    than every log.
     """
     sample_time = common_sample_time(logs, duration=duration)
     samples = round(duration / sample_time)
@@ -460,10 +457,7 @@ def identify_upside_down(
     run : Run, optional
         Its seed chooses the windows held out.
 
-    Raises
-    ------
-    InputError
-        If the logs cannot give the parameters, or an option makes no sense.
+    InputError if the logs cannot give the parameters, or an option makes no sense.
     """
     if not 0.0 < held_out < 1.0:
         raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")

@@ -414,3 +414,12 @@ def _long_runs(marked: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
     for first, last in edges.reshape(-1, 2):
         kept[first:last] = (last - first) * INTERVAL >= least
     return kept
+
+
+def longest_repeat(values: NDArray[np.float64]) -> tuple[int, int]:
+    """Return the first and the last row of the longest stretch in which values (N,) or (N, k) repeat themselves."""
+    rows = values.reshape(len(values), -1)
+    changes = np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)) + 1
+    edges = np.concatenate([[0], changes, [len(rows)]])
+    longest = int(np.argmax(np.diff(edges)))
+    return int(edges[longest]), int(edges[longest + 1]) - 1

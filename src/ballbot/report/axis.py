@@ -27,7 +27,7 @@ _MOST_POINTS = 3000
 #: findings that stand in the verdict; the others stand with the parameters
 _IN_VERDICT = 2
 #: how a row of the verdict is headed, by the finding's code
-_VERDICT_WORDS = {"outliers": "Outliers", "force-delay": "Delay", "law": "Law", "axis-residuals": "Residual"}
+_VERDICT_WORDS = {"force-delay": "Delay", "law": "Law", "axis-residuals": "Residual"}
 #: what is selected beside the law
 _FORCES = {"gravity": "gravity", "load": "dry friction that grows with the load"}
 #: the least gain that the figure of the laws shows [%]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -23,29 +23,14 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, either, suggest
 from ballbot.findings import Finding, note, warning
 from ballbot.identification.axis.record import AxisRecord, record_of_rows
-from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns
+from ballbot.log.columns import FACTORS, LARGEST_CELL, UNIT_OF, Columns
 from ballbot.log.formats import read_units, read_variables
 from ballbot.log.signals import unwrapped
 
 #: by the unit of positions, what each quantity may be in, with the factor to its unit
 _UNITS = {
     "m": {"position": FACTORS["m"], "velocity": FACTORS["m/s"], "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3}},
-    "rad": {
-        "position": FACTORS["rad"],
-        "velocity": FACTORS["rad/s"],
-        "force": {**FACTORS["N m"], "kN m": 1e3},
-    },
-}
-#: other spellings of units
-_SPELLINGS = {
-    "Nm": "N m",
-    "mNm": "mN m",
-    "Ncm": "N cm",
-    "kNm": "kN m",
-    "µs": "us",
-    "μs": "us",
-    "°": "deg",
-    "rev": "turn",
+    "rad": {"position": FACTORS["rad"], "velocity": FACTORS["rad/s"], "force": FACTORS["N m"]},
 }
 #: after what a position begins again, before its scale: a turn in either unit, and encoders' counters of 8 to 32 bits
 _TURN, _DEGREES = 2.0 * np.pi, 360.0
@@ -134,7 +119,7 @@ class _File:
                 raise InputError(f"{self.name}: {option} is {value:g}; it {wanted}.")
             return value
         own, other = (_UNITS[unit].get(field, FACTORS["s"]) for unit in (self.columns.unit, self._other))
-        given = self.unit_of(name, {**own, **other})
+        given = self.unit_of(name)
         if given in other and given not in own:
             raise InputError(
                 f"{self.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and --unit is "
@@ -146,20 +131,19 @@ class _File:
     def _other(self) -> str:
         return "rad" if self.columns.unit == "m" else "m"
 
-    def unit_of(self, name: str, known: Collection[str]) -> str:
+    def unit_of(self, name: str) -> str:
         """Return the unit of a variable as `FACTORS` spells it; empty if the file does not give one.
 
         At the end of a name, as "deg" of "position_deg", single letters are no units: "position_m" may be the motor's.
         """
         text = self.units.get(name, "")
         bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
-        unit = (bracketed.group(1) if bracketed else text).strip().replace("·", " ").replace("*", " ")
+        unit = (bracketed.group(1) if bracketed else text).strip()
         if unit:
-            return _SPELLINGS.get(unit, unit)
-        parts = name.split("_")
-        spelled = {one.replace(" ", "").lower(): one for one in known}
+            return UNIT_OF.get(re.sub(r"[ ·*]", "", unit).lower(), unit)
+        parts = name.lower().split("_")
         ends = ("/".join(parts[-2:]), parts[-1]) if len(parts) > 2 else parts[1:]
-        return next((spelled[one.lower()] for one in ends if len(one) > 1 and one.lower() in spelled), "")
+        return next((UNIT_OF[one] for one in ends if len(one) > 1 and one in UNIT_OF), "")
 
 
 def option_of(field: str) -> str:
@@ -205,10 +189,7 @@ def _check_names(file: _File, position: str) -> None:
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     """Read a record.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
+    InputError if the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
     """
     path = Path(path)
     file = _File(name=path.name, variables=read_variables(path), units=read_units(path), columns=columns)
