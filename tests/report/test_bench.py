@@ -17,7 +17,7 @@ def test_geometry_beyond_errors_and_slip_is_marked():
 
     # 0.1 % off with an error of 0.01 %: clear, but slip may cause 0.6 %
     slipping, off = one("wheels.radius", 0.1101, 1e-5), one("ball.radius", 0.112, 1e-4)
-    geometry = Geometry(measured=(slipping, off), wheel_ratios=(), camera_delay=None, leaning_seen=None)
+    geometry = Geometry(measured=(slipping, off))
     (axes,) = geometry_figure(geometry).axes
     marks = {line.get_marker(): line for line in axes.get_lines() if line.get_marker() in ("o", "D")}
     assert np.ravel(marks["o"].get_xdata())[0] == pytest.approx(slipping.deviation)

@@ -234,8 +234,7 @@ def geometry_report(
     """Return the page of a geometry identified from logs."""
     first, *others = texts(findings) or [""]
     count = len([*found.measured, *found.wheel_ratios])
-    more = [one for one in (found.camera_delay, found.leaning_seen) if one]
-    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *more)]
+    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *found.others)]
     headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
     return Report(
         title=f"{robot.name}: geometry and mounting from logs",

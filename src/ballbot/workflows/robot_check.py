@@ -134,7 +134,7 @@ class CheckedSwing:
 
     def inertia_findings(self) -> list[Finding]:
         """Return what the results mean."""
-        return inertia_findings(self.fit, self.found, self.robot)
+        return inertia_findings(self.found, self.robot)
 
 
 def check_swing(
