@@ -260,13 +260,7 @@ def fit_drivelines(sweeps: Sequence[Sweep], *, run: Run = DEFAULT_RUN) -> list[D
 def robot_with_friction(robot: Robot, found: StageEstimate, *, source: str) -> Robot:
     """Return the robot with friction of its drivelines, its standard deviations and their correlations.
 
-    Parameters
-    ----------
-    robot : Robot
-    found : StageEstimate
-        b, c and s of each wheel, and v_s, NaN if no wheel has s: k = 3 n + 1.
-    source : str
-        Where they are from.
+    `found` has b, c and s of each wheel, and v_s, NaN if no wheel has s (3 n + 1); `source` says where they are from.
     """
     own, known = robot.friction, bool(np.isfinite(found.values[-1]))
 

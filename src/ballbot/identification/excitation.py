@@ -243,14 +243,7 @@ def heading_findings(
 ) -> list[Finding]:
     """Return a warning if the wheels do not show the heading of a log; it states the measure taken or the remedy.
 
-    Parameters
-    ----------
-    shares : sequence of float or None
-        Of `share_shown`, one a log.
-    excluded_states : sequence of str
-        States excluded from the cost.
-    estimated : sequence of str
-        Quantities that are estimated.
+    The shares are those of `share_shown`, one a log.
     """
     few = [one for one in shares if one is not None and SMALLEST_SHARE < one < LARGEST_SHARE]
     if not few:

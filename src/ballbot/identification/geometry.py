@@ -159,15 +159,8 @@ ROLLING_WINDOW = 0.5
 def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) -> ClusteredFit:
     """Find [r_w / cos(tilt) [m], azimuths.. [rad], share of leaning seen, delay of the encoders [s]] (n + 3,).
 
-    Parameters
-    ----------
-    robot : Robot
-        Its values start the search.
-    runs : sequence of MocapRun
-    leaning : float
-        (r_b / r_w) cos(tilt), wheel angle for an angle of leaning, which the share is one of.
-
-    InputError if a column is missing or the motion does not determine the geometry.
+    The share is one of `leaning`, (r_b / r_w) cos(tilt), wheel angle for an angle of leaning. The robot's values start
+    the search. InputError if a column is missing or the motion does not determine the geometry.
     """
     n = robot.wheel_count
     parts = [_rolling_increments(run, n) for run in runs]

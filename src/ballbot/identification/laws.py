@@ -136,10 +136,7 @@ LawFit = Callable[[LawName, Identification | None], Identification]
 def select_law(fit: LawFit) -> ModelSelection[Identification]:
     """Fit every friction law and select the one that the held-out windows support; no friction is the baseline.
 
-    Parameters
-    ----------
-    fit : callable
-        Calls `ballbot.identification.identify` with its law and `warm_start`, all else the same each time.
+    `fit` calls `ballbot.identification.identify` with its law and `warm_start`, all else the same each time.
     """
     by_name = {law.name: law for law in LAWS}
 

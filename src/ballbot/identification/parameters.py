@@ -127,15 +127,8 @@ def scale_between(
 ) -> Coordinates:
     """Return the coordinates of a robot's parameters.
 
-    Parameters
-    ----------
-    robot : Robot
-    free : sequence of str
-        Names of the quantities to estimate, or of groups of them. Quantities with bounds are estimated as well; the
-        others are fixed.
-    bounds : Bounds, optional
-
-    InputError if a name is not a quantity or a group, or a quantity has no default bounds for this robot.
+    `free` names the quantities to estimate, or groups of them. Quantities with bounds are estimated as well; the others
+    are fixed. InputError if a name is not a quantity or a group, or a quantity has no default bounds for this robot.
     """
     bounds = bounds or Bounds()
     estimated = names_in(free)

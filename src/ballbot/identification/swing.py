@@ -76,17 +76,10 @@ class Swing:
 
 
 def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
-    """Return the free swing in a log.
+    """Return the free swing in a log of the hanging body, before, during and after it.
 
-    Parameters
-    ----------
-    log : Log
-        Of the hanging body, before, during and after the swing.
-    column : str, optional
-        An angle [rad], or a rate [rad/s] where the name is a rate's. Without it the gyro about its main axis; or of
-        theta, phi and psi the one that swings most.
-
-    InputError if the log has none of these, or no free swing in it.
+    It is in a column, an angle [rad] or a rate [rad/s] by its name; without one in the gyro about its main axis, or in
+    that of theta, phi and psi that swings most. InputError if the log has none of these, or no free swing in it.
     """
     if column is not None:
         log.require(column)
@@ -112,16 +105,7 @@ def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
 def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind, source: str) -> Swing:
     """Return the free swing within a recording: from the body's first way through the middle after its largest swing.
 
-    Parameters
-    ----------
-    t : ndarray (n,)
-        [s], increasing.
-    values : ndarray (n,)
-        [rad] or [rad/s], about any zero.
-    kind : "angle" or "rate"
-    source : str
-        The sensor or file that it was measured with, in words.
-
+    Values (n,) [rad] or [rad/s], about any zero, at increasing times (n,) [s], measured with `source`, in words.
     InputError if nothing swings, swings or samples are too few, or no pendulum has such an angle.
     """
     values = np.unwrap(values) if kind == "angle" else values
@@ -201,16 +185,8 @@ def follow_pendulum(
 ) -> None:
     """Fill `angles` and `rates` (n,) with the motion at times t (n,) from `angle` [rad] and `rate` [rad/s] at t_0.
 
-    Steps of Runge and Kutta, cut where the motion turns, so that dry friction changes its sign at a step's end.
-
-    Parameters
-    ----------
-    stiffness : float
-        omega_n^2 [1/s^2].
-    viscous, dry : float
-        beta [1/s] and kappa [1/s^2].
-    longest_step : float
-        [s].
+    With omega_n^2 (`stiffness`) [1/s^2], beta [1/s] and kappa [1/s^2]. Steps of Runge and Kutta of at most
+    `longest_step` [s], cut where the motion turns, so that dry friction changes its sign at a step's end.
     """
     angles[0], rates[0] = angle, rate
     for k in range(1, len(t)):

@@ -196,13 +196,8 @@ class Axis:
     ) -> NDArray[np.float64]:
         """Return the positions at the ends of the rows of windows of a record, one window after another.
 
-        Parameters
-        ----------
-        record : AxisRecord
-        firsts, counts : ndarray (w,)
-            The first row of each window, and how many rows it runs over.
-        starts : ndarray (w, 2)
-            Position and speed at each first row.
+        Each window has its first row (w,), how many rows it runs over (w,), and position and speed at its first row (w,
+        2).
         """
         acting = record.force - self._value("offset")
         rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))

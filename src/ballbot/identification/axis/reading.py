@@ -270,14 +270,9 @@ def _complete(name: str, columns: Columns) -> NDArray[np.bool_]:
 
 
 def without_wraps(position: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], float]:
-    """Return a position (N,) unwrapped, NaN where it is NaN, and the period after which it begins again, zero if never.
+    """Return a position (N,) unwrapped, and the period after which it begins again, zero if never; NaN stays NaN.
 
-    Parameters
-    ----------
-    position : ndarray (N,)
-        May contain NaN.
-    scale : float
-        Factor that was applied to the position as it was recorded.
+    `scale` is the factor that was applied to the position as it was recorded.
     """
     known = position[np.isfinite(position)]
     travel, steps = float(np.ptp(known)), np.abs(np.diff(known))
