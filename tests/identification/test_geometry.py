@@ -155,12 +155,6 @@ class TestKnownRobots:
         with pytest.raises(InputError, match=r"do not determine ball\.radius"):
             found.find("ball.radius")
 
-    def test_balancing_alone_says_what_it_cannot_tell(self):
-        found = survey_geometry(other(radius=0.0605), balancing=[balancing_run(ALTEN, seed=7)])
-        findings = texts(geometry_findings(found))
-        assert "whether the radius or the tilt" in findings[0]
-        assert "upside down as well" in findings[-1]
-
     def test_a_turned_camera_is_not_taken_for_turned_wheels(self):
         turned = Rotation.from_rotvec(np.radians([1.5, -2.0, 3.0]))
         found = survey_geometry(ALTEN, upside_down=[upside_down_log(ALTEN, seed=8, turned=turned)])
@@ -313,17 +307,3 @@ class TestRefusals:
         columns |= {"ball_omega_x": 0.0 * t, "ball_omega_y": 0.0 * t, "ball_omega_z": 4.0 * np.cos(t)}
         with pytest.raises(InputError, match="does not determine"):
             survey_geometry(ALTEN, upside_down=[log.with_columns(columns)])
-
-    def test_a_missing_column(self):
-        log = upside_down_log(ALTEN, seed=24)
-        columns = {name: log[name] for name in log.names if name != "wheel3"}
-        with pytest.raises(InputError, match="wheel3"):
-            survey_geometry(ALTEN, upside_down=[Log(columns)])
-
-    def test_a_film_without_poses(self):
-        film = Log(
-            {"t": np.arange(50) / 120.0}
-            | {name: np.zeros(50) for name in ("x", "y", "z", "qw", "qx", "qy", "qz")}
-        )
-        with pytest.raises(InputError, match="has no poses"):
-            mocap_run(balancing_run(ALTEN, seed=25)[0], film)

@@ -216,6 +216,8 @@ def identify_axis(
 ) -> AxisIdentification:
     """Identify an axis's mass and friction.
 
+    InputError if the records do not determine the parameters, or the options do not suit them.
+
     Parameters
     ----------
     record : AxisRecord or sequence of AxisRecord
@@ -227,8 +229,6 @@ def identify_axis(
         Other records of the axis, which every estimate predicts and none is fitted to.
     run : Run, optional
         Who watches the progress. Its seed is not used.
-
-    InputError if the records do not determine the parameters, or the options do not suit them.
     """
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
     _check(records, validation_records, options)
