@@ -1,6 +1,5 @@
 """Records of one axis from files: uneven rows, gaps, velocities; bad files answer with one clear sentence."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from ballbot.errors import InputError
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.log.formats.text import write_text_table
-from campaigns.axis_machines import Logging, Machine, record_of
 
 ROWS = 600
 T = np.arange(ROWS, dtype=np.float64) * 2e-3
@@ -87,9 +85,16 @@ def test_an_added_force_acts_with_the_force(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "columns", "options"),
     [
-        (("t", "q", "tau"), AxisColumns(), "position or force; it has t, q, tau.*--position q --force tau$"),
-        (("Time (s)", "Angle", "i_q"), AxisColumns(force="i_q"), r"--time 'Time \(s\)' --position Angle$"),
-        (("t", "a", "b"), AxisColumns(), "--position NAME --force NAME$"),
+        (
+            ("t", "q", "tau"),
+            AxisColumns(),
+            "position or force; it has t, q, tau.*--position NAME --force NAME$",
+        ),
+        (
+            ("time", "a", "b"),
+            AxisColumns(position="a"),
+            r"called t or force; .*--time NAME --force NAME \(or --time 0.001",
+        ),
     ],
 )
 def test_variables_that_are_not_named_are_all_asked_for_at_once(
@@ -213,18 +218,6 @@ def test_a_unit_of_the_other_kind_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="of position as rad, and --unit is m; give --unit rad") as refused:
         read_axis_record(path, AxisColumns())
     assert_clear(str(refused.value))
-
-
-def test_angles_that_may_be_degrees_are_found() -> None:
-    arm = record_of(
-        Machine(kind="arm", inertia=0.8, viscous=1.0, coulomb=1.5),
-        Logging(duration=6.0, rate=200.0, amplitude=0.9),
-        1,
-    )
-    degrees = replace(arm, position=np.degrees(arm.position))
-    assert "axis-unit" not in {one.code for one in record_findings(arm)}
-    (text,) = [one.text for one in record_findings(degrees) if one.code == "axis-unit"]
-    assert "If its position is in degrees" in text
 
 
 @pytest.mark.parametrize(

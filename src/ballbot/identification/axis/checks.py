@@ -24,10 +24,6 @@ _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
 _LARGEST_CONDITION = 300.0
 #: [s]; slower samplings of an axis are rather another unit of time
 _SLOWEST_SAMPLING = 0.2
-#: [m]; axes that travel further are rare, and their positions more likely in millimetres
-_LONGEST_TRAVEL = 50.0
-#: [rad]; axes that turn so far may have their angles in degrees if they cover the travel so many times a second
-_DEGREES, _OFTEN = (60.0, 720.0), 0.25
 #: the speed counts as at its limit from this share of the largest (the 99 % quantile), if more than so many rows are;
 #: there the unexplained force varies by this share of the whole force, and by so many times its usual variation
 _AT_LIMIT, _LIMIT_ROWS, _FREE_FORCE, _FREE_TIMES = 0.98, 0.1, 0.1, 3.0
@@ -44,7 +40,7 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
 
     InputError if the bandwidth does not suit the sampling, or the record cannot give mass and friction.
     """
-    findings = [*record.findings, *_of_rows(record), *_of_travel(record), *_of_stuck(record)]
+    findings = [*record.findings, *_of_rows(record), *_of_stuck(record)]
     # a constant force is refused by the identification itself
     if np.ptp(record.force) > 0.0 and all(one.severity != "error" for one in findings):
         motion = motion_of(record, bandwidth)
@@ -96,25 +92,6 @@ def _of_rows(record: AxisRecord) -> Iterator[Finding]:
             "such rows (gaps are allowed), or leave their cells empty."
         )
         yield error("spike", text, "position")
-
-
-def _of_travel(record: AxisRecord) -> Iterator[Finding]:
-    travel = float(np.ptp(record.position))
-    if record.unit == "m" and travel > _LONGEST_TRAVEL:
-        text = (
-            f"The axis travels {travel:.4g} m; its position appears to be in "
-            f"millimetres ({0.001 * travel:.4g} m), which makes mass and viscous "
-            "friction a thousand times too small: --position-scale 0.001. For angles give --unit rad."
-        )
-        yield warning("axis-unit", text, "position")
-    often = float(np.mean(np.abs(np.diff(record.position)))) / record.sample_time > _OFTEN * travel
-    if record.unit == "rad" and _DEGREES[0] < travel < _DEGREES[1] and often:
-        text = (
-            f"The axis travels {travel:.4g} rad, to and fro. If its position is in degrees "
-            f"({np.radians(travel):.4g} rad), inertia and viscous friction are {np.degrees(1.0):.0f} times too small: "
-            f"--position-scale {np.radians(1.0):.6g}."
-        )
-        yield warning("axis-unit", text, "position")
 
 
 def _of_stuck(record: AxisRecord) -> Iterator[Finding]:

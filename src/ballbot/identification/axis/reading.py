@@ -11,7 +11,6 @@ recorded and not the position, it is integrated.
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,39 +150,22 @@ def option_of(field: str) -> str:
     return f"--{field.replace('_', '-')}"
 
 
-#: words of names that such a variable often has, the plainest first
-_USUAL_NAMES = {
-    "time": "time t timestamp stamp seconds sec",
-    "position": "position pos angle q qm theta phi x",
-    "force": "force torque tau effort f current voltage u i",
-}
-
-
 def _check_names(file: _File, position: str) -> None:
-    """Raise InputError if a variable that a record must have is missing and not named, with what may be meant."""
-    columns = file.columns
-    wanted = {
-        "time": (columns.time, "t"),
-        "position": (position, "position"),
-        "force": (columns.force, "force"),
-    }
+    """Raise InputError if variables that a record must have are missing and not named; it asks for all at once."""
+    wanted = {"time": (file.columns.time, "t"), "position": (position, "position")}
+    wanted["force"] = (file.columns.force, "force")
     lacking = {
         field: name
         for field, (name, default) in wanted.items()
         if name == default and name not in file.variables
     }
-    if not lacking:
-        return
-    words = {name: re.split(r"[^a-z]+", name.lower()) for name in file.variables}
-    options = []
-    for field in lacking:
-        usual = (name for word in _USUAL_NAMES[field].split() for name in words if word in words[name])
-        options.append(f"--{field} {shlex.quote(next(usual, 'NAME'))}")
-    raise InputError(
-        f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
-        f"Name what is meant, perhaps with {' '.join(options)}"
-        + (" (or --time 0.001, the time between rows)" if "--time NAME" in options else "")
-    )
+    if lacking:
+        options = " ".join(f"--{field} NAME" for field in lacking)
+        raise InputError(
+            f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
+            f"Name what is meant: {options}"
+            + (" (or --time 0.001, the time between rows)" if "time" in lacking else "")
+        )
 
 
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
