@@ -39,7 +39,7 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
-from ballbot.fitting.least_squares import ClusteredFit, fit_clustered
+from ballbot.fitting.least_squares import ClusteredFit, fit_clustered, fit_linear
 from ballbot.identification.turning import (
     GYRO_NAMES,
     MotionFit,
@@ -264,19 +264,12 @@ def _each_wheel(
     wheels: NDArray[np.float64], turns: NDArray[np.float64], clusters: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return |row| of the matrix G (n, 3) with wheels = turns G^T, and its standard error, for each wheel."""
-    G = np.linalg.lstsq(turns, wheels, rcond=None)[0].T
-    ratios, errors = np.linalg.norm(G, axis=1), []
-    for i, row in enumerate(G):
-        fit = fit_clustered(
-            lambda p, i=i: (wheels[:, i] - turns @ p)[:, None],
-            row,
-            scales=np.full(3, 0.1),
-            clusters=clusters,
-            undetermined=_UPSIDE_DOWN_UNDETERMINED,
-        )
-        direction = row / ratios[i]
-        errors.append(float(np.sqrt(direction @ fit.covariance @ direction)))
-    return ratios, np.array(errors)
+    fits = [fit_linear(turns, angles, clusters) for angles in wheels.T]
+    rows = np.array([fit.values for fit in fits])
+    ratios = np.linalg.norm(rows, axis=1)
+    directions = rows / ratios[:, None]
+    variances = [one @ fit.covariance @ one for one, fit in zip(directions, fits, strict=True)]
+    return ratios, np.sqrt(variances)
 
 
 #: share of a radius, and angle [rad], that slip, dents and rollers may feign: on logs of a physics engine with two rows

@@ -108,42 +108,38 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
     The robot gives the hanging mass, l and g, and their standard deviations. InputError if the pivot's distance leaves
     nothing for the body about its own centre of mass.
     """
-    m, g, r = robot.body.mass, robot.gravity, pivot.distance
-    height = robot.body.center_of_mass
-    about_pivot = inertia_from_swing(mass=m, gravity=g, distance=r, angular_frequency=fit.frequency)
-    own = about_pivot - m * r**2
-    if own <= 0.0:
+    g, omega = robot.gravity, fit.frequency
+    point = np.array([omega, robot.body.mass, pivot.distance, robot.body.center_of_mass])
+
+    def inertias(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        frequency, m, r, height = numbers.tolist()
+        about = inertia_from_swing(mass=m, gravity=g, distance=r, angular_frequency=frequency)
+        own = about - m * r**2
+        return np.array([about, own, own + m * (r if pivot.at_ball_center else height) ** 2])
+
+    values = inertias(point)
+    if values[1] <= 0.0:
         raise InputError(
-            f"With {m:g} kg at {r:g} m, the swing of {fit.frequency:.4g} rad/s gives an inertia "
-            f"of {own:.3g} kg m^2 about the centre of mass, which no body has; the distance "
-            f"must be below {g / fit.frequency**2:.4g} m. {_CHECK_UNITS}"
+            f"With {robot.body.mass:g} kg at {pivot.distance:g} m, the swing of {omega:.4g} rad/s gives an inertia "
+            f"of {values[1]:.3g} kg m^2 about the centre of mass, which no body has; the distance "
+            f"must be below {g / omega**2:.4g} m. {_CHECK_UNITS}"
         )
     # change of each result by one standard deviation of each cause; if r is l they are one cause
-    omega = about_pivot / fit.frequency * -2.0 * fit.frequency_half_width / _NORMAL
-    mass = _deviation(robot, "body.mass")
-    lift = 0.0 if pivot.at_ball_center else _deviation(robot, "body.center_of_mass")
-    back = r if pivot.at_ball_center else 0.0
-    of_pivot = {
-        "frequency": omega,
-        "mass": about_pivot / m * mass,
-        "pivot distance": about_pivot / r * pivot.deviation,
+    deviations = {
+        "frequency": fit.frequency_half_width / _NORMAL,
+        "mass": _deviation(robot, "body.mass"),
+        "pivot distance": pivot.deviation,
+        "centre of mass": 0.0 if pivot.at_ball_center else _deviation(robot, "body.center_of_mass"),
     }
-    of_own = {
-        "frequency": omega,
-        "mass": own / m * mass,
-        "pivot distance": (about_pivot / r - 2.0 * m * r) * pivot.deviation,
+    changes = {
+        cause: 0.5 * (inertias(point + step) - inertias(point - step))
+        for cause, step in zip(deviations, np.diag(list(deviations.values())), strict=True)
     }
-    of_center = {
-        "frequency": omega,
-        "mass": (own / m + height**2) * mass,
-        "pivot distance": (about_pivot / r - 2.0 * m * (r - back)) * pivot.deviation,
-        "centre of mass": 2.0 * m * height * lift,
-    }
-    return SwingInertia(
-        about_pivot=SwingEstimate.of(about_pivot, of_pivot),
-        about_center_of_mass=SwingEstimate.of(own, of_own),
-        about_ball_center=SwingEstimate.of(own + m * height**2, of_center),
+    about_pivot, own, about_ball = (
+        SwingEstimate.of(value, {cause: float(change[i]) for cause, change in changes.items()})
+        for i, value in enumerate(values.tolist())
     )
+    return SwingInertia(about_pivot=about_pivot, about_center_of_mass=own, about_ball_center=about_ball)
 
 
 def _deviation(robot: Robot, name: str) -> float:
