@@ -18,7 +18,7 @@ from ballbot.report.palette import BLUE, GREEN, INK, MUTED
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_error
-from ballbot.rounding import digits, unit_heading
+from ballbot.rounding import DASH, digits, unit_heading
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02
@@ -159,7 +159,7 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     yield section(
         "Parameters",
         Bullets(items=texts(found.findings)[_IN_VERDICT:]) if len(found.findings) > _IN_VERDICT else None,
-        Sheet(headings=_HEADINGS, rows=parameter_rows(found)),
+        Sheet(headings=("symbol", "meaning", "unit", "value"), rows=parameter_rows(found)),
         Paragraph(text=method),
         Sheet(
             headings=("force", "less error", "95 % interval"),
@@ -177,14 +177,14 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     )
     yield section(
         "Predictions and laws",
-        Sheet(headings=ERROR_HEADINGS, rows=error_rows(found), caption=errors),
+        Sheet(
+            headings=("law", "record", "position, windows", "position, whole"),
+            rows=_error_rows(found),
+            caption=errors,
+        ),
         open_loop_series(found, record, of_record) if len(record.parts) == 1 else None,
         drawn_picture("laws", partial(laws_figure, found), laws),
     )
-
-
-_HEADINGS = ("symbol", "meaning", "unit", "value")
-ERROR_HEADINGS = ("law", "record", "position, windows", "position, whole")
 
 
 def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
@@ -207,17 +207,12 @@ def expected_sentence(found: AxisIdentification) -> str:
     )
 
 
-def error_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
+def _error_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     """Return the prediction errors of every law on each record."""
-    return [
-        (
-            name,
-            errors.record,
-            *(
-                f"{digits(1e3 * error)} m{found.unit}" if np.isfinite(error) else "–"
-                for error in (errors.window_rmse, errors.open_loop_rmse)
-            ),
-        )
-        for name, estimate in found.by_law.items()
-        for errors in estimate.errors
-    ]
+    rows = []
+    for name, estimate in found.by_law.items():
+        for one in estimate.errors:
+            numbers = (one.window_rmse, one.open_loop_rmse)
+            shown = (f"{digits(1e3 * e)} m{found.unit}" if np.isfinite(e) else DASH for e in numbers)
+            rows.append((name, one.record, *shown))
+    return rows

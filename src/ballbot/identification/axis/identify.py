@@ -4,8 +4,8 @@
 2. Output error over windows (`output_error`) fits nested models, and each is kept that predicts held-out blocks of time
    better than the simpler one: gravity, friction under load, and a law of friction, if its own parameters are
    determined.
-3. Intervals: the covariance clustered in time; and how far the parameters move, beyond chance, in fits to parts of the
-   records (halves in time, single records, the faster half, windows without a reversal) and from the inverse model.
+3. Intervals: the covariance clustered in time; and how far the parameters are, beyond chance, from those of the inverse
+   model and of each record by itself.
 
 An asymmetry is not selected: blocks of the same record share whatever made it, such as a temperature.
 """
@@ -58,11 +58,6 @@ _LARGEST_CONDITION = 300.0
 _STRIBECK_STARTS, _LOAD_START = (0.03, 0.15), 0.05
 #: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
 _FADES = 0.5
-#: slower than this share of its usual speed, an axis reverses or rests
-_SLOW = 0.1
-#: a part of the records determines a parameter if its move has an error of less than so many of the whole fit's, as
-#: that of a quarter of the windows has
-_KNOWN = 2.0
 #: standard errors that a difference or an effect is beyond, where chance makes one in 1,000 cases
 _CLEAR = 3.3
 #: least share of the residual force's variance that a dependence explains, and the largest p-value of it
@@ -391,7 +386,7 @@ def _fit(
 
 def _fit_law(law: str, first: OutputErrorFit, seen: Sequence[AxisMotion]) -> OutputErrorFit:
     """Fit a law with the forces of a fit of the law `coulomb`, and from its values."""
-    model = first.model.with_law(law)
+    model = replace(first.model, law=law)
     fastest = max(float(np.abs(one.speed).max()) for one in seen)
     # a Stribeck speed has several minima
     starts = [
@@ -444,21 +439,22 @@ def open_loop_error(axis: Axis, record: AxisRecord) -> NDArray[np.float64]:
 def _widened(
     plain: AxisEstimate, fit: OutputErrorFit, seen: Sequence[AxisMotion]
 ) -> tuple[AxisEstimate, list[Finding]]:
-    """Return the result with intervals that contain what differs between parts and methods, and a finding on that."""
+    """Return the result with intervals that contain what differs between records and methods, and a finding on that."""
     names, own = list(fit.values), np.array(list(fit.standard_errors.values()))
-    lacks, causes = np.zeros(len(names)), [""] * len(names)
-    for cause, windows in _parts(fit):
-        moves, errors = fit.moved_by(windows)
-        # a part that hardly determines a parameter says nothing about it
-        beyond = np.sqrt(np.maximum(np.where(errors < _KNOWN * own, moves**2 - errors**2, 0.0), 0.0))
-        for i in np.flatnonzero(beyond > lacks):
-            lacks[i], causes[i] = beyond[i], cause
     inverse = inverse_model(seen, fit.model)
-    for name, error in zip(inverse.names, inverse.fit.errors.tolist(), strict=True):
-        i = names.index(name)
-        beyond = (fit.values[name] - inverse.values[name]) ** 2 - error**2 - np.nan_to_num(own[i]) ** 2
-        if beyond > lacks[i] ** 2:
-            lacks[i], causes[i] = np.sqrt(beyond), "by the inverse model"
+    errors = dict(zip(inverse.names, inverse.fit.errors.tolist(), strict=True))
+    others = [("by the inverse model", inverse.values, errors)]
+    for number, one in enumerate(seen if len(seen) > 1 else (), start=1):
+        alone = _fit(fit.model, [one], begin=fit.values)
+        others.append((f"in record {number}", alone.values, alone.standard_errors))
+    lacks, causes = np.zeros(len(names)), [""] * len(names)
+    for cause, values, errors in others:
+        for i, name in enumerate(names):
+            if name in values:
+                chance = errors[name] ** 2 + np.nan_to_num(own[i]) ** 2
+                beyond = (fit.values[name] - values[name]) ** 2 - chance
+                if beyond > lacks[i] ** 2:
+                    lacks[i], causes[i] = np.sqrt(beyond), cause
     # a parameter at a bound has no interval
     best = replace(plain, standard_errors=dict(zip(names, np.hypot(own, lacks).tolist(), strict=True)))
     most = np.flatnonzero(lacks > _CLEAR * own)
@@ -466,30 +462,10 @@ def _widened(
         return best, []
     words = [f"{PARAMETERS[names[i]].symbol} by {lacks[i]:.2g} {causes[i]}" for i in most]
     text = (
-        "The model may lack something: parameters differ by more than chance between parts or methods "
+        "The model may lack something: parameters differ by more than chance between records or methods "
         f"({'; '.join(words)}). The 95 % intervals include that."
     )
     return best, [note("discrepancy", text)]
-
-
-def _parts(fit: OutputErrorFit) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Yield parts of the records, as windows (w,), each with what a fit to it is."""
-    problem, speeds, slow = fit.problem, list[float](), list[bool]()
-    for number, first, count in zip(
-        problem.record.tolist(), problem.firsts.tolist(), problem.counts.tolist(), strict=True
-    ):
-        motion = problem.motions[number]
-        part = np.abs(motion.speed[first : first + count + 1])
-        speeds.append(float(np.sqrt(np.mean(part**2))))
-        slow.append(float(part.min()) < _SLOW * motion.usual_speed)
-    early = np.arange(problem.count) < problem.count // 2
-    yield "in the first half", early
-    yield "in the second half", ~early
-    yield "in the faster half of the windows", np.array(speeds) >= np.median(speeds)
-    yield "without the windows that reverse or rest", ~np.array(slow)
-    if len(problem.motions) > 1:
-        for number in np.unique(problem.record).tolist():
-            yield f"in record {number + 1}", problem.record == number
 
 
 def _expected(squares: NDArray[np.float64]) -> tuple[float, float, float]:

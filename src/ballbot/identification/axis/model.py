@@ -103,10 +103,6 @@ class AxisModel:
         own = (name for force in self.forces for name in FORCES[force])
         return tuple(name for name in (*LAWS[self.law][0], *own) if name not in self.known)
 
-    def with_law(self, name: str) -> AxisModel:
-        """Return the same with another friction law."""
-        return replace(self, law=name)
-
     def axis(self, values: Values) -> Axis:
         """Return the axis with these parameters and the known ones."""
         return Axis(values={**self.known, **values}, interpolated=self.interpolated)

@@ -216,26 +216,6 @@ class OutputErrorFit:
         """Half the width of a 95 % interval over the standard error."""
         return float(scipy.stats.t.ppf(0.975, max(1, self.problem.count - len(self.values))))
 
-    def moved_by(self, windows: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return how far the parameters (p,) move in a fit to some windows (w,) alone, and the standard errors of that.
-
-        To first order; NaN where these windows do not determine a parameter.
-        """
-        free = np.linalg.norm(self.slopes, axis=0) > 0.0
-        moves, errors = np.full((2, len(free)), np.nan)
-        lengths = np.linalg.norm(self.slopes[:, free], axis=0)
-        J, count = self.slopes[:, free] / lengths, self.problem.count
-        begins = np.flatnonzero(np.diff(self.problem.window, prepend=-1))
-        scores = np.add.reduceat(J * self.residuals[:, None], begins, axis=0)
-        rows = windows[self.problem.window]
-        whole, part = J.T @ J, J[rows].T @ J[rows]
-        if free.any() and np.linalg.cond(part) < 1e8:
-            alone, together = np.linalg.inv(part), np.linalg.inv(whole)
-            moves[free] = -alone @ scores[windows].sum(axis=0) / lengths
-            each = scores * windows[:, None] @ alone - scores @ together
-            errors[free] = np.sqrt(count / max(count - 1, 1) * (each**2).sum(axis=0)) / lengths
-        return moves, errors
-
 
 # a trial step may diverge: its cost is not finite; it is refused
 @np.errstate(over="ignore", invalid="ignore")
