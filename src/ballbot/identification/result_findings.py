@@ -132,7 +132,7 @@ def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
             groups.setdefault(side, []).append((label, one.lower if low else one.upper))
     found = []
     for side in ("either", "zero", "below", "above"):
-        labels, ends = ([one[i] for one in groups.get(side, [])] for i in (0, 1))
+        labels, ends = [label for label, _ in groups.get(side, [])], [end for _, end in groups.get(side, [])]
         if labels:
             limited = f"{every(labels)} {'is' if len(labels) == 1 else 'are'}"
             more = f"{every([f'{end:.3g}' for end in ends])} or {'more' if side == 'below' else 'less'}"
