@@ -29,7 +29,6 @@ from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Friction
 from ballbot.robot.components import BY_NAME
-from ballbot.robot.plausibility import robot_findings
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, late
 
@@ -87,14 +86,6 @@ def test_every_experiment_and_check_has_the_range_that_stands_beside_the_robots_
         assert {at.bounds for at in mine} == {one.usual}
         assert {at.unit for at in mine} == {one.unit.removeprefix("1")}
         assert {at.symbol.rstrip("123") for at in mine} == {one.symbol}
-
-
-@pytest.mark.parametrize("name", ["stribeck_speed", "stribeck_exponent", "rolling"])
-def test_a_value_beyond_the_range_of_estimates_is_unusual(name):
-    most = BY_NAME[f"friction.{name}"].usual[1]
-    for value, unusual in ((most, False), (1.01 * most, True)):
-        robot = alten(replace(FRICTION, **{name: value}))
-        assert ("robot-friction" in {one.code for one in robot_findings(robot)}) == unusual
 
 
 def test_every_quantity_can_be_given_bounds():
