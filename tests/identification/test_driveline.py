@@ -185,6 +185,6 @@ def test_the_shared_sweep(tmp_path, shared_data, capsys):
     robot = Robot.load(tmp_path / "robot.toml")
     assert list(robot.friction.coulomb) == results["parameters"]["c"]
     page = (tmp_path / "report.html").read_text()
-    assert figure_count(page) == 6
+    assert figure_count(page) == 5
     assert "<code>ballbot identify --sweep results.json</code> takes b and c of each wheel" in page
     assert "v_s" in capsys.readouterr().out

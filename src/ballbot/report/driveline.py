@@ -160,12 +160,6 @@ def driveline_report(
                     rows=[(f"wheel {one.wheel}", digits(one.rmse), digits(one.rmse_without)) for one in fits],
                     caption="Errors of the simulated speed.",
                 ),
-                drawn_picture(
-                    "torque-speed",
-                    partial(torque_speed_figure, sweeps[0], fits[0]),
-                    f"The characteristic of wheel {sweeps[0].wheel}. Without friction a wheel is at "
-                    "the limit, or on its way between the two, all the time.",
-                ),
                 *(comparison_series(*row) for row in zip(sweeps, fits, strict=True)),
             ),
         ],
