@@ -30,7 +30,7 @@ WRONG_OPEN: dict[str, tuple[Change, str, str]] = {
     "force negated": (lambda r: replace(r, force=-r.force), "force-sign", "has the opposite sign"),
     "position negated": (lambda r: replace(r, position=-r.position), "force-sign", "has the opposite sign"),
     "random force": (lambda r: replace(r, force=noise(r)), "force-unrelated", "noise or from another run"),
-    "time in ms": (lambda r: replace(r, sample_time=1.0), "scale", "t appears to be in milliseconds"),
+    "time in ms": (lambda r: replace(r, sample_time=1.0), "scale", "0.001 if it is in milliseconds"),
 }
 
 

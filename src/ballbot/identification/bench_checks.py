@@ -12,7 +12,6 @@ show the ball's axes and unit by themselves.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -23,8 +22,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.findings import Finding, by_severity, error, warning
-from ballbot.identification.driveline import LIMITED, Sweep
-from ballbot.identification.upside_down import BALL_NAMES, encoder_speeds
+from ballbot.identification.driveline import BALL_NAMES, LIMITED, Sweep
+from ballbot.identification.upside_down import encoder_speeds
 from ballbot.log import Log
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.signals import longest_repeat
@@ -42,12 +41,8 @@ _EXPLAINED = 0.4
 _BETTER = 0.6
 #: and others that leave not much more are as likely
 _AS_LIKELY = 1.3
-#: a cause explains a gain up to this factor
-_NEAR = 1.6
 #: wheel speeds by the encoders over those by the ball
 _LIKE_ENCODERS = (0.85, 1.18)
-#: [s]; slower rows show no dry friction
-_SLOWEST_SAMPLING = 0.1
 #: [s] of one and the same speed, over this many rows
 _FROZEN, _FROZEN_ROWS = 0.25, 20
 _AXES = "xyz"
@@ -106,16 +101,6 @@ def _frozen(t: NDArray[np.float64], values: NDArray[np.float64], names: Sequence
         yield error("stuck", text, *names, time=float(t[first]))
 
 
-#: wheel speeds by the encoders over those by the ball, and what makes them so
-_ENCODER_UNITS = (
-    ("ball_omega is in deg/s, or the wheels' speeds are too small", np.pi / 180.0),
-    ("ball_omega is in rpm", np.pi / 30.0),
-    ("ball_omega is in turns a second, or the wheels' speeds are the motors'", 2.0 * np.pi),
-    ("the wheels' speeds are in deg/s", 180.0 / np.pi),
-    ("the wheels' speeds are in rpm", 30.0 / np.pi),
-)
-
-
 def encoder_findings(
     robot: Robot, log: Log, *, like: tuple[float, float] = _LIKE_ENCODERS
 ) -> tuple[Finding, ...]:
@@ -138,9 +123,10 @@ def encoder_findings(
             "The wheels turn against the ball: ball_omega on all axes, or all wheels, have the opposite sign."
         )
     elif left < 0.5:
-        near = [words for words, factor in _ENCODER_UNITS if 0.75 < slope / factor < 1.33]
-        cause = [*near, "one of the two is in another unit, or ball.radius or wheels.radius is wrong"][0]
-        text = f"The wheels turn {slope:.3g} times as fast as the ball's angular velocity implies: {cause}."
+        text = (
+            f"The wheels turn {slope:.3g} times as fast as the ball's angular velocity implies: one of the two is in "
+            "another unit (rpm are 9.5 rad/s, deg/s 57), or ball.radius or wheels.radius is wrong."
+        )
     else:
         fits = [
             (*_scaled_fit(one.turned(omega) @ A.T, wheels[:, one.order]), one.words)
@@ -284,11 +270,11 @@ def _of_torques(robot: Robot, bench: _Bench) -> list[Finding]:
             "columns of another log, a delay, or a robot that is not clamped."
         )
         return [error("torque-unrelated", text, *names)]
-    causes = (
-        ", or ".join(_causes(float(np.median(fit.gains)), robot, bench)) or "a unit of torques, speeds or t"
-    )
     text = (
-        f"{shown}: {causes}, or the robot's inertias (wheels.inertia, drive.motor_inertia, drive.gear_ratio)."
+        f"{shown}. They are 0.001 if the torques are in mN m, 0.01 in N cm, 9.5 if the speeds are in rpm, 57 in deg/s, "
+        f"{robot.drive.gear_ratio:.3g} if one of the two is the motors', before the gear, and "
+        f"{robot.drive.gear_ratio * robot.drive.torque_constant:.2g} if the torques are currents in A; or the robot's "
+        "inertias are wrong (wheels.inertia, drive.motor_inertia, drive.gear_ratio)."
     )
     return [error("torque-scale", text, *names)]
 
@@ -340,25 +326,3 @@ def _mistakes(count: int, words: str, *, of_ball: bool) -> Iterator[_Mistake]:
         yield _Mistake(
             words=" and ".join(parts), code="ball-omega", order=list(range(count)), axes=axes, signs=signs
         )
-
-
-def _causes(gain: float, robot: Robot, bench: _Bench) -> Iterator[str]:
-    """Yield the slips of units that make such a gain."""
-    drive, n = robot.drive, robot.drive.gear_ratio
-    slips = (
-        # what it is, by what it multiplies torque, speed and time
-        ("the torques are in mN m", 1e3, 1.0, 1.0),
-        ("the torques are in N cm", 1e2, 1.0, 1.0),
-        ("the torques are the motors', before the gear", 1.0 / n, 1.0, 1.0),
-        ("the torques are currents in A", 1.0 / (n * drive.torque_constant), 1.0, 1.0),
-        ("the torques are in percent of the largest", 100.0 / drive.torque_limit, 1.0, 1.0),
-        ("the speeds are in rpm", 1.0, 30.0 / math.pi, 1.0),
-        ("the speeds are in deg/s", 1.0, 180.0 / math.pi, 1.0),
-        ("the speeds are the motors', before the gear", 1.0, n, 1.0),
-        ("the speeds are in turns a second", 1.0, 0.5 / math.pi, 1.0),
-        ("t is in milliseconds", 1.0, 1.0, 1e3),
-    )
-    for words, torque, speed, time in slips:
-        near = 1.0 / _NEAR < gain * torque * time / speed < _NEAR
-        if near and 1e-5 < bench.h / time < _SLOWEST_SAMPLING:
-            yield words

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 #: what a sweep identifies of each wheel, and the symbols
 QUANTITIES = tuple(BY_NAME[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
 NAMES = tuple(one.symbol for one in QUANTITIES)
+BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
 #: a body that is held still leans about its mean by less, beside sensor noise; one that balances, by half a degree
 #: and more (root mean square) [rad]
 _STILL = np.radians(0.2)
@@ -56,18 +57,17 @@ def check_wheels_free(log: Log) -> None:
     InputError if it is such a log.
     """
     for name in ("theta", "phi"):
-        values = _known(log, name)
-        if values.size < 2:
-            continue
         # white noise, which the changes from row to row show, is no swing
-        swing = float(np.sqrt(max(np.var(values) - 0.5 * np.mean(np.diff(values) ** 2), 0.0)))
+        values = _known(log, name)
+        noise = 0.5 * np.mean(np.diff(values) ** 2) if values.size > 1 else np.inf
+        swing = float(np.sqrt(max(np.var(values) - noise, 0.0))) if values.size else 0.0
         if swing > _STILL:
             raise InputError(
                 f"In this log the body sways by {np.degrees(swing):.2g} degrees (root mean "
                 f"square of {name}), as when it balances. A sweep needs the body held still and "
                 "the wheels off the ball; use `ballbot identify` for logs of a balancing robot."
             )
-    for name in ("ball_omega_x", "ball_omega_y", "ball_omega_z"):
+    for name in BALL_NAMES:
         if np.any(_known(log, name) != 0.0):
             raise InputError(
                 f"In this log a ball turns ({name}). A sweep needs the wheels off the ball; "
@@ -77,8 +77,7 @@ def check_wheels_free(log: Log) -> None:
 
 def _known(log: Log, name: str) -> NDArray[np.float64]:
     """Return a column's values without those that are missing; none if there is no such column."""
-    values = log[name] if name in log else np.empty(0)
-    return values[np.isfinite(values)]
+    return log[name][np.isfinite(log[name])] if name in log else np.empty(0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -40,6 +40,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.fitting.least_squares import ClusteredFit, fit_clustered, fit_linear
+from ballbot.identification.driveline import BALL_NAMES
 from ballbot.identification.turning import (
     GYRO_NAMES,
     MotionFit,
@@ -48,7 +49,6 @@ from ballbot.identification.turning import (
     match_turning,
     poses_turning,
 )
-from ballbot.identification.upside_down import BALL_NAMES
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.log.pose import read_poses

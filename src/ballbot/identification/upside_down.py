@@ -33,7 +33,7 @@ from ballbot.fitting.model_selection import gain_between, neighbours
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import WindowEquations, correlation, covariance, discrepancy
 from ballbot.identification.agreement import StageEstimate, file_findings
-from ballbot.identification.driveline import QUANTITIES, robot_with_friction
+from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.result import ParameterTable
 from ballbot.identification.verdict import BLOCK, Verdict, verdict_of
@@ -50,8 +50,6 @@ from ballbot.summary import Summary, estimated, first_texts, listed, plotted, su
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
 
 #: samples on either side of a window's first that its start is the mean of
 NEIGHBOURS = 4
