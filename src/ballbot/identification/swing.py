@@ -125,22 +125,22 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
             f"{source} has fewer than {_LEAST_SAMPLES:g} samples in a swing of "
             f"{period:.2g} s; record faster, or check that it is the hanging body's motion."
         )
-    smooth = _smoothed(t, centred, period)
+    # a running mean over an eighth of a swing
+    width = max(1, int(period / 8.0 / float(np.median(np.diff(t)))) | 1)
+    smooth = np.convolve(centred, np.full(width, 1.0 / width), mode="same")
     peaks, _ = scipy.signal.find_peaks(
         np.abs(smooth), distance=max(1, int(0.35 * period / np.median(np.diff(t))))
     )
     if not len(peaks):
         raise InputError(f"{source} does not swing.")
     largest = float(np.abs(smooth[peaks]).max())
-    if kind == "angle" and largest > _LARGEST_ANGLE:
+    most, unit = (
+        (_LARGEST_ANGLE, "rad") if kind == "angle" else (_LARGEST_RATE * 2.0 * np.pi / period, "rad/s")
+    )
+    if largest > most:
         raise InputError(
-            f"{source} swings to {largest:.3g} rad, more than a pendulum can; "
-            "check whether it is in degrees (then multiply it by pi/180)."
-        )
-    if kind == "rate" and largest * period / (2.0 * np.pi) > _LARGEST_RATE:
-        raise InputError(
-            f"{source} swings with {largest:.3g} rad/s in {period:.3g} s, more than a pendulum that "
-            "turns over; check whether it is in degrees per second (then multiply it by pi/180)."
+            f"{source} swings to {largest:.3g} {unit} in {period:.3g} s, more than a pendulum can; check whether it is "
+            "in degrees (then multiply it by pi/180)."
         )
     top = int(peaks[np.argmax(np.abs(smooth[peaks]) > _AS_LARGE * largest)])
     crossings = np.flatnonzero(smooth[top:-1] * smooth[top + 1 :] <= 0.0)
@@ -165,12 +165,6 @@ def _period(t: NDArray[np.float64], centred: NDArray[np.float64]) -> float:
     # a line below two swings in the whole recording is a drift
     lowest = int(np.ceil(2.0 * count / len(even)))
     return count * h / float(lowest + np.argmax(power[lowest:]))
-
-
-def _smoothed(t: NDArray[np.float64], centred: NDArray[np.float64], period: float) -> NDArray[np.float64]:
-    """Return a running mean over an eighth of a swing."""
-    width = max(1, int(period / 8.0 / float(np.median(np.diff(t)))) | 1)
-    return np.convolve(centred, np.full(width, 1.0 / width), mode="same")
 
 
 def period_growth(amplitude: float) -> float:
@@ -593,12 +587,8 @@ def _evidence(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) ->
 
 def inertia_findings(found: SwingInertia, robot: Robot) -> list[Finding]:
     """Return the results of a swing in sentences, the inertia first."""
-    one, named = found.about_ball_center, []
-    # rounding of the file's number is no deviation
-    width = max(one.half_width, 1e-4 * one.value)
-    for value, axis in zip(np.diag(robot.body.inertia_about_ball_center())[:2].tolist(), "xy", strict=True):
-        place = "within" if abs(value - one.value) <= width else "outside"
-        named.append(f"{value:.4g} about {axis} lies {place}")
+    one = found.about_ball_center
+    of_file = np.diag(robot.body.inertia_about_ball_center())[:2]
     cause, share = max(found.about_center_of_mass.shares.items(), key=lambda item: item[1])
     variance = (
         "The file has no standard_deviation of body.mass and body.center_of_mass: the intervals cover the swing only."
@@ -607,7 +597,7 @@ def inertia_findings(found: SwingInertia, robot: Robot) -> list[Finding]:
     )
     sentences = (
         f"The body's inertia about the ball's centre is {plus_minus(one.value, one.half_width)} kg m^2 (95 %); the "
-        f"file's {' and '.join(named)}.",
+        f"file has {of_file[0]:.4g} about x and {of_file[1]:.4g} about y.",
         variance,
     )
     return [note("swing", sentence) for sentence in sentences]

@@ -98,8 +98,7 @@ def laws_figure(found: AxisIdentification) -> Figure:
         color = BLUE if gain.significant else MUTED
         low, middle, high = (100.0 * share for share in (gain.lower, gain.share, gain.upper))
         axes.plot([low, high], [place, place], color=color, linewidth=2.0)
-        mark, face = "o" if middle >= left else "<", color if gain.significant else "white"
-        axes.plot(max(middle, left), place, mark, color=color, mfc=face, markersize=5, clip_on=False)
+        axes.plot(middle, place, "o", color=color, mfc=color if gain.significant else "white", markersize=5)
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(compared)), [f"{name} over {LAWS[name][1]}" for name, _ in reversed(compared)])
     axes.set_xlim(left, max(5.0, 1.1 * float(ends.max())))
@@ -173,7 +172,7 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     errors = "Every law on each record, RMS. Windows: each from its best start; whole: the record from its first row."
     laws = (
         "Each law compared with the simpler law, on blocks that neither was fitted to; bars are 95 % intervals, with a "
-        "filled dot if it predicts better. An arrow points to a value beyond the axis."
+        "filled dot if it predicts better."
     )
     yield section(
         "Predictions and laws",
