@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.findings import Finding, by_severity, error, warning
+from ballbot.fitting.least_squares import fit_linear
 from ballbot.identification.driveline import BALL_NAMES, LIMITED, Sweep
 from ballbot.identification.upside_down import encoder_speeds
 from ballbot.log import Log
@@ -196,14 +197,10 @@ def _fit_wheels(
         X = np.column_stack(
             [J * (w[-1] - w[0]), h * w[:-1].sum(axis=0), h * np.sign(w[:-1]).sum(axis=0), np.ones(len(y))]
         )
-        values, _, rank, _ = np.linalg.lstsq(X, y, rcond=None)
-        residual = y - X @ values
-        left = float(np.var(residual) / (np.var(y) or 1.0))
-        if rank < X.shape[1] or left > 1.0 - _EXPLAINED:
-            found.append((0.0, 0.0, 1.0))
-            continue
-        deviation = float(np.sqrt(np.linalg.inv(X.T @ X)[0, 0] * np.mean(residual**2)))
-        found.append((1.0 / values[0], deviation / values[0] ** 2, left))
+        fit = fit_linear(X, y, np.arange(len(y)))
+        left, inertia = float(np.var(fit.residuals) / (np.var(y) or 1.0)), float(fit.values[0])
+        known = left <= 1.0 - _EXPLAINED and inertia != 0.0
+        found.append((1.0 / inertia, fit.errors[0] / inertia**2, left) if known else (0.0, 0.0, 1.0))
     gains, errors, lefts = np.array(found).T
     return _Fit(gains=gains, errors=errors, left=float(lefts.mean()))
 
@@ -214,14 +211,9 @@ def _fit_ball(ball: ClampedBall, x: NDArray[np.float64], u: NDArray[np.float64],
     y = ((x[:, -1] - x[:, 0]) @ ball.inertia).ravel()
     parts = (u[:, :-1].sum(axis=1), w.sum(axis=1), np.sign(w).sum(axis=1))
     X = np.concatenate([h * part[:, None, :] * A.T for part in parts], axis=2).reshape(y.size, -1)
-    found = np.linalg.lstsq(X, y, rcond=None)[0]
-    residual = y - X @ found
-    variances = np.linalg.pinv(X.T @ X).diagonal() * np.mean(residual**2)
-    return _Fit(
-        gains=np.asarray(found[: len(A)], dtype=np.float64),
-        errors=np.sqrt(np.maximum(variances[: len(A)], 0.0)),
-        left=float(np.var(residual) / (np.var(y) or 1.0)),
-    )
+    fit = fit_linear(X, y, np.repeat(np.arange(len(x)), 3))
+    left = float(np.var(fit.residuals) / (np.var(y) or 1.0))
+    return _Fit(gains=fit.values[: len(A)], errors=fit.errors[: len(A)], left=left)
 
 
 def _of_torques(robot: Robot, bench: _Bench) -> list[Finding]:

@@ -34,7 +34,7 @@ from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, error, finding, note, warning
 from ballbot.fitting.intervals import HALF_WIDTH
-from ballbot.fitting.least_squares import minimize_squares
+from ballbot.fitting.least_squares import central_differences, minimize_squares
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
@@ -303,10 +303,14 @@ def _fitted(swing: Swing) -> SwingFit | None:
     steps = _DIFFERENCE * _sizes(values)
     while True:
         rows = int(np.searchsorted(swing.t, swing.t[0] + until * swing.period, side="right"))
+
+        def misfit(p: NDArray[np.float64], rows: int = rows) -> NDArray[np.float64]:
+            return _motion(p, swing, rows)[1] - swing.values[:rows]
+
         found = minimize_squares(
-            lambda p, rows=rows: _misfit(p, swing, rows),
+            misfit,
             values,
-            jacobian_of=lambda p, rows=rows: _jacobian(p, swing, rows, steps),
+            jacobian_of=lambda p, misfit=misfit: central_differences(misfit, p, steps),
             scale=_sizes(values),
             method="lm",
         )
@@ -343,21 +347,6 @@ def _guess(swing: Swing) -> NDArray[np.float64]:
     cosine, sine, _ = np.linalg.lstsq(basis, swing.values[first], rcond=None)[0]
     start = (cosine, omega * sine) if swing.kind == "angle" else (-sine / omega, cosine)
     return np.array([omega**2, 1e-3 * omega, 1e-4 * omega**2 * amplitude, *start, zero])
-
-
-def _misfit(p: NDArray[np.float64], swing: Swing, rows: int) -> NDArray[np.float64]:
-    return _motion(p, swing, rows)[1] - swing.values[:rows]
-
-
-def _jacobian(
-    p: NDArray[np.float64], swing: Swing, rows: int, steps: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the derivatives of the misfit (rows, 6), by central differences."""
-    columns = []
-    for one, step in zip(np.eye(len(p)), steps, strict=True):
-        ends = (_motion(p + step * one, swing, rows)[1], _motion(p - step * one, swing, rows)[1])
-        columns.append((ends[0] - ends[1]) / (2.0 * step))
-    return np.column_stack(columns)
 
 
 def _sizes(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,12 +24,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
 from ballbot.files import read_toml
 from ballbot.findings import Finding, warning
 from ballbot.fitting.between_logs import LogSpread, spread
@@ -65,11 +64,8 @@ class Priors:
 def shipped_priors() -> Priors:
     """Return the priors that ship with Ballbot."""
     table = read_toml(PRIOR_FILE)
-    try:
-        sizes = {str(name): float(size) for name, size in table["sizes"].items()}  # pyright: ignore[reportAttributeAccessIssue]
-        return Priors(sizes=sizes, degrees=float(table["degrees"]), robots=int(table["robots"]))  # pyright: ignore[reportArgumentType]
-    except (AttributeError, KeyError, TypeError, ValueError):
-        raise InputError(f"{PRIOR_FILE} is no table of priors; install Ballbot again.") from None
+    sizes = cast("Mapping[str, float]", table["sizes"])
+    return Priors(sizes=sizes, degrees=cast("float", table["degrees"]), robots=cast("int", table["robots"]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
