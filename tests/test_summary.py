@@ -19,6 +19,7 @@ from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.sweep import digest
 from ballbot.identification.driveline import DrivelineFit
+from ballbot.identification.agreement import StageEstimate
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.verdict import Verdict
 from ballbot.identification.windows import Span
@@ -78,11 +79,12 @@ def upside_down() -> UpsideDown:
     return UpsideDown(
         robot=alten(FRICTION),
         verdict=Verdict(gain=Gain(share=0.9, lower=0.88, upper=0.92), windows=1, reasons=()),
-        intervals={},
-        parameters={"b": [0.01, 0.02, 0.03], "c": [0.1] * 3, "s": [0.05] * 3, "v_s": 0.6},
-        standard_errors={"b": [0.001] * 3, "c": [0.01] * 3, "s": [np.nan] * 3, "v_s": 0.1},
-        labels=("b1",),
-        correlation=np.eye(1),
+        estimate=StageEstimate(
+            source="the logs upside down",
+            labels=("b1", "b2", "b3", "c1", "c2", "c3", "s1", "s2", "s3", "v_s"),
+            values=np.array([0.01, 0.02, 0.03, *[0.1] * 3, *[0.05] * 3, 0.6]),
+            covariance=np.diag([*[0.001**2] * 3, *[0.01**2] * 3, *[np.nan] * 3, 0.01]),
+        ),
         held_out={"found": errors, "none": 10.0 * errors},
         fit_windows=spans,
         held_out_windows=spans,

@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from ballbot import Robot
 from ballbot.control.overcompensation import certain_friction, stated_covariance
@@ -17,7 +16,7 @@ from ballbot.identification.agreement import (
 from ballbot.identification.quantities import FRICTION, with_friction
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.robot.file import write_robot
-from ballbot.robot.variations import correlations, draw_robots, uncertain
+from ballbot.robot.variations import draw_robots
 
 LABELS = ("b1", "b2", "c1", "c2")
 SWEEP = np.array([0.014, 0.016, 0.11, 0.09])
@@ -65,31 +64,6 @@ def test_a_robot_file_without_deviations_is_not_compared():
     stated = of_robot_file(robot.annotated(standard_deviations={"friction.coulomb": (0.01, 0.02, 0.03)}))
     assert stated is not None
     assert stated.known == ["c1", "c2", "c3"]
-
-
-def test_the_robot_states_the_covariance_of_its_parameters():
-    robot = Robot.load("alten")
-    errors = np.array([2e-4, 1e-3, 5e-4])
-    R = np.array([[1.0, -0.9, 0.2], [-0.9, 1.0, 0.0], [0.2, 0.0, 1.0]])
-
-    def robot_of(p: np.ndarray) -> Robot:
-        friction = robot.friction.none(3)
-        values = {"viscous": (float(p[0]),) * 3, "coulomb": (float(p[1]), 0.1, 0.1), "rolling": float(p[2])}
-        return robot.replace(friction=type(friction)(**{**vars(friction), **values}))
-
-    p = np.array([0.014, 0.11, 0.007])
-    covariance = R * np.outer(errors, errors)
-    names = ("friction.viscous", "friction.coulomb", "friction.rolling")
-    found = with_uncertainty(robot_of(p), robot_of, p, covariance, names=names)
-    # of the wheels' c only one follows from the parameters, the others are exact
-    assert found.standard_deviations["friction.coulomb"] == pytest.approx((1e-3, 0.0, 0.0))
-    assert found.standard_deviations["friction.viscous"] == pytest.approx((2e-4,) * 3)
-    assert found.standard_deviations["friction.rolling"] == pytest.approx(5e-4)
-    labels = [one.label for one in uncertain(found)]
-    # one b of three wheels, and its correlation with c and C_rr, to the fifth decimal
-    np.testing.assert_allclose(
-        correlations(found)[labels.index("friction.rolling")], [0.2, 0.2, 0.2, 0.0, 1.0], atol=1e-5
-    )
 
 
 P = np.array([0.014, 0.016, 0.013, 0.11, 0.09, 0.12, 0.05, 0.04, 0.06, 0.6, 1.1, 0.007])

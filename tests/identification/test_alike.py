@@ -57,13 +57,6 @@ def test_a_wheel_that_the_logs_do_not_excite_has_the_others_friction():
     assert found == ("coulomb",)
 
 
-def test_gains_of_each_motor_that_are_asked_for_leave_the_motors_separate():
-    space = scale_between(alten(FRICTION), free=("friction", "torque_gain"))
-    values, unknown = space.nominal, np.ones(len(space.parameters), dtype=bool)
-    fit = cast(Fitted, SimpleNamespace(point=values, equations=None))
-    assert inseparable(space, fit, values, unknown=unknown, speeds=SPEEDS) == ()
-
-
 def test_numbers_that_are_equal_move_together_and_count_once():
     space = tied("coulomb")
     assert int(space.free.sum()) == int(SPACE.free.sum()) - 2

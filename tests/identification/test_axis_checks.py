@@ -30,7 +30,7 @@ WRONG_OPEN: dict[str, tuple[Change, str, str]] = {
     "force negated": (lambda r: replace(r, force=-r.force), "force-sign", "has the opposite sign"),
     "position negated": (lambda r: replace(r, position=-r.position), "force-sign", "has the opposite sign"),
     "random force": (lambda r: replace(r, force=noise(r)), "force-unrelated", "noise or from another run"),
-    "time in ms": (lambda r: replace(r, sample_time=1.0), "scale", "t appears to be in milliseconds"),
+    "time in ms": (lambda r: replace(r, sample_time=1.0), "scale", "0.001 if it is in milliseconds"),
 }
 
 
@@ -83,18 +83,6 @@ def test_the_command_stops_before_it_works(tmp_path: Path, capsys: pytest.Captur
     assert "the force, or the position, has the opposite sign" in printed
     assert printed.endswith("To continue despite this: --accept force-sign.\n")
     assert not out.exists()
-
-
-def test_every_error_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    t = np.arange(len(open_loop())) * SAMPLE_TIME
-    for name in ("one", "two"):
-        file = tmp_path / f"{name}.csv"
-        Log({"t": t, "position": open_loop().position, "force": -open_loop().force}).write(file)
-    files = [str(tmp_path / f"{name}.csv") for name in ("one", "two")]
-    assert main(["identify-axis", *files, "--out", str(tmp_path / "out")]) == 2
-    printed = " ".join("".join(capsys.readouterr()).split())
-    assert printed.count("the force, or the position, has the opposite sign") == 2
-    assert "(1 more error: see above)" in printed
 
 
 def swept_wheel(limit: float, *, duration: float = 60.0) -> AxisRecord:
@@ -156,29 +144,8 @@ def test_a_constant_speed_under_a_loop_is_no_limit(gravity: float) -> None:
     assert "speed-limit" not in {one.code for one in record_findings(record)}
 
 
-@pytest.mark.parametrize(
-    ("step", "cause"),
-    [
-        (2.0, "milliseconds (0.002 s): --time-scale 0.001."),
-        (2e3, "microseconds (0.002 s): --time-scale 1e-06."),
-        (1e9, "check the unit of t and --time-scale."),
-    ],
-)
-def test_the_unit_of_time_that_fits_is_named(step: float, cause: str) -> None:
-    (text,) = error_texts(replace(open_loop(), sample_time=step), "scale")
-    assert text.endswith(cause)
-
-
 def test_a_single_wild_position_is_named_by_its_row() -> None:
     position = open_loop().position.copy()
     position[1500] = 1e6
     (text,) = error_texts(replace(open_loop(), position=position), "spike")
     assert "jumps to 1e+06 m in row 1501 (1.5 s after the first one) and back" in text
-
-
-def test_a_code_that_no_check_has_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    t = np.arange(len(open_loop())) * SAMPLE_TIME
-    Log({"t": t, "position": open_loop().position, "force": open_loop().force}).write(tmp_path / "record.csv")
-    words = [str(tmp_path / "record.csv"), "--out", str(tmp_path / "out"), "--accept", "foo"]
-    assert main(["identify-axis", *words]) == 2
-    assert "the codes are force-sign, force-unrelated, scale, sp" in " ".join(capsys.readouterr().err.split())

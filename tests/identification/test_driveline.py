@@ -37,14 +37,6 @@ def sweep() -> Sweep:
 
 
 @pytest.mark.slow
-def test_pieces_leave_out_where_the_supply_limits(sweep):
-    pieces = sweep.pieces()
-    assert len(pieces) == 4  # up; down through zero, twice; and the rest
-    for first, end in pieces:
-        assert np.abs(sweep.speed[first:end]).max() < 27.7
-
-
-@pytest.mark.slow
 def test_known_friction_comes_back(sweep):
     found = fit_driveline(sweep)
     # noise in a piece's first speed is in no standard error of a fit; hence five of them and a percent
@@ -163,7 +155,6 @@ def test_a_body_that_is_held_still_may_have_its_sensors_on():
     ("name", "value", "sentence"),
     [
         ("u2", 0.3, "u2 is 0.3 N m throughout"),
-        ("u1", 0.0, "u1 is 0 N m throughout"),
         ("wheel3_dot", math.nan, "wheel3_dot has 400 of 400 values missing"),
     ],
 )
@@ -181,16 +172,6 @@ def test_a_sweep_with_a_dead_column_is_refused(tmp_path, capsys, name, value, se
     assert not list(out.glob("*"))
 
 
-@pytest.mark.parametrize("limit", [-1.0, 0.0, math.nan])
-def test_invalid_speed_limit_is_refused(limit):
-    t = np.arange(10) * SAMPLE_TIME
-    log = Log(
-        {"t": t} | {f"{name}{i}{end}": t for i in (1, 2, 3) for name, end in (("u", ""), ("wheel", "_dot"))}
-    )
-    with pytest.raises(InputError, match="The speed limit is"):
-        sweeps_of(Robot.load("alten"), log, limit=limit)
-
-
 @pytest.mark.sample
 def test_the_shared_sweep(tmp_path, shared_data, capsys):
     log = Log.read(shared_data / "bbr" / "driveline_sweep.csv").between(0.0, 37.0)
@@ -204,6 +185,6 @@ def test_the_shared_sweep(tmp_path, shared_data, capsys):
     robot = Robot.load(tmp_path / "robot.toml")
     assert list(robot.friction.coulomb) == results["parameters"]["c"]
     page = (tmp_path / "report.html").read_text()
-    assert figure_count(page) == 6
+    assert figure_count(page) == 5
     assert "<code>ballbot identify --sweep results.json</code> takes b and c of each wheel" in page
     assert "v_s" in capsys.readouterr().out

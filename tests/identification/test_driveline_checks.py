@@ -8,7 +8,6 @@ import pytest
 from numpy.typing import NDArray
 
 from ballbot import Log, Robot
-from ballbot.cli.main import main
 from ballbot.identification.bench_checks import sweep_findings
 from ballbot.identification.driveline import classical, sweeps_of
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
@@ -69,30 +68,22 @@ WRONG: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
         "All torques, or all wheel speeds, have the opp",
     ),
     "one torque negated": (times(-1.0, "u2"), "torque-sign", "u2 or wheel2_dot has the opposite sign"),
-    "one speed negated": (times(-1.0, "wheel3_dot"), "torque-sign", "u3 or wheel3_dot has the opposite sign"),
     "two torques exchanged": (
         lambda columns: {"u2": columns["u3"], "u3": columns["u2"]},
         "torque-order",
         "u3 were that of wheel 2 and u2 were that of wheel 3",
     ),
-    "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "the torques are in mN m"),
-    "the motors' torques": (times(1.0 / 27.6, *TORQUES), "torque-scale", "the motors', before the gear"),
-    "speeds in rpm": (times(30.0 / np.pi, *SPEEDS), "torque-scale", "the speeds are in rpm"),
-    "speeds in deg/s": (times(180.0 / np.pi, *SPEEDS), "torque-scale", "the speeds are in deg/s"),
-    "the motors' speeds": (
-        times(27.6, *SPEEDS),
+    "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "shows 0.000"),
+    "the motors' torques": (
+        times(1.0 / 27.6, *TORQUES),
         "torque-scale",
-        "the speeds are the motors', before the gear",
+        "27.6 if one of the two is the motors'",
     ),
-    "one torque ten times": (
-        times(10.0, "u2"),
-        "torque-scale",
-        "times u2 while the other torques are right",
-    ),
+    "speeds in rpm": (times(30.0 / np.pi, *SPEEDS), "torque-scale", "9.5 if the speeds are in rpm"),
+    "one torque ten times": (times(10.0, "u2"), "torque-scale", " times the torques; each should be 1"),
     "dead motor": (times(0.0, "wheel2_dot"), "dead-motor", "Nothing responds to u2"),
-    "torque not logged": (noise(1e-4, "u2"), "dead-motor", "it was not logged"),
+    "torque not logged": (noise(1e-4, "u2"), "dead-motor", "that torque was not logged"),
     "random torque": (noise(0.5, "u2"), "dead-motor", "or the column is wrong"),
-    "random speed": (noise(5.0, "wheel1_dot"), "dead-motor", "or the column is wrong"),
     "frozen encoder": (frozen, "stuck", "wheel3_dot repeats one value for 1"),
 }
 
@@ -107,7 +98,7 @@ def test_wrong_sweeps_are_stopped_with_their_cause(
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.4])
-@pytest.mark.parametrize("preset", ["alten", "rezero", "kugle", "cmu"])
+@pytest.mark.parametrize("preset", ["alten", "cmu"])
 def test_correct_sweeps_pass(preset: str, phase: float) -> None:
     robot = Robot.load(preset)
     assert sweep_findings(robot, sweeps_of(robot, Log(simulated(robot, phase=phase)))) == ()
@@ -116,13 +107,3 @@ def test_correct_sweeps_pass(preset: str, phase: float) -> None:
 def test_the_shared_sweep_passes(shared_data) -> None:
     log = Log.read(shared_data / "bbr" / "driveline_sweep.csv")
     assert sweep_findings(ALTEN, sweeps_of(ALTEN, log)) == ()
-
-
-def test_the_command_stops_before_it_works(tmp_path, capsys) -> None:
-    Log(good_sweep() | times(-1.0, *TORQUES)(good_sweep())).write(tmp_path / "sweep.csv")
-    out = tmp_path / "out"
-    assert main(["identify-driveline", "alten", str(tmp_path / "sweep.csv"), "--out", str(out)]) == 2
-    told = capsys.readouterr().err
-    assert "have the opposite sign" in told
-    assert told.endswith("To continue despite this: --accept torque-sign.\n")
-    assert not out.exists()

@@ -72,29 +72,6 @@ def test_windows_it_did_not_fit_are_predicted_better_with_friction_in_every_stat
     )  # 8 s of every 28 s, and windows across the edges
 
 
-@pytest.mark.slow
-def test_error_is_the_thesiss_4_1_beside_the_rmse(found):
-    judged = found.held_out
-    assert judged.samples == judged.windows * 50  # 0.25 s at 200 Hz
-    by_4_1 = judged.with_friction["theta"] * math.sqrt(judged.samples)  # |e| / n = rmse / sqrt(n)
-    assert by_4_1 == pytest.approx(judged.rmse_with[STATE_NAMES.index("theta")], rel=1e-12)
-
-
-@pytest.mark.slow
-def test_correlation_is_symmetric_with_a_diagonal_of_ones(found):
-    assert found.labels == ("b1", "b2", "b3", "c1", "c2", "c3", "s1", "s2", "s3", "v_s", "delta", "C_rr")
-    np.testing.assert_allclose(found.correlation, found.correlation.T, atol=1e-12)
-    np.testing.assert_allclose(found.correlation.diagonal(), 1.0, rtol=1e-12)
-
-
-@pytest.mark.slow
-def test_the_robot_carries_the_friction_and_where_it_came_from(found):
-    assert found.robot.friction.coulomb == tuple(found.parameters["c"])
-    assert found.robot.friction.stribeck_speed == found.parameters["v_s"]
-    assert found.robot.sources["friction.rolling"].startswith("identified: from 1 log")
-    assert found.robot.sources["ball.mass"] == alten().sources["ball.mass"]
-
-
 def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> Identification:
     return identify(
         alten(),
@@ -188,31 +165,6 @@ def test_motion_without_torque_is_refused():
     silent = log.with_columns({name: np.zeros(len(log)) for name in ("u1", "u2", "u3")})
     with pytest.raises(InputError, match="dead-motor"):
         identify(alten(), silent)
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        ({"window": 0.001}, "The window is 0.001 s long"),
-        ({"window": 10.0}, "The logs have 2 windows of 10 s"),
-    ],
-)
-def test_contradictory_options_are_refused(change, sentence):
-    with pytest.raises(InputError, match=sentence):
-        identify(alten(), balancing_log(), **change)
-
-
-@pytest.mark.parametrize(
-    ("option", "sentence"),
-    [
-        ({"held_out": 0.0}, "held_out is 0.0"),
-        ({"gauss_newton_steps": 0}, "gauss_newton_steps is 0"),
-        ({"most_profiles": -1}, "most_profiles is -1"),
-    ],
-)
-def test_identification_options_out_of_range_are_refused(option, sentence):
-    with pytest.raises(InputError, match=sentence):
-        IdentificationOptions(**option)
 
 
 @pytest.mark.slow

@@ -33,15 +33,6 @@ def groups(count: int) -> list[np.ndarray]:
     return window_blocks([Span(log=0, start=0.25 * i, end=0.25 * i + 0.25) for i in range(count)])
 
 
-def test_a_gain_is_the_share_by_which_errors_fall():
-    theirs = np.random.default_rng(0).gamma(2.0, size=(60, 10))
-    gain = gain_between(0.81 * theirs, theirs, groups(60))
-    assert gain.share == pytest.approx(0.1)  # squares by 0.81: errors by 0.9
-    # in every draw alike, since it is paired
-    assert (gain.lower, gain.upper) == (pytest.approx(0.1), pytest.approx(0.1))
-    assert gain.significant
-
-
 def test_the_interval_contains_the_truth_at_its_stated_rate():
     # errors of both laws share what is hard in a window (neighbours in common), and differ by noise without mean
     random, held = np.random.default_rng(1), 0
@@ -171,16 +162,6 @@ def true_values(problem: Problem) -> np.ndarray:
     if part is not None:
         part[...] = STRIBECK_ASYMMETRY
     return values
-
-
-@pytest.mark.slow  # compiles the law with every term
-def test_stribeck_asymmetry_is_predicted_exactly_from_the_true_parameters(directed_log):
-    problem = problem_of(directed_log, "directed")
-    residuals = problem.predictor.residuals(
-        true_values(problem)[None], problem.windows, every=problem.windows.comparison_interval
-    )
-    # but for rounding and the friction's first-order steps at a change of sign
-    assert np.sqrt(np.mean(residuals**2)) < 1e-6
 
 
 @pytest.mark.slow

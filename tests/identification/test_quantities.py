@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from ballbot import Log, Model
 from ballbot.errors import InputError
 from ballbot.identification.excitation import heading_findings, share_shown
-from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.parameters import Bounds, scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION as FRICTION_NAMES
@@ -30,7 +29,6 @@ from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Friction
 from ballbot.robot.components import BY_NAME
-from ballbot.robot.plausibility import robot_findings
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, late
 
@@ -90,14 +88,6 @@ def test_every_experiment_and_check_has_the_range_that_stands_beside_the_robots_
         assert {at.symbol.rstrip("123") for at in mine} == {one.symbol}
 
 
-@pytest.mark.parametrize("name", ["stribeck_speed", "stribeck_exponent", "rolling"])
-def test_a_value_beyond_the_range_of_estimates_is_unusual(name):
-    most = BY_NAME[f"friction.{name}"].usual[1]
-    for value, unusual in ((most, False), (1.01 * most, True)):
-        robot = alten(replace(FRICTION, **{name: value}))
-        assert ("robot-friction" in {one.code for one in robot_findings(robot)}) == unusual
-
-
 def test_every_quantity_can_be_given_bounds():
     given = {quantity.name: (0.4, 0.5) for quantity in QUANTITIES}
     coordinates = scale_between(alten(FRICTION), bounds=Bounds(given))
@@ -126,23 +116,6 @@ def test_missing_parameter_scale_is_requested():
     without = robot.replace(wheels=replace(robot.wheels, inertia=0.0))
     with pytest.raises(InputError, match="wheel_inertia is zero in the robot's description"):
         scale_between(without, free=("wheel_inertia",))
-
-
-@pytest.mark.parametrize(
-    ("law", "free"),
-    [
-        ("viscous", "b1 b2 b3"),
-        ("coulomb", "b1 b2 b3 c1 c2 c3 C_rr"),
-        ("stribeck", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr"),
-        ("asymmetric", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr offset1 offset2 offset3"),
-        ("directed", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr e1 e2 e3 offset1 offset2 offset3"),
-        ("load", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr mu1 mu2 mu3"),
-    ],
-)
-def test_friction_law_estimates_only_its_own_parameters(law, free):
-    coordinates = estimated_parameters(alten(), free=("friction",), law=law, bounds=Bounds())
-    found = [label for label, one in zip(coordinates.labels, coordinates.free, strict=True) if one]
-    assert found == free.split()
 
 
 # --- the rigid body ---
@@ -320,11 +293,6 @@ def test_sensor_delay_is_corrected(imu, velocity):
     left, all_of_it = (np.bincount(pairs, (one**2).mean(axis=(0, 1))) for one in (found, blind))
     # starts are set right to first order in the delay: of 16 ms in motions of 15 rad/s that leaves a tenth or two
     assert np.sqrt(left / all_of_it).max() < 0.25
-
-
-def test_zero_sensor_delay_changes_nothing():
-    log = moving_log()
-    assert np.abs(residuals(log, {"imu_delay": [0.0], "velocity_delay": [0.0]})).max() < ROUNDING
 
 
 def test_delayed_row_is_the_previous_row():

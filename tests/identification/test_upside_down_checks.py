@@ -49,9 +49,9 @@ WRONG: dict[str, tuple[Change, str, str]] = {
         "torque-order",
         "u2 were that of wheel 1",
     ),
-    "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "the torques are in mN m"),
+    "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "0.001 if the torques are in mN m"),
     "dead motor": (noise("u2"), "dead-motor", "Nothing responds to u2"),
-    "torque not logged": (times(0.0, "u3"), "dead-motor", "u3 is almost zero"),
+    "torque not logged": (times(0.0, "u3"), "dead-motor", "Nothing responds to u3"),
     "random torques": (noise(*TORQUES), "torque-unrelated", "noise, columns of another log"),
     "ball's x negated": (times(-1.0, BALL[0]), "ball-omega", "-ball_omega_x were ball_omega_x"),
     "ball's x and y exchanged": (
@@ -59,7 +59,7 @@ WRONG: dict[str, tuple[Change, str, str]] = {
         "ball-omega",
         "ball_omega_y were ball_omega_x and ball_omega_x were ball_omega_y",
     ),
-    "ball in rpm": (times(30.0 / np.pi, *BALL), "ball-omega", "ball_omega is in rpm"),
+    "ball in rpm": (times(30.0 / np.pi, *BALL), "ball-omega", "(rpm are 9.5 rad/s"),
     "camera lost the ball": (frozen, "stuck", "ball_omega_z repeat one value for 2 s"),
 }
 

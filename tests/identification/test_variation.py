@@ -9,17 +9,15 @@ import pytest
 from numpy.typing import NDArray
 
 from ballbot.fitting.intervals import Interval, Uncertainty
-from ballbot.fitting.uncertainty import Discrepancy, WindowEquations
+from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.parameters import Bounds, Coordinates
 from ballbot.identification.quantities import FRICTION
 from ballbot.identification.variation import (
     LogEstimates,
     Priors,
-    discrepancy_finding,
     log_estimates,
     shipped_priors,
-    units_of,
     variation_findings,
     widened,
     with_torque_scale,
@@ -164,23 +162,9 @@ def test_a_scale_that_is_not_known_makes_a_motors_friction_as_uncertain(coordina
     assert found.intervals["c2"].upper == pytest.approx(within.intervals["c2"].upper)
 
 
-def test_units_are_the_robots_own_size(coordinates: Coordinates):
-    units = units_of(coordinates, VALUES)
-    assert units[:9] == pytest.approx([0.02 + 0.15 / 10.0] * 3 + [0.15] * 6)
-    assert units[9:11] == pytest.approx([0.6, 1.1])  # they vary by a factor
-    assert units[11] == pytest.approx(0.01)
-    assert np.all(units_of(coordinates, np.array([0.0] * 9 + [1.0, 1.0, 0.0])) > 0.0)
-
-
 def test_the_shipped_priors_cover_the_friction():
     shipped = shipped_priors()
     assert set(shipped.sizes) == set(FRICTION)
     assert shipped.robots >= 2
     assert all(0.0 < one < 10.0 for one in shipped.sizes.values())
     assert shipped.degrees >= 3.0
-
-
-def test_a_discrepancy_is_reported_only_if_chance_does_not_explain_it():
-    assert discrepancy_finding(Discrepancy(ratio=1.1, p_value=0.3)) == []
-    (finding,) = discrepancy_finding(Discrepancy(ratio=4.0, p_value=0.001))
-    assert "2 times as large" in finding.text

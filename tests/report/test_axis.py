@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from ballbot.findings import note
-from ballbot.fitting.model_selection import Gain
 from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
 from ballbot.identification.axis.model import Axis
 from ballbot.report.axis import (
     axis_friction_figure,
     axis_report,
     expected_sentence,
-    laws_figure,
     open_loop_series,
     parameter_rows,
 )
@@ -84,17 +82,3 @@ def test_the_whole_record_has_the_colors_of_the_friction(found: AxisIdentificati
     shown = open_loop_series(found, records()[0], "")
     assert [line.look for line in shown.panels[1].lines] == ["first", "third"]
     assert all(line.name.endswith("mm RMS") for line in shown.panels[1].lines)
-
-
-@pytest.mark.slow
-def test_a_law_far_worse_than_the_one_within_it_is_an_arrow_at_the_edge(found: AxisIdentification) -> None:
-    good, bad = Gain(lower=0.1, share=0.2, upper=0.3), Gain(lower=-60.0, share=-40.0, upper=-5.0)
-    laws = {
-        name: replace(one, gain=one.gain and (bad if name == "stribeck" else good))
-        for name, one in found.by_law.items()
-    }
-    (axes,) = laws_figure(replace(found, by_law=laws)).axes
-    left = axes.get_xlim()[0]
-    arrows = [line for line in axes.get_lines() if line.get_marker() == "<"]
-    assert left == -100.0
-    assert [float(np.asarray(line.get_xdata())[0]) for line in arrows] == [left]

@@ -120,7 +120,7 @@ def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> Che
                 "describe a swing; give the swing with --swing FILE."
             )
         return None
-    from ballbot.identification.inertia import Pivot
+    from ballbot.identification.swing import Pivot
     from ballbot.workflows.robot_check import check_swing
 
     pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -18,26 +17,7 @@ from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.report.axis import axis_report
 
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class MethodOptions:
-    """How the axis is identified; what is not given is selected by held-out errors."""
-
-    law: str | None = None
-    """The friction law: viscous, coulomb, stribeck or asymmetric."""
-
-    bandwidth: float | None = None
-    """Bandwidth of the motion, in hertz, which sets the filters."""
-
-    gravity: bool | None = None
-    """Whether gravity acts on an axis that turns: S sin q + C cos q."""
-
-    load_friction: bool | None = None
-    """Whether dry friction grows with the load that the gears transmit, |F + G| / 2."""
-
-
-_COLUMNS, _METHOD = AxisColumns(), MethodOptions()
+_COLUMNS, _METHOD = AxisColumns(), AxisOptions()
 
 
 def identify_axis(
@@ -47,7 +27,7 @@ def identify_axis(
     out: OutFolder,
     also: Annotated[list[Path] | None, Parameter(negative="")] = None,
     columns: Annotated[AxisColumns, Parameter(name="*")] = _COLUMNS,
-    method: MethodOptions = _METHOD,
+    method: Annotated[AxisOptions, Parameter(name="*")] = _METHOD,
     accept: Accept = None,
 ) -> None:
     """Find the mass (or inertia) and friction of one axis in records of its force and position.
@@ -68,7 +48,6 @@ def identify_axis(
     also
         A further record that is fitted together with the first one; may be given several times.
     """
-    options = AxisOptions(**vars(method))  # wrong ones are refused before anything is read
     check_codes(accept or (), listed=ERROR_CODES)
     fitted = (record, *(also or ()))
     paths = (*fitted, *against)
@@ -84,7 +63,7 @@ def identify_axis(
     with open_result(out, command="identify-axis", doing="identifying the axis", inputs=[paths]) as result:
         found = identify_record(
             read[: len(fitted)],
-            options=options,
+            options=method,
             validation_records=read[len(fitted) :],
             run=Run(progress=result.report),
         )

@@ -223,7 +223,7 @@ def fit_clustered(
 
     values = start + minimize_squares(scaled_residuals, np.zeros(len(start))).point * scales
     residuals = residuals_of(values)
-    J = _jacobian(residuals_of, values, scales)
+    J = central_differences(residuals_of, values, 1e-2 * scales) * scales
     H = np.einsum("wki,wkj->ij", J, J)
     if np.linalg.cond(H) > 1e10:
         raise InputError(undetermined)
@@ -237,15 +237,13 @@ def fit_clustered(
     return ClusteredFit(values=values, covariance=covariance * np.outer(scales, scales), residuals=residuals)
 
 
-def _jacobian(
-    residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    values: NDArray[np.float64],
-    scales: NDArray[np.float64],
+def central_differences(
+    function: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    point: NDArray[np.float64],
+    steps: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the derivatives (w, k, p) by values / scales, by central differences."""
+    """Return the derivatives (..., p) of a function (...) at a point (p,), with a step of each parameter (p,)."""
     columns = []
-    for place, scale in enumerate(scales):
-        step = np.zeros(len(values))
-        step[place] = 1e-2 * scale
-        columns.append((residuals_of(values + step) - residuals_of(values - step)) / 2e-2)
+    for size, step in zip(steps, np.diag(steps), strict=True):
+        columns.append((function(point + step) - function(point - step)) / (2.0 * size))
     return np.stack(columns, axis=-1)

@@ -55,6 +55,11 @@ class StageEstimate:
         )
 
     @property
+    def errors(self) -> NDArray[np.float64]:
+        """Standard errors (k,)."""
+        return np.sqrt(self.covariance.diagonal())
+
+    @property
     def known(self) -> list[str]:
         """The quantities that are compared and have a standard error."""
         return [

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 #: what a sweep identifies of each wheel, and the symbols
 QUANTITIES = tuple(BY_NAME[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
 NAMES = tuple(one.symbol for one in QUANTITIES)
+BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
 #: a body that is held still leans about its mean by less, beside sensor noise; one that balances, by half a degree
 #: and more (root mean square) [rad]
 _STILL = np.radians(0.2)
@@ -53,24 +54,20 @@ def check_wheels_free(log: Log) -> None:
 
     A log without lean and without the ball's angular velocity shows neither, and passes.
 
-    Raises
-    ------
-    InputError
-        If it is such a log.
+    InputError if it is such a log.
     """
     for name in ("theta", "phi"):
-        values = _known(log, name)
-        if values.size < 2:
-            continue
         # white noise, which the changes from row to row show, is no swing
-        swing = float(np.sqrt(max(np.var(values) - 0.5 * np.mean(np.diff(values) ** 2), 0.0)))
+        values = _known(log, name)
+        noise = 0.5 * np.mean(np.diff(values) ** 2) if values.size > 1 else np.inf
+        swing = float(np.sqrt(max(np.var(values) - noise, 0.0))) if values.size else 0.0
         if swing > _STILL:
             raise InputError(
                 f"In this log the body sways by {np.degrees(swing):.2g} degrees (root mean "
                 f"square of {name}), as when it balances. A sweep needs the body held still and "
                 "the wheels off the ball; use `ballbot identify` for logs of a balancing robot."
             )
-    for name in ("ball_omega_x", "ball_omega_y", "ball_omega_z"):
+    for name in BALL_NAMES:
         if np.any(_known(log, name) != 0.0):
             raise InputError(
                 f"In this log a ball turns ({name}). A sweep needs the wheels off the ball; "
@@ -80,8 +77,7 @@ def check_wheels_free(log: Log) -> None:
 
 def _known(log: Log, name: str) -> NDArray[np.float64]:
     """Return a column's values without those that are missing; none if there is no such column."""
-    values = log[name] if name in log else np.empty(0)
-    return values[np.isfinite(values)]
+    return log[name][np.isfinite(log[name])] if name in log else np.empty(0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,10 +107,7 @@ class Sweep:
     def record(self) -> AxisRecord:
         """Return these pieces as a record of an axis.
 
-        Raises
-        ------
-        InputError
-            If they are too short.
+        InputError if they are too short.
         """
         rows = np.concatenate([np.arange(a, b) for a, b in self.pieces()] or [np.empty(0, dtype=int)])
         if len(rows) < LEAST_ROWS:
@@ -135,11 +128,8 @@ class Sweep:
 def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Sweep]:
     """Return each wheel's sweep; the default limit [rad/s] is the greatest speed in the log.
 
-    Raises
-    ------
-    InputError
-        If the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
-        free of the ball, or the limit is not above zero.
+    InputError if the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
+    free of the ball, or the limit is not above zero.
     """
     check_wheels_free(log)
     torques, speeds = log.torques, log.wheel_speeds
@@ -218,14 +208,11 @@ def classical(values: NDArray[np.float64]) -> Classical:
 def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     """Identify one driveline's friction from the pieces of its sweep.
 
-    Raises
-    ------
-    InputError
-        If the sweep does not determine it.
+    InputError if the sweep does not determine it.
     """
     # a robot file has this law; a free wheel has no weight, and a sweep passes its ripple at every speed
-    options = AxisOptions(law="stribeck", known={"mass": sweep.inertia}, gravity=False, load_friction=False)
-    found = identify_axis(sweep.record(), options=options, run=run)
+    options = AxisOptions(law="stribeck", gravity=False, load_friction=False)
+    found = identify_axis(sweep.record(), options=options, known={"mass": sweep.inertia}, run=run)
     places = [list(found.best.values).index(one.name) for one in QUANTITIES]
     values, errors, halves = (
         np.array([by_label[one.name] for one in QUANTITIES])
@@ -272,13 +259,7 @@ def fit_drivelines(sweeps: Sequence[Sweep], *, run: Run = DEFAULT_RUN) -> list[D
 def robot_with_friction(robot: Robot, found: StageEstimate, *, source: str) -> Robot:
     """Return the robot with friction of its drivelines, its standard deviations and their correlations.
 
-    Parameters
-    ----------
-    robot : Robot
-    found : StageEstimate
-        b, c and s of each wheel, and v_s, NaN if no wheel has s: k = 3 n + 1.
-    source : str
-        Where they are from.
+    `found` has b, c and s of each wheel, and v_s, NaN if no wheel has s (3 n + 1); `source` says where they are from.
     """
     own, known = robot.friction, bool(np.isfinite(found.values[-1]))
 

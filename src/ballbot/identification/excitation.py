@@ -75,10 +75,7 @@ class Excitation:
 def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
     """Refuse too few windows.
 
-    Raises
-    ------
-    InputError
-        If the windows to fit are fewer than `WINDOWS_PER_PARAMETER` times the parameters.
+    InputError if the windows to fit are fewer than `WINDOWS_PER_PARAMETER` times the parameters.
     """
     least = WINDOWS_PER_PARAMETER * parameters
     if fitted < least:
@@ -96,10 +93,7 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
 def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Excitation:
     """Refuse logs without motion, and the parameters that the other logs cannot determine.
 
-    Raises
-    ------
-    InputError
-        If no wheel turns in enough windows, no torque is ever applied, or no free parameter can be determined.
+    InputError if no wheel turns in enough windows, no torque is ever applied, or no free parameter can be determined.
     """
     if not np.any(windows.torques):
         raise InputError(
@@ -249,14 +243,7 @@ def heading_findings(
 ) -> list[Finding]:
     """Return a warning if the wheels do not show the heading of a log; it states the measure taken or the remedy.
 
-    Parameters
-    ----------
-    shares : sequence of float or None
-        Of `share_shown`, one a log.
-    excluded_states : sequence of str
-        States excluded from the cost.
-    estimated : sequence of str
-        Quantities that are estimated.
+    The shares are those of `share_shown`, one a log.
     """
     few = [one for one in shares if one is not None and SMALLEST_SHARE < one < LARGEST_SHARE]
     if not few:

@@ -39,7 +39,8 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
-from ballbot.fitting.least_squares import ClusteredFit, fit_clustered
+from ballbot.fitting.least_squares import ClusteredFit, fit_clustered, fit_linear
+from ballbot.identification.driveline import BALL_NAMES
 from ballbot.identification.turning import (
     GYRO_NAMES,
     MotionFit,
@@ -48,7 +49,6 @@ from ballbot.identification.turning import (
     match_turning,
     poses_turning,
 )
-from ballbot.identification.upside_down import BALL_NAMES
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.log.pose import read_poses
@@ -93,10 +93,7 @@ class Cuts:
 def cut(log: Log, columns: NDArray[np.float64], *, window: float) -> Cuts:
     """Return the windows, end to end, in which no row of `columns` (N, k) is missing and no row left out.
 
-    Raises
-    ------
-    InputError
-        If a window is less than two samples.
+    InputError if a window is less than two samples.
     """
     samples = round(window / log.sample_time)
     if samples < 2:
@@ -130,10 +127,7 @@ class MocapRun:
 def mocap_run(log: Log, film: Log) -> MocapRun:
     """Return a balancing run: its log, with a gyro, and its motion capture of ball and body.
 
-    Raises
-    ------
-    InputError
-        If a column is missing, the robot is hardly ever seen upright, or both are not of one run.
+    InputError if a column is missing, the robot is hardly ever seen upright, or both are not of one run.
     """
     log.require(*GYRO_NAMES)
     poses = read_poses(film)
@@ -165,18 +159,8 @@ ROLLING_WINDOW = 0.5
 def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) -> ClusteredFit:
     """Find [r_w / cos(tilt) [m], azimuths.. [rad], share of leaning seen, delay of the encoders [s]] (n + 3,).
 
-    Parameters
-    ----------
-    robot : Robot
-        Its values start the search.
-    runs : sequence of MocapRun
-    leaning : float
-        (r_b / r_w) cos(tilt), wheel angle for an angle of leaning, which the share is one of.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or the motion does not determine the geometry.
+    The share is one of `leaning`, (r_b / r_w) cos(tilt), wheel angle for an angle of leaning. The robot's values start
+    the search. InputError if a column is missing or the motion does not determine the geometry.
     """
     n = robot.wheel_count
     parts = [_rolling_increments(run, n) for run in runs]
@@ -235,10 +219,7 @@ class UpsideDownGeometry:
 def upside_down_geometry(robot: Robot, logs: Sequence[Log]) -> UpsideDownGeometry:
     """Find the wheels' geometry from logs of wheel angles and ball_omega_x, _y, _z.
 
-    Raises
-    ------
-    InputError
-        If a column is missing or the motion does not determine the geometry.
+    InputError if a column is missing or the motion does not determine the geometry.
     """
     n = robot.wheel_count
     parts = [_upside_down_increments(log, n) for log in logs]
@@ -283,25 +264,21 @@ def _each_wheel(
     wheels: NDArray[np.float64], turns: NDArray[np.float64], clusters: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return |row| of the matrix G (n, 3) with wheels = turns G^T, and its standard error, for each wheel."""
-    G = np.linalg.lstsq(turns, wheels, rcond=None)[0].T
-    ratios, errors = np.linalg.norm(G, axis=1), []
-    for i, row in enumerate(G):
-        fit = fit_clustered(
-            lambda p, i=i: (wheels[:, i] - turns @ p)[:, None],
-            row,
-            scales=np.full(3, 0.1),
-            clusters=clusters,
-            undetermined=_UPSIDE_DOWN_UNDETERMINED,
-        )
-        direction = row / ratios[i]
-        errors.append(float(np.sqrt(direction @ fit.covariance @ direction)))
-    return ratios, np.array(errors)
+    fits = [fit_linear(turns, angles, clusters) for angles in wheels.T]
+    rows = np.array([fit.values for fit in fits])
+    ratios = np.linalg.norm(rows, axis=1)
+    directions = rows / ratios[:, None]
+    variances = [one @ fit.covariance @ one for one, fit in zip(directions, fits, strict=True)]
+    return ratios, np.sqrt(variances)
 
 
 #: share of a radius, and angle [rad], that slip, dents and rollers may feign: on logs of a physics engine with two rows
 #: of rollers and known geometry 0.42 % and 0.25 degrees were seen (the commands of docs/geometry.md)
 SLIP = 0.006
 SLIP_ANGLE = math.radians(0.4)
+#: a deviation of fewer standard errors than this is noise
+CLEAR = 3.0
+UPSIDE_DOWN, BALANCING, BOTH = "upside down", "balancing", "both"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -312,7 +289,7 @@ class GeometryQuantity:
     value: float  #: SI units
     standard_error: float
     in_file: float  #: the file's value, or the value that follows from the file
-    unit: str  #: "m", "rad" or "1"
+    unit: str  #: "m", "rad", "s" or "1"
     kind: str  #: of logs that it is from: "upside down", "balancing" or "both"
 
     @property
@@ -325,30 +302,32 @@ class GeometryQuantity:
         """Largest error that slip may cause, in the quantity's unit."""
         return SLIP_ANGLE if self.unit == "rad" else SLIP * abs(self.value)
 
+    def stands_out(self, turn: float = 0.0) -> bool:
+        """Return whether the file is off beyond noise and slip, but for a turn that several have in common."""
+        off = abs(self.in_file - self.value + turn)
+        return off > max(CLEAR * self.standard_error, self.slip)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        stated = {name: getattr(self, name) for name in ("name", "value", "standard_error", "in_file")}
+        return {**stated, "deviation": self.deviation, "unit": self.unit, "from": self.kind}
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Geometry:
     """A robot's geometry as its logs determine it."""
 
     measured: tuple[GeometryQuantity, ...]
-    wheel_ratios: tuple[
-        GeometryQuantity, ...
-    ]  #: r_b / r_w of each wheel by itself; empty without upside-down logs
-    camera_delay: GeometryQuantity | None  #: of the camera that watched the ball upside down [s]
-    leaning_seen: (
-        GeometryQuantity | None
-    )  #: share of the body's leaning that the encoders show; play hides the rest
+    #: r_b / r_w of each wheel by itself; empty without upside-down logs
+    wheel_ratios: tuple[GeometryQuantity, ...] = ()
+    #: delay of the camera that watched the ball upside down [s], and the share of the body's leaning that the encoders
+    #: show; play hides the rest
+    others: tuple[GeometryQuantity, ...] = ()
 
-    def find(self, name: str, kind: str | None = None) -> GeometryQuantity:
-        """Return the quantity of that name, from that kind of logs where it is given.
-
-        Raises
-        ------
-        InputError
-            If the logs did not give it.
-        """
-        for one in self.measured:
-            if one.name == name and kind in (None, one.kind):
+    def find(self, name: str) -> GeometryQuantity:
+        """Return the first quantity of that name; InputError if the logs did not give it."""
+        for one in (*self.measured, *self.others):
+            if one.name == name:
                 return one
         raise InputError(f"These logs do not determine {name}.")
 
@@ -358,12 +337,8 @@ class Geometry:
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds, SI units."""
-        more = [one for one in (self.camera_delay, self.leaning_seen) if one]
-        return {
-            "measured": [_entry(one) for one in self.measured],
-            "wheel_ratios": [_entry(one) for one in self.wheel_ratios],
-            "others": [_entry(one) for one in more],
-        }
+        groups = {"measured": self.measured, "wheel_ratios": self.wheel_ratios, "others": self.others}
+        return {name: [one.to_dict() for one in group] for name, group in groups.items()}
 
 
 def common_turn(azimuths: Sequence[GeometryQuantity]) -> float:
@@ -380,6 +355,8 @@ def survey_geometry(
 ) -> Geometry:
     """Find a robot's geometry by kinematics alone.
 
+    InputError if there is no log, a column is missing, or the motion does not determine the geometry.
+
     Parameters
     ----------
     robot : Robot
@@ -391,66 +368,56 @@ def survey_geometry(
         qx qy qz of the body, on its own clock and in its own frame.
     progress : callable, optional
         Called before each stage.
-
-    Raises
-    ------
-    InputError
-        If there is no log, a column is missing, or the motion does not determine the geometry.
     """
     if not upside_down and not balancing:
         raise InputError(
             "No log is given; geometry needs a log of the robot upside "
             "down, or of the robot balancing with motion capture."
         )
+    measured, ratios, others, runs = [], [], [], list[MocapRun]()
     total = (1 if upside_down else 0) + (len(balancing) + 1 if balancing else 0)
+    leaning = robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
+    on_wheels = None
     if upside_down:
         progress(Progress(stage="fitting the logs upside down", done=0, total=total))
-    on_wheels = upside_down_geometry(robot, upside_down) if upside_down else None
-    runs = []
+        on_wheels = upside_down_geometry(robot, upside_down)
+        measured += _of_upside_down(robot, on_wheels.fit)
+        common = float(on_wheels.fit.values[0])
+        ratios += [
+            _quantity(f"ball.radius / wheels.radius, wheel {i}", pair, common, "1", UPSIDE_DOWN)
+            for i, pair in enumerate(zip(on_wheels.ratios, on_wheels.ratio_errors, strict=True), start=1)
+        ]
+        others.append(_of_fit("camera delay", on_wheels.fit, robot.wheel_count + 4, 0.0, "s", UPSIDE_DOWN))
+        leaning = common * math.cos(on_wheels.fit.values[1])
     for log, film in balancing:
         done = total - len(balancing) - 1 + len(runs)
         progress(Progress(stage="aligning the motion capture", done=done, total=total))
         runs.append(mocap_run(log, film))
     if runs:
         progress(Progress(stage="fitting the balancing logs", done=total - 1, total=total))
-    rolling = rolling_geometry(robot, runs, leaning=_leaning(robot, on_wheels)) if runs else None
-    measured = [
-        *(_of_upside_down(robot, on_wheels) if on_wheels else ()),
-        *(_of_rolling(robot, rolling) if rolling else ()),
-        *(_of_both(robot, on_wheels.fit, rolling) if on_wheels and rolling else ()),
-        *(_of_mountings([run.motion for run in runs]) if runs else ()),
-    ]
-    n = robot.wheel_count
-    return Geometry(
-        measured=tuple(measured),
-        wheel_ratios=_wheel_ratios(on_wheels) if on_wheels else (),
-        camera_delay=_of_fit("camera delay", on_wheels.fit, n + 4, 0.0, "s", "upside down")
-        if on_wheels
-        else None,
-        leaning_seen=_of_fit("leaning seen", rolling, n + 1, 1.0, "1", "balancing") if rolling else None,
+        rolling = rolling_geometry(robot, runs, leaning=leaning)
+        in_file = robot.wheels.radius / math.cos(robot.wheels.tilt)
+        measured.append(_of_fit("wheels.radius / cos(wheels.tilt)", rolling, 0, in_file, "m", BALANCING))
+        measured += _azimuths(robot, rolling, 1, BALANCING)
+        measured += _of_both(robot, on_wheels.fit, rolling) if on_wheels else []
+        measured += _of_mountings([run.motion for run in runs])
+        others.append(_of_fit("leaning seen", rolling, robot.wheel_count + 1, 1.0, "1", BALANCING))
+    return Geometry(measured=tuple(measured), wheel_ratios=tuple(ratios), others=tuple(others))
+
+
+def _quantity(
+    name: str, found: tuple[float, float], in_file: float, unit: str, kind: str
+) -> GeometryQuantity:
+    value, error = map(float, found)
+    return GeometryQuantity(
+        name=name, value=value, standard_error=error, in_file=in_file, unit=unit, kind=kind
     )
-
-
-def _leaning(robot: Robot, on_wheels: UpsideDownGeometry | None) -> float:
-    """Return (r_b / r_w) cos(tilt) by the logs where they gave it, else by the file."""
-    if on_wheels:
-        return float(on_wheels.fit.values[0] * np.cos(on_wheels.fit.values[1]))
-    return robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
 
 
 def _of_fit(
     name: str, fit: ClusteredFit, place: int, in_file: float, unit: str, kind: str
 ) -> GeometryQuantity:
-    return _measured(name, (float(fit.values[place]), float(fit.errors[place])), in_file, unit, kind)
-
-
-def _measured(
-    name: str, found: tuple[float, float], in_file: float, unit: str, kind: str
-) -> GeometryQuantity:
-    value, error = found
-    return GeometryQuantity(
-        name=name, value=value, standard_error=error, in_file=in_file, unit=unit, kind=kind
-    )
+    return _quantity(name, (fit.values[place], fit.errors[place]), in_file, unit, kind)
 
 
 def _azimuths(robot: Robot, fit: ClusteredFit, first: int, kind: str) -> list[GeometryQuantity]:
@@ -460,22 +427,14 @@ def _azimuths(robot: Robot, fit: ClusteredFit, first: int, kind: str) -> list[Ge
     ]
 
 
-def _of_upside_down(robot: Robot, found: UpsideDownGeometry) -> list[GeometryQuantity]:
-    n, kind, fit = robot.wheel_count, "upside down", found.fit
+def _of_upside_down(robot: Robot, fit: ClusteredFit) -> list[GeometryQuantity]:
+    n, ratio = robot.wheel_count, robot.ball.radius / robot.wheels.radius
     return [
-        _of_fit("ball.radius / wheels.radius", fit, 0, robot.ball.radius / robot.wheels.radius, "1", kind),
-        _of_fit("wheels.tilt", fit, 1, robot.wheels.tilt, "rad", kind),
-        *_azimuths(robot, fit, 2, kind),
-        _of_fit("camera tilt about x", fit, n + 2, 0.0, "rad", kind),
-        _of_fit("camera tilt about y", fit, n + 3, 0.0, "rad", kind),
-    ]
-
-
-def _of_rolling(robot: Robot, fit: ClusteredFit) -> list[GeometryQuantity]:
-    in_file = robot.wheels.radius / math.cos(robot.wheels.tilt)
-    return [
-        _of_fit("wheels.radius / cos(wheels.tilt)", fit, 0, in_file, "m", "balancing"),
-        *_azimuths(robot, fit, 1, "balancing"),
+        _of_fit("ball.radius / wheels.radius", fit, 0, ratio, "1", UPSIDE_DOWN),
+        _of_fit("wheels.tilt", fit, 1, robot.wheels.tilt, "rad", UPSIDE_DOWN),
+        *_azimuths(robot, fit, 2, UPSIDE_DOWN),
+        _of_fit("camera tilt about x", fit, n + 2, 0.0, "rad", UPSIDE_DOWN),
+        _of_fit("camera tilt about y", fit, n + 3, 0.0, "rad", UPSIDE_DOWN),
     ]
 
 
@@ -487,8 +446,8 @@ def _of_both(robot: Robot, on_wheels: ClusteredFit, rolling: ClusteredFit) -> li
     J = np.array([[0.0, -length * s, c], [length * c, -ratio * length * s, ratio * c]])
     r_w, r_b = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
     return [
-        _measured("wheels.radius", (length * c, r_w), robot.wheels.radius, "m", "both"),
-        _measured("ball.radius", (ratio * length * c, r_b), robot.ball.radius, "m", "both"),
+        _quantity("wheels.radius", (length * c, r_w), robot.wheels.radius, "m", BOTH),
+        _quantity("ball.radius", (ratio * length * c, r_b), robot.ball.radius, "m", BOTH),
     ]
 
 
@@ -498,30 +457,9 @@ def _of_mountings(motions: Sequence[MotionFit]) -> list[GeometryQuantity]:
     weights = 1.0 / np.array([one.rotation_errors for one in motions]) ** 2
     mean, errors = (weights * values).sum(axis=0) / weights.sum(axis=0), 1.0 / np.sqrt(weights.sum(axis=0))
     return [
-        _measured(f"IMU rotation about {axis}", found, 0.0, "rad", "balancing")
-        for axis, found in zip("xyz", zip(mean.tolist(), errors.tolist(), strict=True), strict=True)
+        _quantity(f"IMU rotation about {axis}", found, 0.0, "rad", BALANCING)
+        for axis, found in zip("xyz", zip(mean, errors, strict=True), strict=True)
     ]
-
-
-def _wheel_ratios(found: UpsideDownGeometry) -> tuple[GeometryQuantity, ...]:
-    common = float(found.fit.values[0])
-    pairs = zip(found.ratios.tolist(), found.ratio_errors.tolist(), strict=True)
-    return tuple(
-        _measured(f"ball.radius / wheels.radius, wheel {i}", pair, common, "1", "upside down")
-        for i, pair in enumerate(pairs, start=1)
-    )
-
-
-def _entry(one: GeometryQuantity) -> dict[str, object]:
-    return {
-        "name": one.name,
-        "value": one.value,
-        "standard_error": one.standard_error,
-        "in_file": one.in_file,
-        "deviation": one.deviation,
-        "unit": one.unit,
-        "from": one.kind,
-    }
 
 
 def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
@@ -530,136 +468,95 @@ def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
     Azimuths are upside down's where there are both, less the turn that all have in common, which is a camera's heading.
     A standard deviation is that of noise and of slip together.
 
-    Raises
-    ------
-    InputError
-        If that is no robot, as when another radius does not go with the ball's inertia.
+    InputError if that is no robot, as when another radius does not go with the ball's inertia.
     """
-    found = {one.name: one for one in reversed(geometry.measured)}  # the first of a name counts
-    ball, wheels = robot.ball, robot.wheels
-    sources, deviations = dict(robot.sources), dict(robot.standard_deviations)
-    kept: list[tuple[str, list[GeometryQuantity]]] = []
-    if "ball.radius" in found:
-        ball = replace(ball, radius=found["ball.radius"].value)
-        wheels = replace(wheels, radius=found["wheels.radius"].value)
-        kept += [(name, [found[name]]) for name in ("ball.radius", "wheels.radius")]
-    if "wheels.tilt" in found:
-        wheels = replace(wheels, tilt=found["wheels.tilt"].value)
-        kept.append(("wheels.tilt", [found["wheels.tilt"]]))
-    azimuths = [found[f"wheels.azimuths[{i}]"] for i in range(robot.wheel_count)]
+    found = {one.name: [one] for one in reversed(geometry.measured)}  # the first of a name counts
+    azimuths = geometry.azimuths(UPSIDE_DOWN) or geometry.azimuths(BALANCING)
     turn = common_turn(azimuths)
+    found["wheels.azimuths"] = azimuths
+    ball, wheels = robot.ball, robot.wheels
+    if "ball.radius" in found:
+        ball = replace(ball, radius=found["ball.radius"][0].value)
+        wheels = replace(wheels, radius=found["wheels.radius"][0].value)
+    if "wheels.tilt" in found:
+        wheels = replace(wheels, tilt=found["wheels.tilt"][0].value)
     wheels = replace(wheels, azimuths=tuple(one.value - turn for one in azimuths))
-    kept.append(("wheels.azimuths", azimuths))
-    for name, numbers in kept:
-        deviation: Value = tuple(math.hypot(one.standard_error, one.slip) for one in numbers)
-        deviations[name] = deviation if name == "wheels.azimuths" else deviation[0]
-        sources[name] = f"identified: geometry from logs ({numbers[0].kind})"
+    sources, deviations = dict(robot.sources), dict(robot.standard_deviations)
+    for name in ("ball.radius", "wheels.radius", "wheels.tilt", "wheels.azimuths"):
+        if name in found:
+            deviation: Value = tuple(math.hypot(one.standard_error, one.slip) for one in found[name])
+            deviations[name] = deviation if name == "wheels.azimuths" else deviation[0]
+            sources[name] = f"identified: geometry from logs ({found[name][0].kind})"
     moved = robot.replace(ball=ball, wheels=wheels)
     return moved.annotated(sources=sources, standard_deviations=deviations)
 
 
-#: a deviation of fewer standard errors than this is noise
-CLEAR = 3.0
 _AGREES = (
     "The file agrees with the logs: no value differs by more than "
     "three standard errors and by more than slip and rollers can cause."
+)
+_NO_BALANCING = (
+    "Each radius by itself and the mounting of the IMU need a balancing run with motion capture as well."
+)
+_NO_UPSIDE_DOWN = (
+    "The tilt and both radii by themselves need a log of the robot upside down as well: while it "
+    "balances, the body leans too little compared with play and rollers, and the ball may pivot."
 )
 
 
 def geometry_findings(geometry: Geometry) -> list[Finding]:
     """Return the findings about a geometry, the most severe first."""
-    turns = {kind: _frame_turn(geometry, kind) for kind in ("upside down", "balancing")}
-    findings = [_turned(kind, turn) for kind, turn in turns.items() if turn]
-    both_radii = any(one.kind == "both" for one in geometry.measured)
-    reported: set[str] = set()
+    found, turns = list[str](), dict[str, float]()
+    for kind in (UPSIDE_DOWN, BALANCING):
+        azimuths = geometry.azimuths(kind)
+        turn = common_turn(azimuths) if azimuths else 0.0
+        if azimuths and abs(turn) > max(*(CLEAR * one.standard_error for one in azimuths), SLIP_ANGLE):
+            turns[kind] = turn
+            found.append(
+                f"All azimuths are turned by {math.degrees(turn):+.2f} deg in the logs ({kind}): the "
+                "cameras' forward direction differs from the robot file's, or all wheels are mounted turned."
+            )
+    kinds = {one.kind for one in geometry.measured}
+    named = dict[str, str]()
     for one in geometry.measured:
-        # with both radii known, their ratio adds nothing
-        covered_by_radii = both_radii and "/" in one.name
         turn = turns.get(one.kind, 0.0) if "azimuths" in one.name else 0.0
-        if one.name not in reported and not covered_by_radii and _stands_out(one, turn):
-            findings.append(_sentence(one))
-            reported.add(one.name)
+        # with both radii known, their ratio adds nothing
+        if one.stands_out(turn) and not (BOTH in kinds and "/" in one.name):
+            named.setdefault(one.name, _sentence(one))
+    found += named.values()
     for number, one in enumerate(geometry.wheel_ratios, start=1):
-        if _stands_out(one, 0.0):
+        if one.stands_out():
             more = 100.0 * (one.value / one.in_file - 1.0)
-            findings.append(
+            found.append(
                 f"Wheel {number} turns {more:+.1f} % faster than the mean of the wheels "
                 "for the same motion of the ball: its radius differs, or it slips."
             )
-    return [note("geometry", text) for text in (*(findings or [_AGREES]), *_missing(geometry))]
+    missing = [] if BALANCING in kinds else [_NO_BALANCING]
+    missing += [] if UPSIDE_DOWN in kinds else [_NO_UPSIDE_DOWN]
+    return [note("geometry", text) for text in (*(found or [_AGREES]), *missing)]
 
 
-def _stands_out(one: GeometryQuantity, turn: float) -> bool:
-    off = abs(one.in_file - one.value + turn)
-    return off > CLEAR * one.standard_error and off > one.slip
+#: what to do if a quantity differs from the file, by the beginning of its name
+_ADVICE = {
+    "IMU": "mount it straight, or correct its readings.",
+    "camera": "the camera that watched the ball is tilted, which was corrected.",
+    "ball.radius /": "a balancing run with motion capture would show which of the two radii is wrong.",
+    "wheels.radius /": "a log of the robot upside down would show whether the radius or the tilt is wrong.",
+    "": "measure it again, or use the value from the logs.",
+}
 
 
 def _sentence(one: GeometryQuantity) -> str:
-    value, in_file = _rounded(one.value, one), _rounded(one.in_file, one)
-    off = f"{abs(one.deviation):.0f} standard errors"
-    if one.name.startswith("IMU"):
-        axis = one.name.removeprefix("IMU rotation ")
-        return (
-            f"By the cameras the IMU is turned by {value} {axis} against "
-            f"the body ({off}); mount it straight, or correct its readings."
-        )
-    if one.name.startswith("camera"):
-        axis = one.name.removeprefix("camera tilt ")
-        return (
-            "The frame of the camera that watched the ball is "
-            f"tilted by {value} {axis} ({off}); this was corrected."
-        )
     if one.unit == "rad":
-        return (
-            f"{one.name} is {value} by the logs and {in_file} in "
-            f"the file, a difference of {off}; measure it again."
-        )
-    share = 100.0 * (one.in_file / one.value - 1.0)
-    text = (
-        f"{one.name} is {value} by the logs and {in_file} in "
-        f"the file, a difference of {share:+.1f} % or {off}"
-    )
-    if "/" not in one.name:
-        return f"{text}; measure it again, or use the value from the logs."
-    if one.unit == "1":
-        return f"{text}; a balancing run with motion capture would show which of the two radii is wrong."
-    return f"{text}; a log of the robot upside down would show whether the radius or the tilt is wrong."
-
-
-def _rounded(value: float, one: GeometryQuantity) -> str:
-    if one.unit == "rad":
-        return f"{math.degrees(value):.2f} deg"
-    decimals = max(0, 1 - math.floor(math.log10(one.standard_error)))
-    return f"{value:.{decimals}f}{'' if one.unit == '1' else f' {one.unit}'}"
-
-
-def _frame_turn(geometry: Geometry, kind: str) -> float:
-    """Return by how much [rad] the azimuths are turned together where that stands out, else zero."""
-    azimuths = geometry.azimuths(kind)
-    if not azimuths:
-        return 0.0
-    turn = common_turn(azimuths)
-    least = max(CLEAR * max(one.standard_error for one in azimuths), azimuths[0].slip)
-    return turn if abs(turn) > least else 0.0
-
-
-def _turned(kind: str, turn: float) -> str:
+        value, in_file = (f"{math.degrees(number):.2f} deg" for number in (one.value, one.in_file))
+        share = ""
+    else:
+        decimals = max(0, 1 - math.floor(math.log10(one.standard_error)))
+        unit = "" if one.unit == "1" else f" {one.unit}"
+        value, in_file = (f"{number:.{decimals}f}{unit}" for number in (one.value, one.in_file))
+        share = f"{100.0 * (one.in_file / one.value - 1.0):+.1f} % or "
+    advice = next(text for name, text in _ADVICE.items() if one.name.startswith(name))
     return (
-        f"All azimuths are turned by {math.degrees(turn):+.2f} deg in the logs ({kind}): the "
-        "cameras' forward direction differs from the robot file's, or all wheels are mounted turned."
+        f"{one.name} is {value} by the logs and {in_file} in the file, a difference of {share}"
+        f"{abs(one.deviation):.0f} standard errors; {advice}"
     )
-
-
-def _missing(geometry: Geometry) -> list[str]:
-    kinds = {one.kind for one in geometry.measured}
-    if "balancing" not in kinds:
-        return [
-            "Each radius by itself and the mounting of the IMU "
-            "need a balancing run with motion capture as well."
-        ]
-    if "upside down" not in kinds:
-        return [
-            "The tilt and both radii by themselves need a log of the robot upside down as well: while it "
-            "balances, the body leans too little compared with play and rollers, and the ball may pivot."
-        ]
-    return []

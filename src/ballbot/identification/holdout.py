@@ -72,29 +72,10 @@ def horizon_errors(
     predictor: Predictor, values: NDArray[np.float64], log: Log, *, starts: InitialStates | None = None
 ) -> HorizonErrors | None:
     """Return the errors of the wheels' speeds [rad/s], theta and phi [rad] by horizon: with friction, with its viscous
-    part and without.
+    part and without; None if no interval of the log is as long as the longest horizon and has a known start.
 
-    The predictions begin one longest horizon after another, so that they do not overlap.
-
-    Parameters
-    ----------
-    predictor : Predictor
-    values : ndarray (p,)
-        Its parameters, SI units.
-    log : Log
-        Of that robot; where motors are driven by voltage, with the torques less the back-EMF's.
-    starts : callable, optional
-        The states to start from; those in the log's rows by default.
-
-    Returns
-    -------
-    HorizonErrors or None
-        None if no interval of the log is as long as the longest horizon and has a known start.
-
-    Raises
-    ------
-    InputError
-        If the log lacks a column.
+    The predictions begin one longest horizon after another, so that they do not overlap, from the states in the log's
+    rows or what `starts` gives. Where motors are driven by voltage, the log has the torques less the back-EMF's.
     """
     sample_time = log.sample_time
     # windows are cut to a multiple of so many samples: half of that more, so that the longest horizon is within
@@ -216,6 +197,8 @@ def cross_validate(
 ) -> HoldoutResult:
     """Predict windows of a log with the identified parameters, as long as those of the fit, and without friction.
 
+    InputError if the log lacks a column or has no window.
+
     Parameters
     ----------
     log : Log or log file
@@ -224,11 +207,6 @@ def cross_validate(
     starts : callable, optional
         The states known at times of its rows, from which the predictions by horizon start, as
         `ballbot.log.mapping.causal_states` gives them for a log from elsewhere; by default those of its rows.
-
-    Raises
-    ------
-    InputError
-        If the log lacks a column or has no window.
     """
     predictor, log = found.predictor, as_log(log)
     windows = windows_for(

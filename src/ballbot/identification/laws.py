@@ -115,10 +115,7 @@ LAWS: tuple[Law, ...] = (
 def law_named(name: str) -> Law:
     """Return the law of that name.
 
-    Raises
-    ------
-    InputError
-        If there is no such law.
+    InputError if there is no such law.
     """
     names = [law.name for law in LAWS]
     if name in names:
@@ -139,10 +136,7 @@ LawFit = Callable[[LawName, Identification | None], Identification]
 def select_law(fit: LawFit) -> ModelSelection[Identification]:
     """Fit every friction law and select the one that the held-out windows support; no friction is the baseline.
 
-    Parameters
-    ----------
-    fit : callable
-        Calls `ballbot.identification.identify` with its law and `warm_start`, all else the same each time.
+    `fit` calls `ballbot.identification.identify` with its law and `warm_start`, all else the same each time.
     """
     by_name = {law.name: law for law in LAWS}
 

@@ -29,11 +29,8 @@ from ballbot.robot import Robot
 class Bounds:
     """The least and the greatest value of quantities, by name; the others keep the default.
 
-    Raises
-    ------
-    InputError
-        If a name is not a quantity, or a pair is not two finite numbers in rising order or reaches below what is
-        physical.
+    InputError if a name is not a quantity, or a pair is not two finite numbers in rising order or reaches below what is
+    physical.
     """
 
     limits: Mapping[str, Limits] = field(default_factory=dict[str, Limits])
@@ -65,10 +62,7 @@ class Bounds:
 def read_bounds(path: str | Path) -> Bounds:
     """Read bounds from a TOML file; the module's text shows one.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
+    InputError if the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
     """
     entries = read_toml(path)
     try:
@@ -133,18 +127,8 @@ def scale_between(
 ) -> Coordinates:
     """Return the coordinates of a robot's parameters.
 
-    Parameters
-    ----------
-    robot : Robot
-    free : sequence of str
-        Names of the quantities to estimate, or of groups of them. Quantities with bounds are estimated as well; the
-        others are fixed.
-    bounds : Bounds, optional
-
-    Raises
-    ------
-    InputError
-        If a name is not a quantity or a group, or a quantity has no default bounds for this robot.
+    `free` names the quantities to estimate, or groups of them. Quantities with bounds are estimated as well; the others
+    are fixed. InputError if a name is not a quantity or a group, or a quantity has no default bounds for this robot.
     """
     bounds = bounds or Bounds()
     estimated = names_in(free)

@@ -5,6 +5,7 @@ One sentence names all parameters of which the same is to be said: the wheels of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import combinations
 
@@ -81,14 +82,13 @@ def bound_findings(
         zero = "zero friction of this kind" if coordinates.names[i] in FRICTION else "zero"
         advice = f"{zero} fits best" if bound == 0.0 else "widen the bound, or fix the parameter"
         at.setdefault((f"{side} bound {bound:g}", advice), []).append(coordinates.labels[i])
-    return [
-        warning(
-            "at-bound",
-            f"{every(labels)} {'is at its' if len(labels) == 1 else 'are at their'} {bound} and "
-            f"{'has' if len(labels) == 1 else 'have'} no standard error: {advice}.",
+    found = []
+    for (bound, advice), labels in at.items():
+        are, have = ("is at its", "has") if len(labels) == 1 else ("are at their", "have")
+        found.append(
+            warning("at-bound", f"{every(labels)} {are} {bound} and {have} no standard error: {advice}.")
         )
-        for (bound, advice), labels in at.items()
-    ]
+    return found
 
 
 def influence_findings(
@@ -123,33 +123,25 @@ def error_findings(coordinates: Coordinates, scaled_errors: NDArray[np.float64])
 
 def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
     """Return findings on the parameters that the logs limit on one side only, or not at all."""
-    either_side, above_zero, below, above = [], [], [], []
+    groups: dict[str, list[tuple[str, float]]] = {}
     for label, one in intervals.items():
-        if np.isinf(one.lower) and np.isinf(one.upper):
-            either_side.append(label)
-        elif one.lower == 0.0 and np.isinf(one.upper):
-            above_zero.append(label)
-        elif np.isinf(one.upper):
-            below.append((label, f"{one.lower:.3g}"))
-        elif np.isinf(one.lower):
-            above.append((label, f"{one.upper:.3g}"))
+        low, high = math.isfinite(one.lower), math.isfinite(one.upper)
+        if not (low and high):
+            zero = one.lower == 0.0
+            side = "either" if not (low or high) else "zero" if zero else "below" if low else "above"
+            groups.setdefault(side, []).append((label, one.lower if low else one.upper))
     found = []
-    if either_side:
-        verb, means = ("is", "its value means") if len(either_side) == 1 else ("are", "their values mean")
-        found.append(
-            f"{every(either_side)} {verb} not limited by these logs on either side: {means} nothing."
-        )
-    if above_zero:
-        verb = "is" if len(above_zero) == 1 else "are"
-        found.append(f"{every(above_zero)} {verb} not limited by these logs: any value fits, zero included.")
-    for limited, side, more in ((below, "below", "more"), (above, "above", "less")):
-        if limited:
-            labels, ends = zip(*limited, strict=True)
-            verb = "is" if len(limited) == 1 else "are"
-            found.append(
-                f"{every(labels)} {verb} limited from {side} only: {every(ends)} or {more}, with 95 % confidence."
-            )
-    return [warning("unlimited", text) for text in found]
+    for side in ("either", "zero", "below", "above"):
+        labels, ends = [label for label, _ in groups.get(side, [])], [end for _, end in groups.get(side, [])]
+        if labels:
+            limited = f"{every(labels)} {'is' if len(labels) == 1 else 'are'}"
+            more = f"{every([f'{end:.3g}' for end in ends])} or {'more' if side == 'below' else 'less'}"
+            text = {
+                "either": f"{limited} not limited by these logs on either side: its value means nothing.",
+                "zero": f"{limited} not limited by these logs: any value fits, zero included.",
+            }.get(side, f"{limited} limited from {side} only: {more}, with 95 % confidence.")
+            found.append(warning("unlimited", text))
+    return found
 
 
 def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:

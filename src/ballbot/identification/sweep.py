@@ -58,23 +58,10 @@ class Estimate:
     findings: tuple[Finding, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Combined:
-    """The estimate from logs and a sweep together."""
-
-    values: NDArray[np.float64]  #: (p,), SI units
-    covariance: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
-    used: tuple[str, ...]  #: the sweep's numbers that entered, by label
-    findings: tuple[Finding, ...]
-
-
 def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
     """Return the friction in a results.json of `ballbot identify-driveline`.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not such a file, or is of a robot with another number of wheels.
+    InputError if the file cannot be read, is not such a file, or is of a robot with another number of wheels.
     """
     results = cast("dict[str, dict]", read_results(path))
     try:
@@ -104,13 +91,11 @@ def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFrictio
     """
     uncertainty = estimate.uncertainty
     logs = np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors)
-    combined = combine(
-        coordinates.layout, estimate.values, uncertainty.correlation * np.outer(logs, logs), sweep
-    )
-    if not combined.used:
-        return Estimate(values=estimate.values, uncertainty=uncertainty, findings=combined.findings)
-    values = np.clip(combined.values, coordinates.lower, coordinates.upper)
-    errors = np.sqrt(combined.covariance.diagonal())
+    C = uncertainty.correlation * np.outer(logs, logs)
+    moved, C, findings = combine(coordinates.layout, estimate.values, C, sweep)
+    if moved is estimate.values:
+        return Estimate(values=moved, uncertainty=uncertainty, findings=findings)
+    values, errors = np.clip(moved, coordinates.lower, coordinates.upper), np.sqrt(C.diagonal())
     half = float(scipy.stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)) * errors
     lower, upper = np.maximum(values - half, coordinates.lower), np.minimum(values + half, coordinates.upper)
     intervals = {
@@ -123,17 +108,17 @@ def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFrictio
             scaled_errors=errors / coordinates.slopes(coordinates.scaled(values)),
             standard_errors=errors,
             bootstrap_errors=uncertainty.bootstrap_errors,
-            correlation=combined.covariance / np.outer(errors, errors),
+            correlation=C / np.outer(errors, errors),
             intervals=uncertainty.intervals | intervals,
         ),
-        findings=combined.findings,
+        findings=findings,
     )
 
 
 def combine(
     layout: Layout, values: NDArray[np.float64], covariance: NDArray[np.float64], sweep: SweepFriction
-) -> Combined:
-    """Return the estimate from logs and sweep together.
+) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[Finding, ...]]:
+    """Return the estimate from logs and sweep together, its covariance, and findings; `values` itself if none is used.
 
     `covariance` (p, p) is of the logs' `values` (p,); NaN for parameters without standard error, which the sweep does
     not move.
@@ -141,9 +126,10 @@ def combine(
     known = np.isfinite(covariance.diagonal())
     C = np.where(np.outer(known, known), covariance, 0.0)
     asked = _measurements(layout, values, known, sweep)
-    apart = np.abs(asked.r) / np.sqrt((asked.H @ C @ asked.H.T + asked.covariance).diagonal())
+    of_logs = asked.H @ C @ asked.H.T
+    apart = np.abs(asked.r) / np.sqrt((of_logs + asked.covariance).diagonal())
     agrees = apart <= CONTRADICTS
-    together = agreement_findings(
+    findings = agreement_findings(
         StageEstimate(
             source="the sweep", labels=asked.labels, values=asked.theirs, covariance=asked.covariance
         ),
@@ -151,37 +137,24 @@ def combine(
             source="the balancing logs",
             labels=asked.labels,
             values=asked.theirs + asked.r,
-            covariance=asked.H @ C @ asked.H.T,
+            covariance=of_logs,
         ),
     )
-    findings = together + [
-        warning(
-            "sweep",
-            f"{label} of the sweep, {theirs:.3g}, and of the balancing logs, "
-            f"{theirs + r:.3g}, differ by {z:.1f} of their standard errors, so the value of "
-            "the sweep is not used. A wheel under the robot's weight may have other friction.",
-        )
-        for label, theirs, r, z in zip(asked.labels, asked.theirs, asked.r, apart, strict=True)
-        if z > CONTRADICTS
-    ]
+    for label, theirs, r, z in zip(asked.labels, asked.theirs, asked.r, apart, strict=True):
+        if z > CONTRADICTS:
+            text = (
+                f"{label} of the sweep, {theirs:.3g}, and of the balancing logs, {theirs + r:.3g}, differ by {z:.1f} "
+                "of their standard errors, so the value of the sweep is not used. A wheel under the robot's weight may "
+                "have other friction."
+            )
+            findings.append(warning("sweep", text))
     if not agrees.any():
-        return Combined(
-            values=values,
-            covariance=covariance,
-            used=(),
-            findings=(
-                *findings,
-                warning("sweep", "Nothing of the sweep could be combined with these logs."),
-            ),
-        )
+        findings.append(warning("sweep", "Nothing of the sweep could be combined with these logs."))
+        return values, covariance, tuple(findings)
     H, S, r = asked.H[agrees], asked.covariance[np.ix_(agrees, agrees)], asked.r[agrees]
     K = np.linalg.solve(H @ C @ H.T + S, H @ C).T
-    return Combined(
-        values=values - K @ r,
-        covariance=np.where(np.outer(known, known), C - K @ H @ C, np.nan),
-        used=tuple(label for label, taken in zip(asked.labels, agrees, strict=True) if taken),
-        findings=tuple(findings),
-    )
+    together = np.where(np.outer(known, known), C - K @ H @ C, np.nan)
+    return values - K @ r, together, tuple(findings)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

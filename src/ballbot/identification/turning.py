@@ -74,10 +74,7 @@ class Turning:
 def log_turning(log: Log) -> Turning:
     """Return the turning of a log: its gyro's, or, without one, that of its angles.
 
-    Raises
-    ------
-    InputError
-        If it has neither, or hardly any values of them.
+    InputError if it has neither, or hardly any values of them.
     """
     if has_gyro(log):
         rate = np.column_stack([log[name] for name in GYRO_NAMES])

@@ -33,7 +33,7 @@ from ballbot.fitting.model_selection import gain_between, neighbours
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import WindowEquations, correlation, covariance, discrepancy
 from ballbot.identification.agreement import StageEstimate, file_findings
-from ballbot.identification.driveline import QUANTITIES, robot_with_friction
+from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.result import ParameterTable
 from ballbot.identification.verdict import BLOCK, Verdict, verdict_of
@@ -50,8 +50,6 @@ from ballbot.summary import Summary, estimated, first_texts, listed, plotted, su
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
 
 #: samples on either side of a window's first that its start is the mean of
 NEIGHBOURS = 4
@@ -77,6 +75,71 @@ _MANY_AT_LIMIT = 0.01
 #: windows are held out in so many parts to decide about s
 _FOLDS = 3
 _SOURCE = "identified: a log upside down"
+
+
+@dataclass(frozen=True, eq=False)
+class _BallLog:
+    """A log of the ball upon a robot's wheels, by groups of columns."""
+
+    robot: Robot
+    log: Log
+
+    @cached_property
+    def torques(self) -> NDArray[np.float64]:
+        """u (N, n) [N m]."""
+        return np.column_stack([self.log[name] for name in torque_names(self.robot.wheel_count)])
+
+    @cached_property
+    def omega(self) -> NDArray[np.float64]:
+        """The ball's angular velocity (N, 3) [rad/s]."""
+        return np.column_stack([self.log[name] for name in BALL_NAMES])
+
+    @cached_property
+    def wheel_speeds(self) -> NDArray[np.float64]:
+        """The wheels' speeds (N, n) by the encoders, or by the ball if there are none [rad/s]."""
+        A = ClampedBall.of_robot(self.robot).A
+        speeds = encoder_speeds(self.log, len(A))
+        return np.column_stack(speeds) if speeds else self.omega @ A.T
+
+    @cached_property
+    def at_limit(self) -> NDArray[np.bool_]:
+        """At which rows (N,) a motor cannot give the torque that is logged."""
+        drive = self.robot.drive
+        fastest = AT_LIMIT * wheel_speed_limit(
+            supply_voltage=drive.supply_voltage,
+            speed_constant=drive.speed_constant,
+            gear_ratio=drive.gear_ratio,
+        )
+        beyond = (np.abs(self.wheel_speeds) > fastest) | (np.abs(self.torques) > drive.torque_limit)
+        return np.asarray(beyond.any(axis=1))
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which rows (N,) are whole and on time, without a spike, and not at the limit of speed or torque."""
+        log, names = self.log, (*torque_names(self.robot.wheel_count), *BALL_NAMES)
+        valid = np.asarray(np.isfinite(np.hstack([self.torques, self.omega])).all(axis=1))
+        valid &= ~spiked_rows(log, names) & ~self.at_limit
+        valid[:-1] &= np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
+        return valid
+
+    def tiles(self, samples: int) -> range:
+        """Return the rows at which windows start, end to end."""
+        return range(NEIGHBOURS, len(self.log) - samples - NEIGHBOURS, samples)
+
+
+def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
+    """Return the wheels' speeds as logged, or as the slopes of their angles over 50 ms; none if neither is there."""
+    names, angles = wheel_speed_names(count), wheel_angle_names(count)
+    if all(name in log for name in names):
+        return [log[name] for name in names]
+    half = max(1, round(0.025 / log.sample_time))
+    if not all(name in log for name in angles) or len(log) <= 2 * half:
+        return []
+    slopes = [np.full(len(log), np.nan) for _ in angles]
+    for slope, name in zip(slopes, angles, strict=True):
+        travel, lasted = (one[2 * half :] - one[: -2 * half] for one in (log[name], log.t))
+        slope[half:-half] = travel / lasted
+    return slopes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,107 +178,34 @@ class BallWindows:
 
 
 def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallWindows:
-    """Cut logs into windows; those with a gap, a missing value or a row at a limit are left out.
+    """Cut logs into windows of a duration [s]; those with a gap, a missing value or a row at a limit are left out.
 
-    Parameters
-    ----------
-    robot : Robot
-    logs : sequence of Log
-        With u1 .. un and ball_omega_x, _y, _z, of one sample time.
-    duration : float
-        Of a window [s].
-
-    Raises
-    ------
-    InputError
-        If there is no log, a column is missing, the sample times differ, or the window is no length or longer
-        than every log.
+    InputError if there is no log, a column is missing, the sample times differ, or the window is no length or longer
+    than every log.
     """
     sample_time = common_sample_time(logs, duration=duration)
     samples = round(duration / sample_time)
-    pieces = [_cut(robot, number, log, samples) for number, log in enumerate(logs)]
-    spans = tuple(span for piece in pieces for span in piece[3])
+    initial, torques, measured, spans = [], [], [], []
+    for number, log in enumerate(logs):
+        ball = _BallLog(robot, log)
+        for k in ball.tiles(samples):
+            if ball.valid[k - NEIGHBOURS : k + samples + 1].all():
+                initial.append(ball.omega[k - NEIGHBOURS : k + NEIGHBOURS + 1].mean(axis=0))
+                torques.append(ball.torques[k : k + samples])
+                measured.append(ball.omega[k + 1 : k + samples + 1])
+                spans.append(Span(log=number, start=float(log.t[k]), end=float(log.t[k + samples])))
     if not spans:
         raise InputError(
             f"No log has {duration:g} s without a gap, a missing value or a row at the limit of speed or torque; "
             "choose a shorter window."
         )
     return BallWindows(
-        initial=np.concatenate([piece[0] for piece in pieces]),
-        torques=np.concatenate([piece[1] for piece in pieces]),
-        measured=np.concatenate([piece[2] for piece in pieces]),
-        spans=spans,
+        initial=np.array(initial),
+        torques=np.array(torques),
+        measured=np.array(measured),
+        spans=tuple(spans),
         sample_time=sample_time,
     )
-
-
-def _cut(
-    robot: Robot, number: int, log: Log, samples: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[Span]]:
-    torques, omegas, valid = _torques(log, robot.wheel_count), _omegas(log), valid_rows(robot, log)
-    starts = [k for k in _tiles(log, samples) if valid[k - NEIGHBOURS : k + samples + 1].all()]
-    rows = np.array(starts, dtype=np.int64)
-    near = omegas[rows[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1)]
-    held = rows[:, None] + np.arange(samples)
-    spans = [Span(log=number, start=float(log.t[k]), end=float(log.t[k + samples])) for k in starts]
-    return near.mean(axis=1), torques[held], omegas[held + 1], spans
-
-
-def _tiles(log: Log, samples: int) -> range:
-    """Return the rows at which a log's windows start, end to end."""
-    return range(NEIGHBOURS, len(log) - samples - NEIGHBOURS, samples)
-
-
-def _torques(log: Log, count: int) -> NDArray[np.float64]:
-    return np.column_stack([log[name] for name in torque_names(count)])
-
-
-def _omegas(log: Log) -> NDArray[np.float64]:
-    return np.column_stack([log[name] for name in BALL_NAMES])
-
-
-def valid_rows(robot: Robot, log: Log) -> NDArray[np.bool_]:
-    """Return which rows (N,) are whole and on time, without a spike, and not at the limit of speed or torque."""
-    names = (*torque_names(robot.wheel_count), *BALL_NAMES)
-    valid = np.asarray(np.isfinite(np.column_stack([log[name] for name in names])).all(axis=1))
-    valid &= ~spiked_rows(log, names) & ~_at_limit(robot, log)
-    valid[:-1] &= np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
-    return valid
-
-
-def _at_limit(robot: Robot, log: Log) -> NDArray[np.bool_]:
-    """Return at which rows (N,) a motor cannot give the torque that is logged."""
-    drive, w = robot.drive, _wheel_speeds(log, ClampedBall.of_robot(robot).A)
-    fastest = AT_LIMIT * wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
-    )
-    u = np.abs(_torques(log, robot.wheel_count))
-    return np.asarray(((np.abs(w) > fastest) | (u > drive.torque_limit)).any(axis=1))
-
-
-def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
-    """Return the wheels' speeds as logged, or as the slopes of their angles over 50 ms; none if neither is there."""
-    names = wheel_speed_names(count)
-    if all(name in log for name in names):
-        return [log[name] for name in names]
-    angles = wheel_angle_names(count)
-    half = max(1, round(0.025 / log.sample_time))
-    if not all(name in log for name in angles) or len(log) <= 2 * half:
-        return []
-    slopes = []
-    for name in angles:
-        slope = np.full(len(log), np.nan)
-        slope[half:-half] = (log[name][2 * half :] - log[name][: -2 * half]) / (
-            log.t[2 * half :] - log.t[: -2 * half]
-        )
-        slopes.append(slope)
-    return slopes
-
-
-def _wheel_speeds(log: Log, A: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the wheels' speeds (N, n) by the encoders, or by the ball if there are none."""
-    speeds = encoder_speeds(log, len(A))
-    return np.column_stack(speeds) if speeds else _omegas(log) @ A.T
 
 
 def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -266,11 +256,12 @@ def cut_pieces(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallPie
     J = robot.ball.inertia * np.eye(3)
     of_wheels = (ball.inertia - J) @ np.linalg.pinv(ball.A.T @ ball.A)
     for number, log in enumerate(logs):
-        w = _averaged(_wheel_speeds(log, ball.A))
-        valid = valid_rows(robot, log) & np.isfinite(w).all(axis=1)
-        momentum = _averaged(_omegas(log)) @ J + w @ ball.A @ of_wheels
-        impulse = sample_time * _averaged(_torques(log, robot.wheel_count)) @ ball.A
-        for start in _tiles(log, samples):
+        seen = _BallLog(robot, log)
+        w = _averaged(seen.wheel_speeds)
+        valid = seen.valid & np.isfinite(w).all(axis=1)
+        momentum = _averaged(seen.omega) @ J + w @ ball.A @ of_wheels
+        impulse = sample_time * _averaged(seen.torques) @ ball.A
+        for start in seen.tiles(samples):
             tiles.append((number, float(log.t[start])))
             for k in range(start, start + samples - length + 1, length):
                 piece = slice(k - SMOOTHED, k + length + SMOOTHED + 1)
@@ -385,11 +376,7 @@ class UpsideDown:
 
     robot: Robot  #: with the friction found; rolling friction as it was, which has no part here
     verdict: Verdict  #: whether the friction is usable
-    parameters: ParameterTable  #: {b: [..], c: [..], s: [..], v_s}, SI units; v_s is NaN if no wheel has s
-    standard_errors: ParameterTable  #: alike, clustered by window and widened; NaN of a friction of zero
-    intervals: Mapping[str, tuple[float, float]]  #: of 95 %, by label, of those with a standard error
-    labels: tuple[str, ...]  #: (p,)
-    correlation: NDArray[np.float64]  #: (p, p)
+    estimate: StageEstimate  #: b, c and s of each wheel and v_s (p,); errors clustered by window and widened
     #: root mean square error (3,) [rad/s] of Omega on the windows held out: with the friction "found", that of the
     #: "robot file" where it has any, and "none"
     held_out: Mapping[str, NDArray[np.float64]]
@@ -397,6 +384,26 @@ class UpsideDown:
     held_out_windows: tuple[Span, ...]
     window: float  #: length of a window [s]
     findings: tuple[Finding, ...]  #: of the numbers
+
+    @property
+    def parameters(self) -> ParameterTable:
+        """{b: [..], c: [..], s: [..], v_s}, SI units; v_s is NaN if no wheel has s."""
+        return _by_symbol(self.estimate.values)
+
+    @property
+    def standard_errors(self) -> ParameterTable:
+        """Alike; NaN of a friction of zero."""
+        return _by_symbol(self.estimate.errors)
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Of 95 %, by label, of those with a standard error."""
+        numbers = zip(self.estimate.values.tolist(), self.estimate.errors.tolist(), strict=True)
+        return {
+            label: (max(value - QUANTILE * error, 0.0), value + QUANTILE * error)
+            for label, (value, error) in zip(self.estimate.labels, numbers, strict=True)
+            if np.isfinite(error)
+        }
 
     def summary(self) -> Summary:
         """Return the verdict, each parameter with its standard error, errors held out, and warnings."""
@@ -424,7 +431,10 @@ class UpsideDown:
             "parameters": self.parameters,
             "standard_errors": self.standard_errors,
             "intervals": self.intervals,
-            "correlation": {"labels": list(self.labels), "matrix": self.correlation},
+            "correlation": {
+                "labels": list(self.estimate.labels),
+                "matrix": correlation(self.estimate.covariance),
+            },
             "rmse": {"columns": list(BALL_NAMES), "held_out": self.held_out},
             "windows": {
                 "length": self.window,
@@ -446,6 +456,8 @@ def identify_upside_down(
 ) -> UpsideDown:
     """Find b, c, s of each wheel and v_s from the robot clamped upside down.
 
+    InputError if the logs cannot give the parameters, or an option makes no sense.
+
     Parameters
     ----------
     robot : Robot, preset or robot file
@@ -459,11 +471,6 @@ def identify_upside_down(
         Share of the windows kept from the fit.
     run : Run, optional
         Its seed chooses the windows held out.
-
-    Raises
-    ------
-    InputError
-        If the logs cannot give the parameters, or an option makes no sense.
     """
     if not 0.0 < held_out < 1.0:
         raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")
@@ -481,49 +488,47 @@ def identify_upside_down(
     if not stribeck:
         text = "Break-away friction above c does not lower the error of held-out windows; s is held at 0."
         findings.append(note("no-breakaway", text))
-    fit = fit_pieces(pieces, stribeck=stribeck)
-    labels = (*(f"{symbol}{i + 1}" for symbol in ("b", "c", "s") for i in range(n)), "v_s")
-    tiles = np.unique(pieces.tile)
-    _, log = np.unique([pieces.tiles[tile][0] for tile in tiles], return_inverse=True)
-    apart = discrepancy(fit.equations, log, fit.free, seed=run.seed)
-    if apart.significant:
-        text = "The logs disagree on the friction by more than chance; errors are wider."
-        findings.append(warning("logs-differ", text))
-    C = fit.covariance(WIDENED * apart.factor)
-    values = np.where(fit.free | (np.arange(3 * n + 1) < 3 * n), fit.values, np.nan)
-    errors = np.sqrt(C.diagonal())
-    intervals = {
-        label: (max(value - QUANTILE * error, 0.0), value + QUANTILE * error)
-        for label, value, error in zip(labels, values.tolist(), errors.tolist(), strict=True)
-        if np.isfinite(error)
-    }
-    own = StageEstimate(source="the logs upside down", labels=labels, values=values, covariance=C)
-    found = robot_with_friction(
-        robot, own, source=f"identified: {len(named)} logs upside down" if len(named) > 1 else _SOURCE
-    )
+    own, of_logs = _estimated(fit_pieces(pieces, stribeck=stribeck), seed=run.seed)
+    source = f"identified: {len(named)} logs upside down" if len(named) > 1 else _SOURCE
+    found = robot_with_friction(robot, own, source=source)
     run.progress(Progress(stage="prediction", done=1, total=2))
     frictions = {"found": found.friction}
     if robot.friction != Friction.none(n):
         frictions["robot file"] = robot.friction
     frictions["none"] = Friction.none(n)
     squares = {name: kept.errors(robot, friction) for name, friction in frictions.items()}
-    verdict = verdict_of(squares["found"], squares["none"], kept.spans)
-    if not verdict.usable and not any(intervals.get(label, (0.0,))[0] > 0.0 for label in labels[: 2 * n]):
-        verdict = replace(verdict, reasons=("no friction was found", *verdict.reasons))
-    return UpsideDown(
+    result = UpsideDown(
         robot=found,
-        verdict=verdict,
-        parameters=_by_symbol(values),
-        standard_errors=_by_symbol(errors),
-        intervals=intervals,
-        labels=labels,
-        correlation=correlation(C),
+        verdict=verdict_of(squares["found"], squares["none"], kept.spans),
+        estimate=own,
         held_out={name: np.sqrt(one.mean(axis=0)) for name, one in squares.items()},
         fit_windows=windows.take(fit_rows).spans,
         held_out_windows=kept.spans,
         window=windows.torques.shape[1] * windows.sample_time,
-        findings=(*findings, *file_findings(robot, own)),
+        findings=(*findings, *of_logs, *file_findings(robot, own)),
     )
+    verdict, of_motion = (
+        result.verdict,
+        [result.intervals.get(label, (0.0,)) for label in own.labels[: 2 * n]],
+    )
+    if verdict.usable or any(low > 0.0 for low, *_ in of_motion):
+        return result
+    return replace(result, verdict=replace(verdict, reasons=("no friction was found", *verdict.reasons)))
+
+
+def _estimated(fit: BallFit, *, seed: int) -> tuple[StageEstimate, list[Finding]]:
+    """Return what a fit gives, with its covariance, and a warning if the logs disagree."""
+    n, tiles = len(fit.pieces.A), np.unique(fit.pieces.tile)
+    _, log = np.unique([fit.pieces.tiles[tile][0] for tile in tiles], return_inverse=True)
+    apart = discrepancy(fit.equations, log, fit.free, seed=seed)
+    text = "The logs disagree on the friction by more than chance; errors are wider."
+    estimate = StageEstimate(
+        source="the logs upside down",
+        labels=(*(f"{symbol}{i + 1}" for symbol in ("b", "c", "s") for i in range(n)), "v_s"),
+        values=np.where(fit.free | (np.arange(3 * n + 1) < 3 * n), fit.values, np.nan),
+        covariance=fit.covariance(WIDENED * apart.factor),
+    )
+    return estimate, [warning("logs-differ", text)] if apart.significant else []
 
 
 def _by_symbol(numbers: NDArray[np.float64]) -> dict[str, list[float] | float]:
@@ -559,7 +564,7 @@ def _check(robot: Robot, windows: BallWindows, pieces: BallPieces) -> list[Findi
 
 
 def _limit_findings(robot: Robot, logs: Mapping[str, Log]) -> list[Finding]:
-    share = float(np.concatenate([_at_limit(robot, log) for log in logs.values()]).mean())
+    share = float(np.concatenate([_BallLog(robot, log).at_limit for log in logs.values()]).mean())
     if share < _MANY_AT_LIMIT:
         return []
     text = (

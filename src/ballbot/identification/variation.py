@@ -24,12 +24,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
 from ballbot.files import read_toml
 from ballbot.findings import Finding, warning
 from ballbot.fitting.between_logs import LogSpread, spread
@@ -65,11 +64,8 @@ class Priors:
 def shipped_priors() -> Priors:
     """Return the priors that ship with Ballbot."""
     table = read_toml(PRIOR_FILE)
-    try:
-        sizes = {str(name): float(size) for name, size in table["sizes"].items()}  # pyright: ignore[reportAttributeAccessIssue]
-        return Priors(sizes=sizes, degrees=float(table["degrees"]), robots=int(table["robots"]))  # pyright: ignore[reportArgumentType]
-    except (AttributeError, KeyError, TypeError, ValueError):
-        raise InputError(f"{PRIOR_FILE} is no table of priors; install Ballbot again.") from None
+    sizes = cast("Mapping[str, float]", table["sizes"])
+    return Priors(sizes=sizes, degrees=cast("float", table["degrees"]), robots=cast("int", table["robots"]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,20 +125,9 @@ def log_estimates(
 ) -> LogEstimates:
     """Return what each log by itself leads to, to first order about the estimate from all of them.
 
-    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log.
-
-    Parameters
-    ----------
-    coordinates : Coordinates
-    fit : Fitted
-    spans : sequence of Span (w,)
-        Of its windows.
-    values : ndarray (p,)
-        The estimate from all logs, SI units; that of the fit, or one that a sweep has moved.
-    uncertainty : Uncertainty
-        Of the estimate.
-    widen : float
-        What errors within a log are multiplied by, as those of `uncertainty` are.
+    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log. `values`
+    (p,) are the estimate from all logs, SI units: that of the fit to windows `spans` (w,), or one that a sweep has
+    moved; `widen` is what errors within a log are multiplied by, as those of `uncertainty` are.
     """
     scaled = coordinates.scaled(values)
     errors = uncertainty.standard_errors / coordinates.slopes(scaled)
@@ -181,14 +166,7 @@ def _step(
 
 
 def units_of(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the units (p,) that the priors' sizes are shares of, SI; NaN for quantities without a prior.
-
-    Parameters
-    ----------
-    coordinates : Coordinates
-    values : ndarray (p,)
-        The estimates, SI units.
-    """
+    """Return the units (p,) that the priors' sizes are shares of, at estimates (p,), SI; NaN without a prior."""
     names, layout = np.array(coordinates.names), coordinates.layout
     mean = {name: float(np.mean(values[names == name])) for name in layout.names}
     dry = mean["coulomb"] + mean["stribeck"]
@@ -220,15 +198,8 @@ def widened(
 ) -> tuple[Uncertainty, Variation]:
     """Return the uncertainty with the variation between logs, and that variation.
 
-    Parameters
-    ----------
-    coordinates : Coordinates
-    values : ndarray (p,)
-        The estimates from all logs, SI units.
-    within : Uncertainty
-        Under the logs' conditions.
-    by_log : LogEstimates
-    priors : Priors
+    `values` (p,) are the estimates from all logs, SI units, and `within` is their uncertainty under the logs'
+    conditions.
     """
     scaled = coordinates.scaled(values)
     slopes = coordinates.slopes(scaled)
@@ -270,15 +241,8 @@ def with_torque_scale(
 ) -> Uncertainty:
     """Return the uncertainty with that of the torques' scale: a motor's friction is as wrong as its torque.
 
-    Parameters
-    ----------
-    coordinates : Coordinates
-    values : ndarray (p,)
-        SI units.
-    uncertainty : Uncertainty
-        For torques of the right scale.
-    scale_errors : ndarray (n,)
-        Relative standard error of each torque's scale, of `ballbot.log.checks.physics.torque_scale_errors`.
+    `uncertainty` holds for torques of the right scale; `scale_errors` (n,) are the relative standard errors of each
+    one's, of `ballbot.log.checks.physics.torque_scale_errors`.
     """
     layout, slopes = coordinates.layout, coordinates.slopes(coordinates.scaled(values))
     of_wheel = np.zeros((layout.wheel_count, len(values)))

@@ -349,3 +349,12 @@ def near(marked: Bools, reach: float) -> Bools:
 def across_a_gap(rows: Floats, t: Floats, longest: float) -> Bools:
     """Return which even rows (N,) lie between two times (M,) of a log that are further apart than `longest` [s]."""
     return np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] >= longest
+
+
+def longest_repeat(values: NDArray[np.float64]) -> tuple[int, int]:
+    """Return the first and the last row of the longest stretch in which values (N,) or (N, k) repeat themselves."""
+    rows = values.reshape(len(values), -1)
+    changes = np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)) + 1
+    edges = np.concatenate([[0], changes, [len(rows)]])
+    longest = int(np.argmax(np.diff(edges)))
+    return int(edges[longest]), int(edges[longest + 1]) - 1

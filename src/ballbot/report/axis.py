@@ -18,7 +18,7 @@ from ballbot.report.palette import BLUE, GREEN, INK, MUTED
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import with_error
-from ballbot.rounding import digits, unit_heading
+from ballbot.rounding import DASH, digits, unit_heading
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02
@@ -27,7 +27,7 @@ _MOST_POINTS = 3000
 #: findings that stand in the verdict; the others stand with the parameters
 _IN_VERDICT = 2
 #: how a row of the verdict is headed, by the finding's code
-_VERDICT_WORDS = {"outliers": "Outliers", "force-delay": "Delay", "law": "Law", "axis-residuals": "Residual"}
+_VERDICT_WORDS = {"force-delay": "Delay", "law": "Law", "axis-residuals": "Residual"}
 #: what is selected beside the law
 _FORCES = {"gravity": "gravity", "load": "dry friction that grows with the load"}
 #: the least gain that the figure of the laws shows [%]
@@ -98,8 +98,7 @@ def laws_figure(found: AxisIdentification) -> Figure:
         color = BLUE if gain.significant else MUTED
         low, middle, high = (100.0 * share for share in (gain.lower, gain.share, gain.upper))
         axes.plot([low, high], [place, place], color=color, linewidth=2.0)
-        mark, face = "o" if middle >= left else "<", color if gain.significant else "white"
-        axes.plot(max(middle, left), place, mark, color=color, mfc=face, markersize=5, clip_on=False)
+        axes.plot(middle, place, "o", color=color, mfc=color if gain.significant else "white", markersize=5)
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(compared)), [f"{name} over {LAWS[name][1]}" for name, _ in reversed(compared)])
     axes.set_xlim(left, max(5.0, 1.1 * float(ends.max())))
@@ -159,7 +158,7 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     yield section(
         "Parameters",
         Bullets(items=texts(found.findings)[_IN_VERDICT:]) if len(found.findings) > _IN_VERDICT else None,
-        Sheet(headings=_HEADINGS, rows=parameter_rows(found)),
+        Sheet(headings=("symbol", "meaning", "unit", "value"), rows=parameter_rows(found)),
         Paragraph(text=method),
         Sheet(
             headings=("force", "less error", "95 % interval"),
@@ -173,18 +172,18 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     errors = "Every law on each record, RMS. Windows: each from its best start; whole: the record from its first row."
     laws = (
         "Each law compared with the simpler law, on blocks that neither was fitted to; bars are 95 % intervals, with a "
-        "filled dot if it predicts better. An arrow points to a value beyond the axis."
+        "filled dot if it predicts better."
     )
     yield section(
         "Predictions and laws",
-        Sheet(headings=ERROR_HEADINGS, rows=error_rows(found), caption=errors),
+        Sheet(
+            headings=("law", "record", "position, windows", "position, whole"),
+            rows=_error_rows(found),
+            caption=errors,
+        ),
         open_loop_series(found, record, of_record) if len(record.parts) == 1 else None,
         drawn_picture("laws", partial(laws_figure, found), laws),
     )
-
-
-_HEADINGS = ("symbol", "meaning", "unit", "value")
-ERROR_HEADINGS = ("law", "record", "position, windows", "position, whole")
 
 
 def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
@@ -207,17 +206,12 @@ def expected_sentence(found: AxisIdentification) -> str:
     )
 
 
-def error_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
+def _error_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     """Return the prediction errors of every law on each record."""
-    return [
-        (
-            name,
-            errors.record,
-            *(
-                f"{digits(1e3 * error)} m{found.unit}" if np.isfinite(error) else "–"
-                for error in (errors.window_rmse, errors.open_loop_rmse)
-            ),
-        )
-        for name, estimate in found.by_law.items()
-        for errors in estimate.errors
-    ]
+    rows = []
+    for name, estimate in found.by_law.items():
+        for one in estimate.errors:
+            numbers = (one.window_rmse, one.open_loop_rmse)
+            shown = (f"{digits(1e3 * e)} m{found.unit}" if np.isfinite(e) else DASH for e in numbers)
+            rows.append((name, one.record, *shown))
+    return rows

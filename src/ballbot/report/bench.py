@@ -8,24 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.driveline import QUANTITIES
-from ballbot.identification.geometry import CLEAR, Geometry, GeometryQuantity
+from ballbot.identification.geometry import Geometry, GeometryQuantity
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Report, Sheet, section
-from ballbot.report.palette import BLUE, INK, ORANGE, PALE, SHADE
+from ballbot.report.blocks import Bullets, Paragraph, Report, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
     MEASURED,
     WITHOUT_FRICTION,
-    drawn_picture,
     thinned,
 )
 from ballbot.report.words import driveline_symbols, logs_words
@@ -57,16 +54,11 @@ def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
     return figure
 
 
-def _comparison(described: Robot) -> list[str]:
-    """Return how this friction differs from the one in the robot file, if there is any."""
-    if described.friction == Friction.none(described.wheel_count):
-        return []
-    return [
-        "The friction identified while balancing differs from this one for two reasons: "
-        "there the weight of the robot rests on the contacts, which adds to c and s, "
-        "and what the model neglects (play, slip, rollers) is absorbed by whichever "
-        "parameter predicts best. Use each in the situation where it was identified."
-    ]
+_COMPARISON = (
+    "The friction identified while balancing differs from this one for two reasons: there the weight of the robot "
+    "rests on the contacts, which adds to c and s, and what the model neglects (play, slip, rollers) is absorbed by "
+    "whichever parameter predicts best. Use each in the situation where it was identified."
+)
 
 
 def _parameter_table(found: UpsideDown, described: Robot) -> Sheet:
@@ -116,28 +108,6 @@ def _quantity(one: GeometryQuantity) -> str:
     return one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel")
 
 
-def geometry_figure(found: Geometry) -> Figure:
-    """Return the file's value of each quantity minus the logs', in standard errors, and what slip explains."""
-    shown = [*found.measured, *found.wheel_ratios]
-    figure = Figure(figsize=(7.4, 0.7 + 0.2 * len(shown)), layout="constrained")
-    axes = figure.subplots()
-    axes.axvspan(-CLEAR, CLEAR, color=SHADE, label=f"within {CLEAR:g} standard errors")
-    for place, one in enumerate(reversed(shown)):
-        reach = max(CLEAR, one.slip / one.standard_error)
-        label = "what slip can explain" if place == 0 else None
-        axes.plot((-reach, reach), (place, place), color=PALE, linewidth=2.4, label=label)
-        clear = abs(one.deviation) > reach
-        axes.plot(one.deviation, place, "D" if clear else "o", color=ORANGE if clear else BLUE, markersize=4)
-    axes.axvline(0.0, color=INK, linewidth=0.8)
-    axes.set_yticks(range(len(shown)), [f"{_quantity(one)} ({one.kind})" for one in reversed(shown)])
-    farthest = max(abs(one.deviation) for one in shown)
-    axes.set_xlim(-1.2 * max(farthest, 2.0 * CLEAR), 1.2 * max(farthest, 2.0 * CLEAR))
-    axes.set_xlabel("file minus logs [s.e.]")
-    axes.grid(visible=False, axis="y")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
-    return figure
-
-
 def upside_down_report(
     found: UpsideDown,
     described: Robot,
@@ -162,7 +132,9 @@ def upside_down_report(
             section(
                 "Friction found",
                 _parameter_table(found, described),
-                Bullets(items=_comparison(described)) if _comparison(described) else None,
+                Paragraph(text=_COMPARISON)
+                if described.friction != Friction.none(described.wheel_count)
+                else None,
             ),
             section(
                 "Predictions",
@@ -232,19 +204,16 @@ def geometry_report(
     log_findings: Sequence[Finding],
 ) -> Report:
     """Return the page of a geometry identified from logs."""
-    first, *others = texts(findings) or [""]
-    count = len([*found.measured, *found.wheel_ratios])
-    more = [one for one in (found.camera_delay, found.leaning_seen) if one]
-    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *more)]
+    (first, *others), count = texts(findings), len([*found.measured, *found.wheel_ratios])
+    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *found.others)]
     headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
     return Report(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
-        verdict=[("", f"{count} lengths, ratios and angles were identified. {first}".rstrip())],
+        verdict=[("", f"{count} lengths, ratios and angles were identified. {first}")],
         sections=[
             section(
                 "Geometry",
-                drawn_picture("geometry", partial(geometry_figure, found), _GEOMETRY_FIGURE),
                 Sheet(headings=headings, rows=rows, caption=_GEOMETRY_CAPTION),
                 Bullets(items=others) if others else None,
             )
@@ -257,13 +226,9 @@ def geometry_report(
     )
 
 
-_GEOMETRY_FIGURE = (
-    "The robot file's value of each quantity minus the logs', in standard errors (s.e.). A diamond lies beyond three "
-    "standard errors and beyond the errors that slip of the wheels can cause (0.6 %, 0.4 degrees). Azimuths that are "
-    "off alike are a rotation of the camera's frame."
-)
 _GEOMETRY_CAPTION = (
     "Identified from the logs, beside the value in the robot file or the one that follows from it. Each wheel's own "
-    "ratio r_b / r_w stands beside that of all wheels. Difference: file minus logs, in standard errors (s.e.). Play of "
-    "the gears hides a part of the leaning from the encoders: without play they show all of it (1.00)."
+    "ratio r_b / r_w stands beside that of all wheels. Difference: file minus logs, in standard errors (s.e.); slip of "
+    "the wheels can cause 0.6 % or 0.4 degrees. Azimuths that are off alike are a rotation of the camera's frame. Play "
+    "of the gears hides a part of the leaning from the encoders: without play they show all of it (1.00)."
 )

@@ -128,7 +128,11 @@ def driveline_report(
             section(
                 "Friction found",
                 Paragraph(text=words),
-                Sheet(headings=_headings(fits), rows=rows, caption="With 95 % intervals."),
+                Sheet(
+                    headings=("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits)),
+                    rows=rows,
+                    caption="With 95 % intervals.",
+                ),
                 Paragraph(
                     text="`ballbot identify --sweep results.json` takes b and c of each wheel from here, with their "
                     "standard errors and correlation, and finds s, v_s and δ from its logs alone. `robot.toml` has b, "
@@ -152,13 +156,9 @@ def driveline_report(
             section(
                 "Measured and modelled",
                 Sheet(
-                    headings=_ERROR_HEADINGS, rows=error_rows(fits), caption="Errors of the simulated speed."
-                ),
-                drawn_picture(
-                    "torque-speed",
-                    partial(torque_speed_figure, sweeps[0], fits[0]),
-                    f"The characteristic of wheel {sweeps[0].wheel}. Without friction a wheel is at "
-                    "the limit, or on its way between the two, all the time.",
+                    headings=("", "RMS [rad/s]", "without friction"),
+                    rows=[(f"wheel {one.wheel}", digits(one.rmse), digits(one.rmse_without)) for one in fits],
+                    caption="Errors of the simulated speed.",
                 ),
                 *(comparison_series(*row) for row in zip(sweeps, fits, strict=True)),
             ),
@@ -172,11 +172,6 @@ _CLOSING = (
     "A slow sweep stays long at high speeds and passes the low ones, where s and v_s act, in a few tenths of a second "
     "each time. The inertia is from the robot file."
 )
-_ERROR_HEADINGS = ("", "RMS [rad/s]", "without friction")
-
-
-def _headings(fits: Sequence[DrivelineFit]) -> tuple[str, ...]:
-    return ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
 
 
 def _sentence(fit: DrivelineFit) -> str:
@@ -202,18 +197,15 @@ def _written(fit: DrivelineFit, place: int) -> str:
     return "unknown" if value else "0, at its bound"
 
 
-def error_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
-    """Return RMS errors [rad/s] by wheel: with friction, and without."""
-    return [(f"wheel {fit.wheel}", digits(fit.rmse), digits(fit.rmse_without)) for fit in fits]
-
-
 def driveline_results(fits: Sequence[DrivelineFit], findings: Sequence[Finding] = ()) -> dict[str, object]:
     """Return what results.json holds."""
+
+    def table(numbers: Sequence[NDArray[np.float64]]) -> dict[str, list[float]]:
+        return dict(zip(NAMES, np.transpose(numbers).tolist(), strict=True))
+
     return {
-        "parameters": {name: [float(fit.values[i]) for fit in fits] for i, name in enumerate(NAMES)},
-        "standard_errors": {
-            name: [float(fit.standard_errors[i]) for fit in fits] for i, name in enumerate(NAMES)
-        },
+        "parameters": table([fit.values for fit in fits]),
+        "standard_errors": table([fit.standard_errors for fit in fits]),
         "intervals": {
             f"wheel {fit.wheel}": dict(zip(NAMES, fit.intervals.tolist(), strict=True)) for fit in fits
         },

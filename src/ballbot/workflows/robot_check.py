@@ -20,17 +20,19 @@ from ballbot.control.presets import PRESETS, named_controller
 from ballbot.control.references import as_reference, is_reference_file
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, finding_results, stop_on_errors
-from ballbot.identification.inertia import (
+from ballbot.identification.swing import (
     Pivot,
+    SwingFit,
     SwingInertia,
+    fit_swing,
     inertia_findings,
     inertia_of_swing,
     recording_findings,
     swing_findings,
+    swing_in_log,
     swing_results,
     swing_rows,
 )
-from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.checks.values import check_intervals
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
@@ -134,7 +136,7 @@ class CheckedSwing:
 
     def inertia_findings(self) -> list[Finding]:
         """Return what the results mean."""
-        return inertia_findings(self.fit, self.found, self.robot)
+        return inertia_findings(self.found, self.robot)
 
 
 def check_swing(

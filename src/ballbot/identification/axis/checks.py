@@ -10,26 +10,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from ballbot.findings import Finding, Place, Severity, by_severity, note, warning
+from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.motion import AxisMotion, InverseModel, inverse_model, motion_of
 from ballbot.identification.axis.record import GAP, AxisRecord
+from ballbot.log.signals import longest_repeat
 
 #: codes of the errors that are found here, which `--accept` takes
 ERROR_CODES = ("force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck")
 #: share of the force that the motion must explain
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
-#: a force is a reference of the position if its part with the position is this share of it, and position and speed
-#: leave no more than this share of its square: no axis moves without mass and dry friction
-_LEADS, _LEFT = 0.9, 1e-3
 #: columns of the inverse model beyond this condition do not distinguish gravity
 _LARGEST_CONDITION = 300.0
 #: [s]; slower samplings of an axis are rather another unit of time
 _SLOWEST_SAMPLING = 0.2
-#: [m]; axes that travel further are rare, and their positions more likely in millimetres
-_LONGEST_TRAVEL = 50.0
-#: [rad]; axes that turn so far may have their angles in degrees if they cover the travel so many times a second
-_DEGREES, _OFTEN = (60.0, 720.0), 0.25
 #: the speed counts as at its limit from this share of the largest (the 99 % quantile), if more than so many rows are;
 #: there the unexplained force varies by this share of the whole force, and by so many times its usual variation
 _AT_LIMIT, _LIMIT_ROWS, _FREE_FORCE, _FREE_TIMES = 0.98, 0.1, 0.1, 3.0
@@ -41,25 +35,12 @@ _LONG, _ROWS = 0.2, 40
 _JUMP = 3.0
 
 
-def _finding(code: str, severity: Severity, text: str, *columns: str) -> Finding:
-    return Finding(code=code, severity=severity, text=text, where=Place(columns=columns))
-
-
 def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tuple[Finding, ...]:
-    """Return what is wrong with a record, errors first.
+    """Return what is wrong with a record, errors first; the bandwidth [Hz] is that of its motion.
 
-    Parameters
-    ----------
-    record : AxisRecord
-    bandwidth : float, optional
-        Of the motion [Hz]; see `ballbot.identification.axis.motion`.
-
-    Raises
-    ------
-    InputError
-        If the bandwidth does not suit the sampling, or the record cannot give mass and friction.
+    InputError if the bandwidth does not suit the sampling, or the record cannot give mass and friction.
     """
-    findings = [*record.findings, *_of_rows(record), *_of_travel(record), *_of_stuck(record)]
+    findings = [*record.findings, *_of_rows(record), *_of_stuck(record)]
     # a constant force is refused by the identification itself
     if np.ptp(record.force) > 0.0 and all(one.severity != "error" for one in findings):
         motion = motion_of(record, bandwidth)
@@ -81,16 +62,11 @@ def _of_rows(record: AxisRecord) -> Iterator[Finding]:
     """Find rows that come too slowly, gaps, and single positions that leave the others' range by twice its width."""
     h, position = record.sample_time, record.position
     if h > _SLOWEST_SAMPLING:
-        units = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
-        cause = next(
-            (
-                f"t appears to be in {unit} ({factor * h:.3g} s): --time-scale {factor:g}"
-                for unit, factor in units.items()
-                if factor * h <= _SLOWEST_SAMPLING
-            ),
-            "check the unit of t and --time-scale",
+        text = (
+            f"Rows come every {h:.3g} s, too slowly for an axis; check the unit of t: --time-scale 0.001 if it is in "
+            "milliseconds, 1e-6 in microseconds."
         )
-        yield _finding("scale", "error", f"Rows come every {h:.3g} s, too slowly for an axis; {cause}.", "t")
+        yield error("scale", text, "t")
     gaps = len(record.parts) - 1
     if gaps:
         text = (
@@ -110,44 +86,23 @@ def _of_rows(record: AxisRecord) -> Iterator[Finding]:
             f"after the first one) and back; it is from {low:.4g} to {high:.4g} {record.unit} otherwise{more}. Remove "
             "such rows (gaps are allowed), or leave their cells empty."
         )
-        yield _finding("spike", "error", text, "position")
-
-
-def _of_travel(record: AxisRecord) -> Iterator[Finding]:
-    travel = float(np.ptp(record.position))
-    if record.unit == "m" and travel > _LONGEST_TRAVEL:
-        text = (
-            f"The axis travels {travel:.4g} m; its position appears to be in "
-            f"millimetres ({0.001 * travel:.4g} m), which makes mass and viscous "
-            "friction a thousand times too small: --position-scale 0.001. For angles give --unit rad."
-        )
-        yield warning("axis-unit", text, "position")
-    often = float(np.mean(np.abs(np.diff(record.position)))) / record.sample_time > _OFTEN * travel
-    if record.unit == "rad" and _DEGREES[0] < travel < _DEGREES[1] and often:
-        text = (
-            f"The axis travels {travel:.4g} rad, to and fro. If its position is in degrees "
-            f"({np.radians(travel):.4g} rad), inertia and viscous friction are {np.degrees(1.0):.0f} times too small: "
-            f"--position-scale {np.radians(1.0):.6g}."
-        )
-        yield warning("axis-unit", text, "position")
+        yield error("spike", text, "position")
 
 
 def _of_stuck(record: AxisRecord) -> Iterator[Finding]:
     """Find a position that repeats its value while the axis moves: it jumps after it, which one at rest does not."""
     position, t = record.position, record.t
-    edges = np.flatnonzero(np.append(True, np.append(np.diff(position) != 0.0, True)))
-    place = int(np.argmax(np.diff(edges)))
-    first, last = int(edges[place]), int(edges[place + 1])
-    if last == len(record) or last - first < _ROWS or t[last] - t[first] < _LONG:
+    first, last = longest_repeat(position)
+    if last == len(record) - 1 or last - first < _ROWS or t[last + 1] - t[first] < _LONG:
         return
     speeds = np.abs(np.diff(position)) / np.diff(t)
-    if speeds[last - 1] > _JUMP * np.delete(speeds, last - 1).max():
+    if speeds[last] > _JUMP * np.delete(speeds, last).max():
         text = (
-            f"The position is {position[first]:.4g} {record.unit} without change for {t[last] - t[first]:.2g} s (from "
-            f"row {first + 1}, {t[first]:.4g} s after the first one) while the axis moves: the log repeats its last "
-            "value. Leave these cells empty."
+            f"The position is {position[first]:.4g} {record.unit} without change for {t[last + 1] - t[first]:.2g} s "
+            f"(from row {first + 1}, {t[first]:.4g} s after the first one) while the axis moves: the log repeats its "
+            "last value. Leave these cells empty."
         )
-        yield _finding("stuck", "error", text, "position")
+        yield error("stuck", text, "position")
 
 
 def _of_speed(motion: AxisMotion) -> Iterator[Finding]:
@@ -177,65 +132,37 @@ def _of_speed(motion: AxisMotion) -> Iterator[Finding]:
             "record with less force. For a robot's drivelines use `ballbot identify-driveline`, which leaves such "
             "rows out."
         )
-        yield _finding("speed-limit", "error", text, "force", "position")
+        yield error("speed-limit", text, "force", "position")
 
 
 def _of_motion(record: AxisRecord, found: InverseModel) -> Iterator[Finding]:
-    mass, dry, viscous = (found.values[name] for name in ("mass", "coulomb", "viscous"))
-    led = np.column_stack([record.position, np.gradient(record.position), np.ones(len(record))])
-    values, left, *_ = np.linalg.lstsq(led, record.force, rcond=None)
-    of_position = abs(values[0]) * np.std(record.position) / np.std(record.force)
-    if of_position > _LEADS and left.size and left[0] < _LEFT * len(record) * np.var(record.force):
-        text = (
-            "The force is the position some rows later: it appears to be the reference of the position, and not a "
-            "force. Name the column of the force, current or voltage with --force."
-        )
-        yield _finding("force-unrelated", "error", text, "force")
-    elif _is_magnitude(record):
+    mass, dry = (found.values[name] for name in ("mass", "coulomb"))
+    size = np.abs(record.force)
+    one_sign = min(np.quantile(record.force, 0.99), -np.quantile(record.force, 0.01)) < 0.02 * size.max()
+    to_and_fro = 0.2 < float(np.mean(np.diff(record.position) > 0.0)) < 0.8
+    if one_sign and to_and_fro and np.quantile(size, 0.01) < 0.05 * size.max():
         text = (
             "The force comes down to zero and never changes its sign, though the axis moves to and fro: it is the "
             "magnitude of a force or current. Record it with its sign."
         )
-        yield _finding("force-sign", "error", text, "force")
+        yield error("force-sign", text, "force")
     elif found.explained < _EXPLAINED:
         text = (
             f"The motion of the axis explains only {100.0 * max(found.explained, 0.0):.0f} % of the force: "
-            "the force is another column, noise or from another run, or something else moves the axis."
+            "the force is another column, the reference of the position, noise or from another run, or something else "
+            "moves the axis."
         )
-        yield _finding("force-unrelated", "error", text, "force", "position")
+        yield error("force-unrelated", text, "force", "position")
     elif mass <= 0.0:
-        cause = (
-            "the force, or the position, has the opposite sign"
-            if dry < 0.0 or viscous < 0.0
-            else "the force is delayed against the position, its column is wrong, or the axis hardly accelerates"
-        )
         text = (
             f"The inverse model estimates a mass of {mass:.3g} and a dry friction of {dry:.3g} {record.force_unit}; "
-            f"both must be above zero: {cause}."
+            "both must be above zero: the force, or the position, has the opposite sign, or the force is delayed "
+            "against the position, its column is wrong, or the axis hardly accelerates."
         )
-        yield _finding("force-sign", "error", text, "force", "position")
-    elif dry < 0.0 and abs(dry) > 3.0 * found.fit.errors[found.names.index("coulomb")]:
-        text = (
-            f"The inverse model estimates a dry friction of {dry:.3g} {record.force_unit}, below zero: a "
-            "force is missing (--added-force), or force and position are not simultaneous."
-        )
-        yield warning("force-unrelated", text, "force")
+        yield error("force-sign", text, "force", "position")
     elif found.explained < _WELL_EXPLAINED:
         text = (
             f"The motion of the axis explains {100.0 * found.explained:.0f} % of the force; something else moves it as "
             "well, or the force is a demand that the driver or the supply limits."
         )
         yield warning("force-unrelated", text, "force")
-    if mass > 0.0 and viscous < 0.0:
-        text = (
-            f"The inverse model estimates a viscous friction of {viscous:.3g}, below zero; it begins at zero. The "
-            "speeds of the record do not separate it from dry friction, or the force acts later than its row."
-        )
-        yield warning("force-friction", text, "force")
-
-
-def _is_magnitude(record: AxisRecord) -> bool:
-    size = np.abs(record.force)
-    one_sign = min(np.quantile(record.force, 0.99), -np.quantile(record.force, 0.01)) < 0.02 * size.max()
-    forwards = float(np.mean(np.diff(record.position) > 0.0))
-    return bool(one_sign and np.quantile(size, 0.01) < 0.05 * size.max() and 0.2 < forwards < 0.8)

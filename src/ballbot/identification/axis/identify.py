@@ -4,8 +4,8 @@
 2. Output error over windows (`output_error`) fits nested models, and each is kept that predicts held-out blocks of time
    better than the simpler one: gravity, friction under load, and a law of friction, if its own parameters are
    determined.
-3. Intervals: the covariance clustered in time; and how far the parameters move, beyond chance, in fits to parts of the
-   records (halves in time, single records, the faster half, windows without a reversal) and from the inverse model.
+3. Intervals: the covariance clustered in time; and how far the parameters are, beyond chance, from those of the inverse
+   model and of each record by itself.
 
 An asymmetry is not selected: blocks of the same record share whatever made it, such as a temperature.
 """
@@ -13,7 +13,8 @@ An asymmetry is not selected: blocks of the same record share whatever made it, 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,7 +42,6 @@ from ballbot.identification.axis.output_error import (
     fit_output_error,
     held_out_squares,
     window_duration,
-    windows_of,
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
@@ -58,13 +58,6 @@ _LARGEST_CONDITION = 300.0
 _STRIBECK_STARTS, _LOAD_START = (0.03, 0.15), 0.05
 #: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
 _FADES = 0.5
-#: slower than this share of its usual speed, an axis reverses or rests
-_SLOW = 0.1
-#: a window whose error is so many times the usual one is named
-_FAR = 10.0
-#: a part of the records determines a parameter if its move has an error of less than so many of the whole fit's, as
-#: that of a quarter of the windows has
-_KNOWN = 2.0
 #: standard errors that a difference or an effect is beyond, where chance makes one in 1,000 cases
 _CLEAR = 3.3
 #: least share of the residual force's variance that a dependence explains, and the largest p-value of it
@@ -76,17 +69,20 @@ _DRAWS, _SEED = 2000, 0
 class AxisOptions:
     """How an axis is identified; what is None is selected by errors on held-out blocks.
 
-    Raises
-    ------
-    InputError
-        If there is no such law, or the bandwidth is not above zero.
+    InputError if there is no such law, or the bandwidth is not above zero.
     """
 
-    law: str | None = None  #: see `LAWS`
-    bandwidth: float | None = None  #: of the motion [Hz], which sets the filters
-    gravity: bool | None = None  #: of an axis that turns
-    load_friction: bool | None = None  #: whether dry friction grows with the load
-    known: Mapping[str, float] = field(default_factory=dict)  #: parameters that are not estimated, by name
+    law: str | None = None
+    """The friction law: viscous, coulomb, stribeck or asymmetric."""
+
+    bandwidth: float | None = None
+    """Bandwidth of the motion, in hertz, which sets the filters."""
+
+    gravity: bool | None = None
+    """Whether gravity acts on an axis that turns: S sin q + C cos q."""
+
+    load_friction: bool | None = None
+    """Whether dry friction grows with the load that the gears transmit, |F + G| / 2."""
 
     def __post_init__(self) -> None:
         if self.law is not None and self.law not in LAWS:
@@ -99,6 +95,7 @@ class AxisOptions:
 
 
 DEFAULT_OPTIONS = AxisOptions()
+_NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,10 +114,15 @@ class AxisEstimate:
     model: AxisModel
     values: dict[str, float]  #: by name, SI units
     standard_errors: dict[str, float]  #: by name, of the whole interval; NaN for a parameter at a bound
-    half_widths: dict[str, float]  #: of the 95 % intervals, by name
+    quantile: float  #: half width of a 95 % interval over the standard error
     correlation: NDArray[np.float64]  #: (p, p) of the errors
     errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
     gain: Gain | None  #: on held-out blocks over the simpler law
+
+    @property
+    def half_widths(self) -> dict[str, float]:
+        """Half widths of the 95 % intervals, by name."""
+        return {name: self.quantile * error for name, error in self.standard_errors.items()}
 
     @property
     def law(self) -> str:
@@ -133,10 +135,8 @@ class AxisEstimate:
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-        intervals = {
-            name: [value - self.half_widths[name], value + self.half_widths[name]]
-            for name, value in self.values.items()
-        }
+        halves = self.half_widths
+        intervals = {name: [one - halves[name], one + halves[name]] for name, one in self.values.items()}
         errors = {one.record: {k: v for k, v in vars(one).items() if k != "record"} for one in self.errors}
         return {
             "parameters": self.values,
@@ -205,25 +205,25 @@ def identify_axis(
     record: AxisRecord | Sequence[AxisRecord],
     *,
     options: AxisOptions = DEFAULT_OPTIONS,
+    known: Mapping[str, float] = _NOTHING,
     validation_records: Sequence[AxisRecord] = (),
     run: Run = DEFAULT_RUN,
 ) -> AxisIdentification:
     """Identify an axis's mass and friction.
+
+    InputError if the records do not determine the parameters, or the options do not suit them.
 
     Parameters
     ----------
     record : AxisRecord or sequence of AxisRecord
         Several are fitted together.
     options : AxisOptions, optional
+    known : mapping of str to float, optional
+        Parameters that are not estimated, by name.
     validation_records : sequence of AxisRecord
         Other records of the axis, which every estimate predicts and none is fitted to.
     run : Run, optional
         Who watches the progress. Its seed is not used.
-
-    Raises
-    ------
-    InputError
-        If the records do not determine the parameters, or the options do not suit them.
     """
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
     _check(records, validation_records, options)
@@ -231,7 +231,7 @@ def identify_axis(
     seen, others = (
         [motion_of(one, options.bandwidth) for one in several] for several in (records, validation_records)
     )
-    first, forces = _with_forces(seen, options)
+    first, forces = _with_forces(seen, options, known)
     fits = {}
     for number, name in enumerate(LAWS):
         run.progress(Progress(stage=f"law {name}", done=number, total=len(LAWS)))
@@ -250,7 +250,7 @@ def identify_axis(
             model=fit.model,
             values=fit.values,
             standard_errors=fit.standard_errors,
-            half_widths={key: fit.quantile * error for key, error in fit.standard_errors.items()},
+            quantile=fit.quantile,
             correlation=fit.correlation,
             errors=tuple(_errors(fit, one, duration) for one in (*seen, *others)),
             gain=gains[name],
@@ -274,7 +274,6 @@ def identify_axis(
         *lacks,
         *_undetermined(best),
         *_delayed(fits[chosen]),
-        *_outliers(fits[chosen]),
         *_residual_findings(seen, best),
         *_elsewhere(found),
     )
@@ -306,7 +305,9 @@ def _check(
             )
 
 
-def _with_forces(seen: Sequence[AxisMotion], options: AxisOptions) -> tuple[OutputErrorFit, dict[str, Gain]]:
+def _with_forces(
+    seen: Sequence[AxisMotion], options: AxisOptions, known: Mapping[str, float]
+) -> tuple[OutputErrorFit, dict[str, Gain]]:
     """Return the fit of the law `coulomb` with gravity and load as requested or selected, and the gains of these."""
     # rows at uneven times are not those of the loop that holds the force
     uneven = not all(one.record.even for one in seen)
@@ -315,7 +316,7 @@ def _with_forces(seen: Sequence[AxisMotion], options: AxisOptions) -> tuple[Outp
         law="coulomb",
         forces=tuple(name for name, wanted in asked.items() if wanted),
         interpolated=uneven,
-        known=options.known,
+        known=known,
     )
     gains, with_gravity = dict[str, Gain](), replace(model, forces=("gravity", *model.forces))
     if (
@@ -367,7 +368,7 @@ def _fit(
     """Fit a model by output error from some values, or from the inverse model's."""
     records = [one.record for one in seen]
     duration = window_duration(records)
-    problem = OutputError(model=model, windows=tuple(windows_of(one, duration) for one in seen))
+    problem = OutputError.of(model, seen, duration)
     if begin is not None:
         return fit_output_error(problem, begin)
     inverse = inverse_model(seen, model).values
@@ -385,7 +386,7 @@ def _fit(
 
 def _fit_law(law: str, first: OutputErrorFit, seen: Sequence[AxisMotion]) -> OutputErrorFit:
     """Fit a law with the forces of a fit of the law `coulomb`, and from its values."""
-    model = first.model.with_law(law)
+    model = replace(first.model, law=law)
     fastest = max(float(np.abs(one.speed).max()) for one in seen)
     # a Stribeck speed has several minima
     starts = [
@@ -417,9 +418,8 @@ def _selected(
 
 def _errors(fit: OutputErrorFit, motion: AxisMotion, duration: float) -> AxisErrors:
     """Return how well a fit predicts a record over windows and whole."""
-    record, windows = motion.record, windows_of(motion, duration)
-    squares = OutputError(model=fit.model, windows=(windows,)).squares(fit.values)
-    counts = np.bincount(windows.compared[2])
+    record, problem = motion.record, OutputError.of(fit.model, [motion], duration)
+    squares, counts = problem.squares(fit.values), np.bincount(problem.window)
     whole = np.nan
     if len(record.parts) == 1:
         whole = float(np.sqrt(np.mean(open_loop_error(fit.model.axis(fit.values), record) ** 2)))
@@ -439,55 +439,33 @@ def open_loop_error(axis: Axis, record: AxisRecord) -> NDArray[np.float64]:
 def _widened(
     plain: AxisEstimate, fit: OutputErrorFit, seen: Sequence[AxisMotion]
 ) -> tuple[AxisEstimate, list[Finding]]:
-    """Return the result with intervals that contain what differs between parts and methods, and a finding on that."""
+    """Return the result with intervals that contain what differs between records and methods, and a finding on that."""
     names, own = list(fit.values), np.array(list(fit.standard_errors.values()))
-    lacks, causes = np.zeros(len(names)), [""] * len(names)
-    for cause, windows in _parts(fit):
-        moves, errors = fit.moved_by(windows)
-        # a part that hardly determines a parameter says nothing about it
-        beyond = np.sqrt(np.maximum(np.where(errors < _KNOWN * own, moves**2 - errors**2, 0.0), 0.0))
-        for i in np.flatnonzero(beyond > lacks):
-            lacks[i], causes[i] = beyond[i], cause
     inverse = inverse_model(seen, fit.model)
-    for name, error in zip(inverse.names, inverse.fit.errors.tolist(), strict=True):
-        i = names.index(name)
-        beyond = (fit.values[name] - inverse.values[name]) ** 2 - error**2 - np.nan_to_num(own[i]) ** 2
-        if beyond > lacks[i] ** 2:
-            lacks[i], causes[i] = np.sqrt(beyond), "by the inverse model"
+    errors = dict(zip(inverse.names, inverse.fit.errors.tolist(), strict=True))
+    others = [("by the inverse model", inverse.values, errors)]
+    for number, one in enumerate(seen if len(seen) > 1 else (), start=1):
+        alone = _fit(fit.model, [one], begin=fit.values)
+        others.append((f"in record {number}", alone.values, alone.standard_errors))
+    lacks, causes = np.zeros(len(names)), [""] * len(names)
+    for cause, values, errors in others:
+        for i, name in enumerate(names):
+            if name in values:
+                chance = errors[name] ** 2 + np.nan_to_num(own[i]) ** 2
+                beyond = (fit.values[name] - values[name]) ** 2 - chance
+                if beyond > lacks[i] ** 2:
+                    lacks[i], causes[i] = np.sqrt(beyond), cause
     # a parameter at a bound has no interval
-    errors = dict(zip(names, np.hypot(own, lacks).tolist(), strict=True))
-    halves = {name: fit.quantile * error for name, error in errors.items()}
-    best = replace(plain, standard_errors=errors, half_widths=halves)
+    best = replace(plain, standard_errors=dict(zip(names, np.hypot(own, lacks).tolist(), strict=True)))
     most = np.flatnonzero(lacks > _CLEAR * own)
     if not most.size:
         return best, []
     words = [f"{PARAMETERS[names[i]].symbol} by {lacks[i]:.2g} {causes[i]}" for i in most]
     text = (
-        "The model may lack something: parameters differ by more than chance between parts or methods "
+        "The model may lack something: parameters differ by more than chance between records or methods "
         f"({'; '.join(words)}). The 95 % intervals include that."
     )
     return best, [note("discrepancy", text)]
-
-
-def _parts(fit: OutputErrorFit) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Yield parts of the records, as windows (w,), each with what a fit to it is."""
-    speeds, slow, record = [], [], []
-    for number, one in enumerate(fit.problem.windows):
-        speed = np.abs(one.motion.speed)
-        for first, count in zip(one.firsts.tolist(), one.counts.tolist(), strict=True):
-            part = speed[first : first + count + 1]
-            speeds.append(float(np.sqrt(np.mean(part**2))))
-            slow.append(float(part.min()) < _SLOW * one.motion.usual_speed)
-            record.append(number)
-    count, numbers = len(speeds), np.array(record)
-    time = np.arange(count) < count // 2
-    yield "in the first half", time
-    yield "in the second half", ~time
-    yield "in the faster half of the windows", np.array(speeds) >= np.median(speeds)
-    yield "without the windows that reverse or rest", ~np.array(slow)
-    if len(fit.problem.windows) > 1:
-        for number in set(record):
-            yield f"in record {number + 1}", numbers == number
 
 
 def _expected(squares: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -574,44 +552,30 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
 
 def _delayed(fit: OutputErrorFit) -> Iterator[Finding]:
     """Warn if the motion shows that the force acts later or earlier than its rows."""
-    row = max(one.record.sample_time for one in fit.problem.windows)
-    begun = fit.problem.starts(fit.values)
-    change = replace(fit.problem, late=row).errors(fit.values) - begun.errors
-    column = begun.project(change) / row
+    problem = fit.problem
+    row = max(one.record.sample_time for one in problem.motions)
+    late = [replace(one, record=_late(one.record, row)) for one in problem.motions]
+    begun = problem.begun(fit.values)
+    column = begun.project(replace(problem, motions=tuple(late)).errors(fit.values) - begun.errors) / row
     free = np.linalg.norm(fit.slopes, axis=0) > 0.0
     X = np.column_stack([fit.slopes[:, free], column])
     lengths = np.linalg.norm(X, axis=0)
     if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
         return
     found = fit_linear(X / lengths, -fit.residuals, fit.problem.window)
-    late, error = float(found.values[-1] / lengths[-1]), float(found.errors[-1] / lengths[-1])
-    if abs(late) > max(_CLEAR * error, 0.5 * row):
+    delay, error = float(found.values[-1] / lengths[-1]), float(found.errors[-1] / lengths[-1])
+    if abs(delay) > max(_CLEAR * error, 0.5 * row):
         text = (
-            f"The force seems to act {1e3 * abs(late):.2g} ± {1e3 * error:.2g} ms "
-            f"{'later' if late > 0.0 else 'earlier'} than its rows, as behind a bus or a filter, or the drive yields "
+            f"The force seems to act {1e3 * abs(delay):.2g} ± {1e3 * error:.2g} ms "
+            f"{'later' if delay > 0.0 else 'earlier'} than its rows, as behind a bus or a filter, or the drive yields "
             "or has play: then inertia and viscous friction are off. Shift the force if you know its delay."
         )
         yield warning("force-delay", text)
 
 
-def _outliers(fit: OutputErrorFit) -> Iterator[Finding]:
-    """Name the windows that are predicted far worse than the others."""
-    errors = np.sqrt(
-        np.bincount(fit.problem.window, weights=fit.residuals**2) / np.bincount(fit.problem.window)
-    )
-    far = np.flatnonzero(errors > _FAR * np.median(errors))
-    if 0 < len(far) <= 0.1 * len(errors):
-        spans = [
-            f"{one.record.name}, {one.record.t[first]:.4g} to {one.record.t[first + count]:.4g} s"
-            for one in fit.problem.windows
-            for first, count in zip(one.firsts.tolist(), one.counts.tolist(), strict=True)
-        ]
-        text = (
-            f"{len(far)} of {len(errors)} windows are predicted more than {_FAR:.0f} times worse than the others "
-            f"({'; '.join(spans[i] for i in far[:3])}): look for lost messages, touches or hits there, and leave "
-            "corrupted cells empty."
-        )
-        yield warning("outliers", text)
+def _late(record: AxisRecord, delay: float) -> AxisRecord:
+    """Return a record whose force acts so much later [s]."""
+    return replace(record, force=np.interp(record.t - delay, record.t, record.force))
 
 
 def _elsewhere(found: AxisIdentification) -> Iterator[Finding]:

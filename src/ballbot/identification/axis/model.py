@@ -103,10 +103,6 @@ class AxisModel:
         own = (name for force in self.forces for name in FORCES[force])
         return tuple(name for name in (*LAWS[self.law][0], *own) if name not in self.known)
 
-    def with_law(self, name: str) -> AxisModel:
-        """Return the same with another friction law."""
-        return replace(self, law=name)
-
     def axis(self, values: Values) -> Axis:
         """Return the axis with these parameters and the known ones."""
         return Axis(values={**self.known, **values}, interpolated=self.interpolated)
@@ -196,13 +192,8 @@ class Axis:
     ) -> NDArray[np.float64]:
         """Return the positions at the ends of the rows of windows of a record, one window after another.
 
-        Parameters
-        ----------
-        record : AxisRecord
-        firsts, counts : ndarray (w,)
-            The first row of each window, and how many rows it runs over.
-        starts : ndarray (w, 2)
-            Position and speed at each first row.
+        Each window has its first row (w,), how many rows it runs over (w,), and position and speed at its first row (w,
+        2).
         """
         acting = record.force - self._value("offset")
         rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))

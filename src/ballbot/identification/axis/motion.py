@@ -95,10 +95,7 @@ def motion_of(record: AxisRecord, bandwidth: float | None = None) -> AxisMotion:
 
     The bandwidth is 20 Hz by default, or less if the sampling is slow or the position noisy.
 
-    Raises
-    ------
-    InputError
-        If the filter for the bandwidth [Hz] is beyond half the sampling rate, or no part is long enough.
+    InputError if the filter for the bandwidth [Hz] is beyond half the sampling rate, or no part is long enough.
     """
     if all(end - first < LEAST_PART for first, end in record.parts):
         raise InputError(f"{record.name} has no part of {LEAST_PART} rows on end; log without gaps.")
@@ -175,10 +172,7 @@ class InverseModel:
 def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseModel:
     """Fit the linear part of a model, without the load.
 
-    Raises
-    ------
-    InputError
-        If the records do not distinguish the parameters.
+    InputError if the records do not distinguish the parameters.
     """
     parts = [_columns(motion, model) for motion in motions]
     names = tuple(name for name in model.names if name in parts[0])

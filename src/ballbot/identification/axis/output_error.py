@@ -1,4 +1,4 @@
-"""Output error: the parameters whose simulated positions come closest to the recorded ones over windows of a record.
+"""Output error: the parameters whose simulated positions come closest to the recorded ones over windows of records.
 
 The recorded force moves the axis through each window. The state at its start is estimated with the parameters, by a
 linear correction of the filtered record's position and speed there: from the window's errors and their derivatives, the
@@ -45,62 +45,12 @@ _ENOUGH = 1e-4
 _INSIDE, _AT_BOUND = 1e-3, 1e-6
 #: positions are compared this often [s]
 _COMPARED_EVERY = 0.01
-#: shares of the usual speed: standard deviation of the start's speed, and the step of its finite difference
-_START_SPEED, _SPEED_DIFFERENCE = 0.2, 0.01
+#: standard deviation of the start's speed, as a share of the usual one
+_START_SPEED = 0.2
+#: steps of the finite differences by a start's position and speed, in their standard deviations
+_START_STEPS = np.diag([10.0, 0.05])
 #: rounds of better starts
 _ROUNDS = 3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AxisWindows:
-    """Windows of one record, and which of its rows are compared: every `_COMPARED_EVERY`, and from one row on."""
-
-    motion: AxisMotion
-    firsts: NDArray[np.int64]  #: (w,)
-    counts: NDArray[np.int64]  #: (w,) rows that each runs over
-    starts: NDArray[np.float64]  #: (w, 2) position and speed there
-
-    @property
-    def record(self) -> AxisRecord:
-        """The record."""
-        return self.motion.record
-
-    @property
-    def noise(self) -> float:
-        """Standard deviation of the position's noise [m], at least that of rounding."""
-        return max(self.motion.noise, 1e-9 * float(np.ptp(self.record.position)))
-
-    @cached_property
-    def compared(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Which of the positions at rows' ends are compared (m,), the rows of these, and the window of each."""
-        every = max(1, round(_COMPARED_EVERY / self.record.sample_time))
-        begins = np.cumsum(self.counts) - self.counts
-        steps = [np.arange(min(every, count), count + 1, every) for count in self.counts.tolist()]
-        step, window = np.concatenate(steps), np.repeat(np.arange(len(steps)), [len(one) for one in steps])
-        return begins[window] + step - 1, self.firsts[window] + step, window
-
-    def only(self, kept: NDArray[np.bool_]) -> AxisWindows:
-        """Return some of the windows (w,)."""
-        return replace(self, firsts=self.firsts[kept], counts=self.counts[kept], starts=self.starts[kept])
-
-
-def windows_of(motion: AxisMotion, duration: float) -> AxisWindows:
-    """Return windows of about that duration [s], end to end, in each part between gaps."""
-    record, spans = motion.record, list[tuple[int, int]]()
-    for begin, end in record.parts:
-        if end - begin >= LEAST_PART:
-            count = max(1, round((end - 1 - begin) * record.sample_time / duration))
-            edges = np.linspace(begin, end - 1, count + 1).astype(int)
-            spans += [(int(a), int(b)) for a, b in pairwise(edges) if b > a]
-    firsts = np.array([first for first, _ in spans], dtype=np.int64)
-    starts = np.column_stack([motion.position[firsts], motion.speed[firsts]])
-    starts[firsts == 0] = (record.position[0], speed_at_start(record))
-    return AxisWindows(
-        motion=motion,
-        firsts=firsts,
-        counts=np.array([last - first for first, last in spans], dtype=np.int64),
-        starts=starts,
-    )
 
 
 def window_duration(records: Sequence[AxisRecord]) -> float:
@@ -110,100 +60,115 @@ def window_duration(records: Sequence[AxisRecord]) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OutputError:
-    """Position errors [m] of a model over windows of records."""
+    """Position errors [m] of a model over w windows, one record's after another's."""
 
     model: AxisModel
-    windows: tuple[AxisWindows, ...]  #: of each record
-    late: float = 0.0  #: by how much the force acts later than its row [s]
+    motions: tuple[AxisMotion, ...]  #: of the records
+    record: NDArray[np.int64]  #: (w,) which of them each window is in
+    firsts: NDArray[np.int64]  #: (w,) the row that it begins at
+    counts: NDArray[np.int64]  #: (w,) rows that it runs over
+    starts: NDArray[np.float64]  #: (w, 2) position and speed there
 
-    @cached_property
-    def window(self) -> NDArray[np.int64]:
-        """The window of each error (m,), counted through all records."""
-        begins = np.cumsum([0, *(len(one.firsts) for one in self.windows)])
-        return np.concatenate([one.compared[2] + a for one, a in zip(self.windows, begins[:-1], strict=True)])
+    @staticmethod
+    def of(model: AxisModel, motions: Sequence[AxisMotion], duration: float) -> OutputError:
+        """Return windows of about that duration [s], end to end in each part between gaps."""
+        rows, starts = list[tuple[int, int, int]](), list[tuple[float, float]]()
+        for number, motion in enumerate(motions):
+            for begin, end in motion.record.parts:
+                if end - begin >= LEAST_PART:
+                    count = max(1, round((end - 1 - begin) * motion.record.sample_time / duration))
+                    edges = np.linspace(begin, end - 1, count + 1).astype(int).tolist()
+                    rows += [(number, a, b - a) for a, b in pairwise(edges) if b > a]
+        for number, first, _ in rows:
+            motion, record = motions[number], motions[number].record
+            filtered = float(motion.position[first]), float(motion.speed[first])
+            starts.append(filtered if first else (float(record.position[0]), speed_at_start(record)))
+        which, firsts, counts = np.array(rows, dtype=np.int64).T.copy()
+        return OutputError(
+            model=model,
+            motions=tuple(motions),
+            record=which,
+            firsts=firsts,
+            counts=counts,
+            starts=np.array(starts),
+        )
 
     @property
     def count(self) -> int:
         """How many windows there are."""
-        return int(self.window.max()) + 1
+        return len(self.firsts)
 
     @cached_property
-    def _begins(self) -> NDArray[np.intp]:
-        return np.flatnonzero(np.diff(self.window, prepend=-1))
+    def _compared(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+        """Which of the positions at rows' ends are compared (m,), with what [m], and the window of each."""
+        places, measured, window, begin = [], [], [], 0
+        for w, (number, first, count) in enumerate(
+            zip(self.record.tolist(), self.firsts.tolist(), self.counts.tolist(), strict=True)
+        ):
+            record = self.motions[number].record
+            every = max(1, round(_COMPARED_EVERY / record.sample_time))
+            steps = np.arange(min(every, count), count + 1, every)
+            places.append(begin + steps - 1)
+            measured.append(record.position[first + steps])
+            window.append(np.full(len(steps), w))
+            begin += count
+        return np.concatenate(places), np.concatenate(measured), np.concatenate(window)
+
+    @property
+    def window(self) -> NDArray[np.int64]:
+        """The window of each error (m,)."""
+        return self._compared[2]
 
     @cached_property
-    def _noise(self) -> NDArray[np.float64]:
-        return np.concatenate([np.full(len(one.compared[0]), one.noise) for one in self.windows])
+    def sizes(self) -> NDArray[np.float64]:
+        """Standard deviations of each start (w, 2): of its position, at least of rounding, and of its speed."""
+        of_record = [
+            (max(one.noise, 1e-9 * float(np.ptp(one.record.position))), _START_SPEED * one.usual_speed)
+            for one in self.motions
+        ]
+        return np.array(of_record)[self.record]
 
-    def errors(self, values: Values, *, noises: float = 0.0, speeds: float = 0.0) -> NDArray[np.float64]:
-        """Return simulated minus recorded positions (m,), the starts moved by shares of the noise and usual speed."""
-        found, axis = [], self.model.axis(values)
-        for one in self.windows:
-            record = one.record
-            moved = record
-            if self.late:
-                moved = replace(record, force=np.interp(record.t - self.late, record.t, record.force))
-            places, rows, _ = one.compared
-            starts = one.starts + np.array([noises * one.noise, speeds * one.motion.usual_speed])
-            found.append(axis.windows(moved, one.firsts, one.counts, starts)[places] - record.position[rows])
-        return np.concatenate(found)
+    def errors(self, values: Values, *, moved: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
+        """Return simulated minus recorded positions (m,), all starts `moved` (2,) by so many standard deviations."""
+        axis, starts, positions = self.model.axis(values), self.starts + moved * self.sizes, []
+        for number, motion in enumerate(self.motions):
+            own = self.record == number
+            positions.append(axis.windows(motion.record, self.firsts[own], self.counts[own], starts[own]))
+        places, measured, _ = self._compared
+        return np.concatenate(positions)[places] - measured
 
-    def starts(self, values: Values) -> Starts:
-        """Return the effect of other starts at these values."""
-        middle = self.errors(values)
-        # in units of the noise, for a start that is off by one standard deviation of its position or of its speed
-        S = np.column_stack(
-            [
-                (self.errors(values, noises=10.0) - middle) / 10.0,
-                (self.errors(values, speeds=_SPEED_DIFFERENCE) - middle) * (_START_SPEED / _SPEED_DIFFERENCE),
-            ]
-        )
-        S /= self._noise[:, None]
-        gram = np.add.reduceat(S[:, :, None] * S[:, None, :], self._begins, axis=0)
+    def begun(self, values: Values) -> Begun:
+        """Return the errors at these values and the effect of other starts."""
+        middle, noise = self.errors(values), self.sizes[self.window, 0]
+        changes = [(self.errors(values, moved=step) - middle) / step.sum() for step in _START_STEPS]
+        S = np.column_stack(changes) / noise[:, None]
+        begins = np.flatnonzero(np.diff(self.window, prepend=-1))
+        gram = np.add.reduceat(S[:, :, None] * S[:, None, :], begins, axis=0)
         inverse = np.asarray(np.linalg.inv(gram + np.eye(2)), dtype=np.float64)
-        return Starts(
-            errors=middle,
-            slopes=S,
-            inverse=inverse,
-            window=self.window,
-            begins=self._begins,
-            noise=self._noise,
-        )
+        return Begun(errors=middle, slopes=S, inverse=inverse, window=self.window, begins=begins, noise=noise)
 
     def from_better_starts(self, values: Values) -> OutputError:
         """Return the same with the starts of its windows estimated from their errors."""
-        found = self.starts(values)
-        shifts, begin, moved = found.shifts(found.errors), 0, []
-        for one in self.windows:
-            own = shifts[begin : begin + len(one.firsts)]
-            sizes = np.array([one.noise, _START_SPEED * one.motion.usual_speed])
-            moved.append(replace(one, starts=one.starts - own * sizes))
-            begin += len(one.firsts)
-        return replace(self, windows=tuple(moved))
+        begun = self.begun(values)
+        return replace(self, starts=self.starts - begun.shifts(begun.errors) * self.sizes)
 
     @np.errstate(over="ignore", invalid="ignore")  # the error of a simulation that diverges is infinite
     def squares(self, values: Values) -> NDArray[np.float64]:
         """Return the mean square error [m^2] of each window (w,) from its best start."""
         tables = []
         for one in (self, self.from_better_starts(values)):
-            begun = one.starts(values)
-            left = begun.project(begun.errors)
-            tables.append(np.add.reduceat(left**2, self._begins))
+            begun = one.begun(values)
+            tables.append(np.add.reduceat(begun.project(begun.errors) ** 2, begun.begins))
         return np.nan_to_num(np.fmin(*tables) / np.bincount(self.window), nan=np.inf)
 
     def only(self, kept: NDArray[np.bool_]) -> OutputError:
-        """Return the errors over some of the windows, counted through all records (w,)."""
-        parts, begin = [], 0
-        for one in self.windows:
-            own = kept[begin : begin + len(one.firsts)]
-            begin += len(one.firsts)
-            if own.any():
-                parts.append(one.only(own))
-        return replace(self, windows=tuple(parts))
+        """Return the errors over some of the windows (w,)."""
+        names = ("record", "firsts", "counts", "starts")
+        return replace(self, **{name: getattr(self, name)[kept] for name in names})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Starts:
+class Begun:
     """Errors (m,) and how they depend on the starts of windows."""
 
     errors: NDArray[np.float64]  #: (m,) [m]
@@ -251,48 +216,22 @@ class OutputErrorFit:
         """Half the width of a 95 % interval over the standard error."""
         return float(scipy.stats.t.ppf(0.975, max(1, self.problem.count - len(self.values))))
 
-    def moved_by(self, windows: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return how far the parameters (p,) move in a fit to some windows (w,) alone, and the standard errors of that.
-
-        To first order; NaN where these windows do not determine a parameter.
-        """
-        free = np.linalg.norm(self.slopes, axis=0) > 0.0
-        moves, errors = np.full((2, len(free)), np.nan)
-        J = self.slopes[:, free]
-        lengths = np.linalg.norm(J, axis=0)
-        J = J / lengths
-        count = self.problem.count
-        scores = np.column_stack(
-            [
-                np.bincount(self.problem.window, weights=column * self.residuals, minlength=count)
-                for column in J.T
-            ]
-        )
-        rows = windows[self.problem.window]
-        whole, part = J.T @ J, J[rows].T @ J[rows]
-        if free.any() and np.linalg.cond(part) < 1e8:
-            alone, together = np.linalg.inv(part), np.linalg.inv(whole)
-            moves[free] = -alone @ scores[windows].sum(axis=0) / lengths
-            each = scores * windows[:, None] @ alone - scores @ together
-            errors[free] = np.sqrt(count / max(count - 1, 1) * (each**2).sum(axis=0)) / lengths
-        return moves, errors
-
 
 # a trial step may diverge: its cost is not finite; it is refused
 @np.errstate(over="ignore", invalid="ignore")
 def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputErrorFit:
     model, space = problem.model, problem.model.space(start)
     lower, upper = space.bounds()
-    scale = max(float(np.ptp(one.record.position)) for one in problem.windows) * 1e-3
-    last: dict[bytes, Starts] = {}
+    scale = max(float(np.ptp(one.record.position)) for one in problem.motions) * 1e-3
+    last: dict[bytes, Begun] = {}
 
     def at(z: NDArray[np.float64]) -> dict[str, float]:
         return model.by_name(space.physical(z))
 
-    def begun(z: NDArray[np.float64]) -> Starts:
+    def begun(z: NDArray[np.float64]) -> Begun:
         if z.tobytes() not in last:
             last.clear()
-            last[z.tobytes()] = problem.starts(at(z))
+            last[z.tobytes()] = problem.begun(at(z))
         return last[z.tobytes()]
 
     def errors(z: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -300,11 +239,10 @@ def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputEr
 
     def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
         columns = []
-        for i in range(len(z)):
-            step = _DIFFERENCE * np.eye(len(z))[i]
+        for step in _DIFFERENCE * np.eye(len(z)):
             ahead, behind = np.minimum(z + step, upper), np.maximum(z - step, lower)
             change = problem.errors(at(ahead)) - problem.errors(at(behind))
-            columns.append(begun(z).project(change) / (ahead - behind)[i] / scale)
+            columns.append(begun(z).project(change) / (ahead - behind).sum() / scale)
         return np.column_stack(columns)
 
     first = space.scaled(np.array([start[name] for name in model.names]))
@@ -319,9 +257,9 @@ def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputEr
     z, J = found.point, found.jacobian * scale
     kept = (z - lower > _AT_BOUND) & (upper - z > _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0)
     J, residuals = J * kept, errors(z) * scale
-    rows = np.split(np.arange(len(J)), np.flatnonzero(np.diff(problem.window)) + 1)
-    matrices = np.array([J[one].T @ J[one] for one in rows])
-    scores = np.array([J[one].T @ residuals[one] for one in rows])
+    begins = begun(z).begins
+    matrices = np.add.reduceat(J[:, :, None] * J[:, None, :], begins, axis=0)
+    scores = np.add.reduceat(J * residuals[:, None], begins, axis=0)
     # an axis passes its slow speeds in a few windows, which a fit follows closely
     C = covariance(leverage_corrected(matrices, scores, kept), kept)
     return OutputErrorFit(

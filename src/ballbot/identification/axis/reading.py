@@ -11,8 +11,7 @@ recorded and not the position, it is integrated.
 from __future__ import annotations
 
 import re
-import shlex
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -23,29 +22,14 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, either, suggest
 from ballbot.findings import Finding, note, warning
 from ballbot.identification.axis.record import AxisRecord, record_of_rows
-from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns
+from ballbot.log.columns import FACTORS, LARGEST_CELL, UNIT_OF, Columns
 from ballbot.log.formats import read_units, read_variables
 from ballbot.log.signals import unwrapped
 
 #: by the unit of positions, what each quantity may be in, with the factor to its unit
 _UNITS = {
     "m": {"position": FACTORS["m"], "velocity": FACTORS["m/s"], "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3}},
-    "rad": {
-        "position": FACTORS["rad"],
-        "velocity": FACTORS["rad/s"],
-        "force": {**FACTORS["N m"], "kN m": 1e3},
-    },
-}
-#: other spellings of units
-_SPELLINGS = {
-    "Nm": "N m",
-    "mNm": "mN m",
-    "Ncm": "N cm",
-    "kNm": "kN m",
-    "µs": "us",
-    "μs": "us",
-    "°": "deg",
-    "rev": "turn",
+    "rad": {"position": FACTORS["rad"], "velocity": FACTORS["rad/s"], "force": FACTORS["N m"]},
 }
 #: after what a position begins again, before its scale: a turn in either unit, and encoders' counters of 8 to 32 bits
 _TURN, _DEGREES = 2.0 * np.pi, 360.0
@@ -134,7 +118,7 @@ class _File:
                 raise InputError(f"{self.name}: {option} is {value:g}; it {wanted}.")
             return value
         own, other = (_UNITS[unit].get(field, FACTORS["s"]) for unit in (self.columns.unit, self._other))
-        given = self.unit_of(name, {**own, **other})
+        given = self.unit_of(name)
         if given in other and given not in own:
             raise InputError(
                 f"{self.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and --unit is "
@@ -146,20 +130,19 @@ class _File:
     def _other(self) -> str:
         return "rad" if self.columns.unit == "m" else "m"
 
-    def unit_of(self, name: str, known: Collection[str]) -> str:
+    def unit_of(self, name: str) -> str:
         """Return the unit of a variable as `FACTORS` spells it; empty if the file does not give one.
 
         At the end of a name, as "deg" of "position_deg", single letters are no units: "position_m" may be the motor's.
         """
         text = self.units.get(name, "")
         bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
-        unit = (bracketed.group(1) if bracketed else text).strip().replace("·", " ").replace("*", " ")
+        unit = (bracketed.group(1) if bracketed else text).strip()
         if unit:
-            return _SPELLINGS.get(unit, unit)
-        parts = name.split("_")
-        spelled = {one.replace(" ", "").lower(): one for one in known}
+            return UNIT_OF.get(re.sub(r"[ ·*]", "", unit).lower(), unit)
+        parts = name.lower().split("_")
         ends = ("/".join(parts[-2:]), parts[-1]) if len(parts) > 2 else parts[1:]
-        return next((spelled[one.lower()] for one in ends if len(one) > 1 and one.lower() in spelled), "")
+        return next((UNIT_OF[one] for one in ends if len(one) > 1 and one in UNIT_OF), "")
 
 
 def option_of(field: str) -> str:
@@ -167,48 +150,28 @@ def option_of(field: str) -> str:
     return f"--{field.replace('_', '-')}"
 
 
-#: words of names that such a variable often has, the plainest first
-_USUAL_NAMES = {
-    "time": "time t timestamp stamp seconds sec",
-    "position": "position pos angle q qm theta phi x",
-    "force": "force torque tau effort f current voltage u i",
-}
-
-
 def _check_names(file: _File, position: str) -> None:
-    """Raise InputError if a variable that a record must have is missing and not named, with what may be meant."""
-    columns = file.columns
-    wanted = {
-        "time": (columns.time, "t"),
-        "position": (position, "position"),
-        "force": (columns.force, "force"),
-    }
+    """Raise InputError if variables that a record must have are missing and not named; it asks for all at once."""
+    wanted = {"time": (file.columns.time, "t"), "position": (position, "position")}
+    wanted["force"] = (file.columns.force, "force")
     lacking = {
         field: name
         for field, (name, default) in wanted.items()
         if name == default and name not in file.variables
     }
-    if not lacking:
-        return
-    words = {name: re.split(r"[^a-z]+", name.lower()) for name in file.variables}
-    options = []
-    for field in lacking:
-        usual = (name for word in _USUAL_NAMES[field].split() for name in words if word in words[name])
-        options.append(f"--{field} {shlex.quote(next(usual, 'NAME'))}")
-    raise InputError(
-        f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
-        f"Name what is meant, perhaps with {' '.join(options)}"
-        + (" (or --time 0.001, the time between rows)" if "--time NAME" in options else "")
-    )
+    if lacking:
+        options = " ".join(f"--{field} NAME" for field in lacking)
+        raise InputError(
+            f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
+            f"Name what is meant: {options}"
+            + (" (or --time 0.001, the time between rows)" if "time" in lacking else "")
+        )
 
 
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     """Read a record.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
+    InputError if the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
     """
     path = Path(path)
     file = _File(name=path.name, variables=read_variables(path), units=read_units(path), columns=columns)
@@ -289,14 +252,9 @@ def _complete(name: str, columns: Columns) -> NDArray[np.bool_]:
 
 
 def without_wraps(position: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], float]:
-    """Return a position (N,) unwrapped, NaN where it is NaN, and the period after which it begins again, zero if never.
+    """Return a position (N,) unwrapped, and the period after which it begins again, zero if never; NaN stays NaN.
 
-    Parameters
-    ----------
-    position : ndarray (N,)
-        May contain NaN.
-    scale : float
-        Factor that was applied to the position as it was recorded.
+    `scale` is the factor that was applied to the position as it was recorded.
     """
     known = position[np.isfinite(position)]
     travel, steps = float(np.ptp(known)), np.abs(np.diff(known))

@@ -35,10 +35,7 @@ Span = tuple[int, int]  #: first row and the row after the last
 class AxisRecord:
     """A record of one axis; `record_of_rows` makes one of rows at any times.
 
-    Raises
-    ------
-    InputError
-        If lengths differ, values are missing, the axis never moves, or there are too few rows.
+    InputError if lengths differ, values are missing, the axis never moves, or there are too few rows.
     """
 
     name: str
@@ -57,18 +54,8 @@ class AxisRecord:
             )
         for name in ("force", "position", *(() if self.times is None else ("times",))):
             # contiguous and writable, as compiled code takes it
-            values = real_array(getattr(self, name), ("N",), f"{self.name}: {name}", finite=False)
+            values = real_array(getattr(self, name), (np.size(self.force),), f"{self.name}: {name}")
             object.__setattr__(self, name, values)
-            if values.shape != (len(self.force),):
-                raise InputError(
-                    f"{self.name}: {name} has {values.size} values and the force has {self.force.size}; name a column "
-                    "of the same length."
-                )
-            if not np.isfinite(values).all():
-                row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
-                raise InputError(
-                    f"{self.name}: {name} is missing or not finite in row {row}; every row needs a value."
-                )
         if len(self) < LEAST_ROWS:
             raise InputError(f"{self.name} has {len(self)} rows; at least {LEAST_ROWS} are needed.")
         if np.ptp(self.position) == 0.0:
@@ -114,10 +101,7 @@ def record_of_rows(
 ) -> AxisRecord:
     """Return the record of rows at times t (N,) [s]; uneven ones are interpolated in each part between gaps.
 
-    Raises
-    ------
-    InputError
-        If time does not increase from row to row, or the rows make no record.
+    InputError if time does not increase from row to row, or the rows make no record.
     """
     if len(t) < 2:
         raise InputError(f"{name}: the time has fewer than two rows.")

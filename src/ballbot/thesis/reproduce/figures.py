@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.identification.driveline import Sweep
-from ballbot.identification.inertia import Pivot, inertia_of_swing
+from ballbot.identification.swing import Pivot, inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series

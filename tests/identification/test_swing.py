@@ -15,8 +15,17 @@ from scipy.stats import binom
 
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.inertia import Pivot, inertia_of_swing, recording_findings, swing_findings
-from ballbot.identification.swing import fit_swing, follow_pendulum, period_growth, swing_in_log, swing_of
+from ballbot.identification.swing import (
+    Pivot,
+    fit_swing,
+    follow_pendulum,
+    inertia_of_swing,
+    period_growth,
+    recording_findings,
+    swing_findings,
+    swing_in_log,
+    swing_of,
+)
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.workflows.robot_check import check_swing
