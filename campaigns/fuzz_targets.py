@@ -61,16 +61,6 @@ class Target:
     judge: Callable[[Path], None]  #: reads a file and asserts what must hold; InputError where it is refused
 
 
-def make_target(name: str) -> Target:
-    """Return the loader of that name."""
-    return _MAKERS[name]()
-
-
-def loader_names() -> tuple[str, ...]:
-    """Return the names of the loaders, without making their inputs."""
-    return tuple(_MAKERS)
-
-
 MAPPING = """\
 [file]
 separator = "tab"
@@ -433,7 +423,7 @@ def _judge_film(path: Path) -> None:
 
 
 #: what makes each loader, by its name
-_MAKERS: dict[str, Callable[[], Target]] = {
+MAKERS: dict[str, Callable[[], Target]] = {
     "log, CSV": lambda: Target(
         suffix=".csv", samples=(_csv(_log()), _csv(_log(), quoted=True)), judge=_judge_log
     ),
