@@ -16,7 +16,8 @@ from tests.support.control_examples import FRICTION, MisjudgedLean, alten, four_
     ("robot", "formulation"),
     [
         pytest.param(alten(FRICTION), "exact", id="three-exact"),
-        pytest.param(four_wheeled(friction=True), "exact", id="four-exact", marks=pytest.mark.slow),
+        # compiles the engine of four wheels
+        pytest.param(four_wheeled(friction=True), "exact", id="four-exact", marks=pytest.mark.sample),
     ],
 )
 def test_a_lane_is_a_run_of_its_own(robot, compensation, formulation):
