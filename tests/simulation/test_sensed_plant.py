@@ -318,12 +318,12 @@ def test_a_run_ends_at_the_scenarios_lean():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"delay": -1}, "delay"),
+        ({"delay": -1}, "delay is -1 samples"),
         ({"delay": MAX_DELAY + 1}, "at most 1000"),
         ({"torque_noise": -0.1}, "torque_noise"),
         ({"torque_noise": math.nan}, "torque_noise"),
         ({"backlash": -1e-3}, "backlash"),
-        ({"slope": (0.2, 0.0)}, "slope"),
+        ({"slope": (0.3, 0.0)}, r"slope of the floor is 0\.3"),
         ({"speed_window": 0}, "speed_window"),
         ({"speed_window": 10**9}, "speed_window"),
         ({"fallen_lean": 1.3}, "fallen_lean"),
