@@ -60,14 +60,12 @@ CAMPAIGNS = {
     "link_fuzz": "campaigns.link_fuzz",
     "link_timing": "campaigns.link_timing",
     "firmware_fuzz": "campaigns.firmware_fuzz",
-    "reproduce": "campaigns.reproduce",
 }
 
 #: campaigns whose section the page does not have, and why
 NOT_ON_THE_PAGE = {
     "axis_machines": "not run yet since one method replaced several; docs/axis.md has a sample of it",
     "firmware_math": "not run yet over every float; tests/firmware/test_math.py measures a sample of them",
-    "reproduce": "compares docs/generated/reproduce.md, which `ballbot reproduce` writes, with a fresh run",
 }
 
 _HEAD = """# Evidence

@@ -224,7 +224,7 @@ def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
 
 @pytest.mark.sample
 def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
-    """All that needs no recording, and the first of the twin's runs; campaigns/reproduce.py compares the whole."""
+    """All that needs no recording, and the first of the twin's runs; campaigns/reproduce.py writes the whole."""
     page = ROOT.joinpath("docs", "generated", "reproduce.md").read_text(encoding="utf-8")
     for make in MISTAKES:
         if make.__name__ != "residual_pairs":
