@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.fitting.sweep import Processes, RunFolder, identity
+from ballbot.fitting.sweep import identity
 from ballbot.robot import Robot
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario
@@ -34,15 +34,13 @@ from ballbot.workflows.comparison import (
     Comparison,
     fraction_with_interval,
     median_with_interval,
-    read_result,
     run_comparison,
-    write_result,
 )
 from ballbot.workflows.controller_choice import SQUARE
 from ballbot.workflows.courses import Course, PlantName, ReferenceSpec
 from ballbot.workflows.metrics import SETTLE, Score
 from campaigns.faulty_twins import asymmetric
-from campaigns.section import EARLIER, Section
+from campaigns.section import Section, compared
 
 KEPT = Path(__file__).parents[1] / "build" / "agreement"
 LOOP_SEEDS, TWIN_SEEDS = range(200), range(40)
@@ -164,15 +162,8 @@ def run_twin(runs: Sequence[ComparedRun], *, folder: Path = KEPT, processes: int
     """Make the runs that the folder lacks, and return all."""
     inputs = {name: [controller_text(make())] for name, make in CONTROLLERS.items()}
     made_from = identity({**inputs, "courses": [COURSES, EFFECTS], "robot": [ROBOT]}, {})
-    kept = RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result)
-    found, before = kept.complete(
-        ComparedRun.result,
-        {f"{one.course}, {one.candidate}, {one.seed:02d}.json": one for one in runs},
-        workers=Processes(count=processes),
-        stage="running the twin",
-    )
-    EARLIER.update(folder / name for name in before)
-    return Comparison(runs=tuple(runs), results=tuple(found.values()))
+    files = {f"{one.course}, {one.candidate}, {one.seed:02d}.json": one for one in runs}
+    return compared(folder, files, made_from=made_from, stage="running the twin", processes=processes)
 
 
 #: what is compared: of a score, its unit, how many of that unit are one of SI, decimals shown

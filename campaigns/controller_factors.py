@@ -29,21 +29,18 @@ from ballbot.control.presets import (
 )
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.sweep import Processes, RunFolder, identity
+from ballbot.fitting.sweep import identity
 from ballbot.robot import Robot
 from ballbot.twin import Twin
 from ballbot.workflows.comparison import (
     ComparedRun,
-    Comparison,
     Estimate,
     Paired,
     median_with_interval,
-    read_result,
-    write_result,
 )
 from ballbot.workflows.controller_choice import SQUARE, compensated_robot
 from campaigns.compensation import identified
-from campaigns.section import EARLIER, Section
+from campaigns.section import Section, compared
 
 ALTEN = Robot.load("alten")
 SEEDS = tuple(range(600, 603))
@@ -134,21 +131,11 @@ def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
         for cell in CELLS
     ]
     made_from = identity({str(cell): [controller_text(one)] for cell, one in controllers.items()}, {})
-    kept = RunFolder(path=KEPT, made_from=made_from, write=write_result, read=read_result)
-    found, before = kept.complete(
-        ComparedRun.result,
-        {f"{one.candidate} {one.seed}": one for one in runs},
-        workers=Processes(count=processes),
-        stage="comparing controllers",
-    )
-    EARLIER.update(KEPT / name for name in before)
-    compared = Comparison(runs=tuple(runs), results=tuple(found.values()))
+    files = {f"{one.candidate} {one.seed}": one for one in runs}
+    found = compared(KEPT, files, made_from=made_from, stage="comparing controllers", processes=processes)
     return {
         cell: np.array(
-            [
-                one.peak_position_error if one.ended is None else np.nan
-                for one in compared.scores_of(str(cell))
-            ]
+            [one.peak_position_error if one.ended is None else np.nan for one in found.scores_of(str(cell))]
         )
         for cell in CELLS
     }

@@ -71,11 +71,6 @@ T = TypeVar("T")
 Fault = Callable[[FaultyTwin, np.random.Generator, float], FaultyTwin]
 
 
-def _friction(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
-    factor = random.choice([max(1.0 - 0.4 * size, 0.1), 1.0 + 0.6 * size])
-    return _with(twin, replace(twin.scenario, friction=scaled_friction(twin.scenario.friction, factor)))
-
-
 def asymmetric(friction: Friction, fraction: float) -> Friction:
     """Return friction whose dry terms are (1 + fraction) times as large forward, (1 - fraction) times backward."""
     return replace(
@@ -85,118 +80,72 @@ def asymmetric(friction: Friction, fraction: float) -> Friction:
     )
 
 
-def _asymmetry(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+def _friction(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
+    factor = random.choice([max(1.0 - 0.4 * size, 0.1), 1.0 + 0.6 * size])
+    return replace(s, friction=scaled_friction(s.friction, factor))
+
+
+def _asymmetry(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
     fraction = float(random.choice([-1.0, 1.0]) * min(0.4 * size, 0.9))
-    return _with(twin, replace(twin.scenario, friction=asymmetric(twin.scenario.friction, fraction)))
+    return replace(s, friction=asymmetric(s.friction, fraction))
 
 
-def _load_dependence(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(twin, replace(twin.scenario, load_dependence=LoadDependence(fraction=min(size, 1.0))))
-
-
-def _carpet(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
-    friction = replace(twin.scenario.friction, rolling=twin.scenario.friction.rolling * (1.0 + 2.0 * size))
+def _carpet(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
+    friction = replace(s.friction, rolling=s.friction.rolling * (1.0 + 2.0 * size))
     floor = Roughness(height=2e-4 * size, wavelength=0.1, seed=int(random.integers(1000)))
-    return _with(twin, replace(twin.scenario, friction=friction, roughness=floor))
+    return replace(s, friction=friction, roughness=floor)
+
+
+def _payload(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
+    x, y = _any_way(random, 0.05)
+    return replace(s, payload=Payload(mass=2.0 * size, position=(x, y, 0.6)))
+
+
+def _wheels(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
+    rollers = s.rollers
+    if random.random() < 0.5:
+        return replace(s, rollers=replace(rollers, rows=1, per_row=2 * rollers.per_row))
+    wide = rollers.row_spacing + min(size, 1.5) * (0.022 - rollers.row_spacing)
+    return replace(s, rollers=replace(rollers, row_spacing=wide))
+
+
+def _soft_ball(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
+    return replace(s, softness=Softness(stiffness=3e4 / float(np.clip(size, 0.3, 1.5)), damping=200.0))
+
+
+def _compliance(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
+    return replace(s, compliance=Compliance(frequency=max(60.0 - 20.0 * size, 20.0), damping_ratio=0.1))
+
+
+def _late_sensors(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
+    return replace(s, sensor_faults=SensorFaults(latency=SAMPLE_TIME * max(1, round(3.0 * size))))
+
+
+def _grip(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
+    grip = max(0.8 - 0.5 * size, 0.1)
+    return replace(s, roller_grip=grip, floor_grip=grip)
+
+
+def _gyro_bias(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
+    return replace(s, sensor_faults=SensorFaults(gyro_bias=0.02 * size, gyro_bias_walk=0.002 * size))
+
+
+def _noise(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
+    own, factor = s.sensors, 1.0 + 6.0 * size
+    noisy = replace(own, gyro_noise=factor * own.gyro_noise, attitude_noise=factor * own.attitude_noise)
+    return replace(s, sensors=noisy)
+
+
+def _any_way(random: np.random.Generator, length: float) -> tuple[float, float]:
+    """Return a vector of a length in a random direction."""
+    way = random.uniform(0.0, 2.0 * np.pi)
+    return length * float(np.cos(way)), length * float(np.sin(way))
 
 
 def _body(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
     mass, height = 1.0 + 0.15 * size * random.choice([-1.0, 1.0], 2)
-    return replace(
-        twin, robot=twin.robot.replace(body=scaled_body(twin.robot.body, mass=mass, height=height))
-    )
-
-
-def _payload(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
-    way = random.uniform(0.0, 2.0 * np.pi)
-    place = (0.05 * float(np.cos(way)), 0.05 * float(np.sin(way)), 0.6)
-    return _with(twin, replace(twin.scenario, payload=Payload(mass=2.0 * size, position=place)))
-
-
-def _wheels(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
-    rollers = twin.scenario.rollers
-    if random.random() < 0.5:
-        return _with(
-            twin, replace(twin.scenario, rollers=replace(rollers, rows=1, per_row=2 * rollers.per_row))
-        )
-    wide = rollers.row_spacing + min(size, 1.5) * (0.022 - rollers.row_spacing)
-    return _with(twin, replace(twin.scenario, rollers=replace(rollers, row_spacing=wide)))
-
-
-def _soft_ball(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(
-        twin,
-        replace(
-            twin.scenario, softness=Softness(stiffness=3e4 / float(np.clip(size, 0.3, 1.5)), damping=200.0)
-        ),
-    )
-
-
-def _compliance(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(
-        twin,
-        replace(
-            twin.scenario, compliance=Compliance(frequency=max(60.0 - 20.0 * size, 20.0), damping_ratio=0.1)
-        ),
-    )
-
-
-def _delay(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(twin, replace(twin.scenario, timing=Timing(delay=max(1, round(4.0 * size)))))
-
-
-def _slow_current(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(
-        twin, replace(twin.scenario, current_loop=CurrentLoop(bandwidth=max(40.0 - 32.0 * size, 3.0)))
-    )
-
-
-def _late_sensors(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(
-        twin,
-        replace(twin.scenario, sensor_faults=SensorFaults(latency=SAMPLE_TIME * max(1, round(3.0 * size)))),
-    )
-
-
-def _grip(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    grip = max(0.8 - 0.5 * size, 0.1)
-    return _with(twin, replace(twin.scenario, roller_grip=grip, floor_grip=grip))
-
-
-def _tilt(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
-    way = random.uniform(0.0, 2.0 * np.pi)
-    tilt = np.radians(size)
-    return _with(
-        twin, replace(twin.scenario, floor_tilt=(float(tilt * np.cos(way)), float(tilt * np.sin(way))))
-    )
-
-
-def _gyro_bias(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(
-        twin,
-        replace(
-            twin.scenario, sensor_faults=SensorFaults(gyro_bias=0.02 * size, gyro_bias_walk=0.002 * size)
-        ),
-    )
-
-
-def _lean_error(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(
-        twin,
-        replace(twin.scenario, sensor_faults=SensorFaults(lean_error=0.015 * size, lean_error_time=10.0)),
-    )
-
-
-def _noise(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    s, factor = twin.scenario.sensors, 1.0 + 6.0 * size
-    noisy = replace(s, gyro_noise=factor * s.gyro_noise, attitude_noise=factor * s.attitude_noise)
-    return _with(twin, replace(twin.scenario, sensors=noisy))
-
-
-def _supply(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(
-        twin, replace(twin.scenario, supply=Supply(winding_resistance=0.6, internal_resistance=1.5 * size))
-    )
+    body = scaled_body(twin.robot.body, mass=mass, height=height)
+    return replace(twin, robot=twin.robot.replace(body=body))
 
 
 def _torque_scale(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
@@ -208,27 +157,43 @@ def _torque_scale(twin: FaultyTwin, random: np.random.Generator, size: float) ->
     return replace(twin, torque_scale=tuple(scale))
 
 
+def _of(change: Callable[[Scenario, np.random.Generator, float], Scenario]) -> Fault:
+    return lambda twin, random, size: replace(twin, scenario=change(twin.scenario, random, size))
+
+
 #: kinds of faults in the order in which they take turns
 KINDS: dict[str, Fault] = {
-    "delay": _delay,
-    "other friction": _friction,
-    "grip": _grip,
-    "gyro bias": _gyro_bias,
+    "delay": _of(lambda s, _, size: replace(s, timing=Timing(delay=max(1, round(4.0 * size))))),
+    "other friction": _of(_friction),
+    "grip": _of(_grip),
+    "gyro bias": _of(_gyro_bias),
     "torque scale": _torque_scale,
     "mass and height": _body,
-    "asymmetric friction": _asymmetry,
-    "lean error": _lean_error,
-    "late sensors": _late_sensors,
-    "payload": _payload,
-    "tilted floor": _tilt,
-    "carpet": _carpet,
-    "sensor noise": _noise,
-    "slow current": _slow_current,
-    "wheels": _wheels,
-    "load-dependent friction": _load_dependence,
-    "soft ball": _soft_ball,
-    "compliance": _compliance,
-    "supply sag": _supply,
+    "asymmetric friction": _of(_asymmetry),
+    "lean error": _of(
+        lambda s, _, size: replace(
+            s, sensor_faults=SensorFaults(lean_error=0.015 * size, lean_error_time=10.0)
+        )
+    ),
+    "late sensors": _of(_late_sensors),
+    "payload": _of(_payload),
+    "tilted floor": _of(
+        lambda s, random, size: replace(s, floor_tilt=_any_way(random, float(np.radians(size))))
+    ),
+    "carpet": _of(_carpet),
+    "sensor noise": _of(_noise),
+    "slow current": _of(
+        lambda s, _, size: replace(s, current_loop=CurrentLoop(bandwidth=max(40.0 - 32.0 * size, 3.0)))
+    ),
+    "wheels": _of(_wheels),
+    "load-dependent friction": _of(
+        lambda s, _, size: replace(s, load_dependence=LoadDependence(fraction=min(size, 1.0)))
+    ),
+    "soft ball": _of(_soft_ball),
+    "compliance": _of(_compliance),
+    "supply sag": _of(
+        lambda s, _, size: replace(s, supply=Supply(winding_resistance=0.6, internal_resistance=1.5 * size))
+    ),
 }
 
 
@@ -253,10 +218,6 @@ def drawn(seed: int) -> FaultyTwin:
 def is_severe(seed: int) -> bool:
     """Return whether the main fault of a seed's twin is severe."""
     return bool(np.random.default_rng([seed, 29]).random() < SEVERE)
-
-
-def _with(twin: FaultyTwin, scenario: Scenario) -> FaultyTwin:
-    return replace(twin, scenario=scenario)
 
 
 class WeakMotors:

@@ -1,17 +1,13 @@
-"""The firmware against Python in a closed loop: each drives the twin, and one beside the other sees the same readings.
+"""The firmware beside Python in a closed loop: both see the same readings.
 
-.venv/bin/python -m campaigns.evidence firmware_loop          on a course of the league
-.venv/bin/python -m campaigns.evidence firmware_beside        one beside the other on a circle
+.venv/bin/python -m campaigns.evidence firmware_beside
 
-In the league both drive the same twin with the same seeds. Where a limit cycle amplifies rounding, two runs that differ
-in the last bit differ by millimetres some seconds later. So the question is not whether the runs are the same, but
-whether their errors differ on average. Beside each other, only the firmware's torques act: how far Python's go from
-them is rounding, and what becomes of it in memories that nothing sets right.
+Only the firmware's torques act: how far Python's go from them is rounding, and what becomes of it in memories that
+nothing sets right.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -19,23 +15,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot import Controller, Model, Robot, simulate
-from ballbot.control.interface import Feedback
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import circle
 from ballbot.control.safety import SafetyLimits
 from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import Estimator, Reading
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.records import parameter_record
-from ballbot.rounding import unit_heading
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario
-from ballbot.workflows.courses import LEAGUE, choose_courses
-from ballbot.workflows.league import METRIC_BY_KEY, League, run_league, standing
 from campaigns.firmware_estimators import Rounded
 from campaigns.section import Section
-from tests.support.board_controller import ReadingTap
-from tests.support.compiled_firmware import CompiledController, Firmware
+from tests.support.compiled_firmware import Firmware
 
 #: what Python's law takes from the firmware beside it
 Taken = Literal["nothing", "state", "memory"]
@@ -44,47 +36,24 @@ _OTHER_BRANCH = 1e-3
 
 #: of the circle [s]
 _LENGTH = 30.0
-#: many: the nominal controller wanders by centimetres, and from run to run differently
-SEEDS = tuple(range(300, 326))
-COURSE = "square"
-_METRICS = ("peak_position_error", "rms_position_error", "high_frequency_torque")
 
 
-def pairs(seeds: Sequence[int] = SEEDS, *, processes: int | None = None) -> dict[str, League]:
-    """Return, for each kind of controller, a league of Python's law and the same in C."""
-    robot = Robot.load("alten").replace(friction=Scenario.nominal(Robot.load("alten")).friction)
-    courses = [one for one in choose_courses(LEAGUE, robot, "twin") if one.name == COURSE]
-    found = {}
-    for name, controller in {
-        "nominal, partial": nominal_controller(robot, compensation="partial"),
-        "precise": precise_controller(robot),
-    }.items():
-        entrants: dict[str, Feedback] = {"Python": controller, "C": CompiledController(controller)}
-        found[name] = run_league(robot, entrants, courses, seeds=seeds, processes=processes)
-    return found
+class ReadingTap:
+    """An estimator that also keeps the last reading, for the firmware beside it."""
 
+    def __init__(self, estimator: Estimator) -> None:
+        self.reading: Reading | None = None
+        self._estimator = estimator
 
-def campaign() -> Section:
-    """Return the differences between the two laws on the twin."""
-    found = pairs()
-    rows = []
-    for name, league in found.items():
-        python, compiled = (standing(league, COURSE, one) for one in ("Python", "C"))
-        for key in _METRICS:
-            metric = METRIC_BY_KEY[key]
-            means = [f"{metric.scale * one.means[key].mean:.3f}" for one in (python, compiled)]
-            difference = compiled.differences[key]
-            low, high = metric.scale * difference.low, metric.scale * difference.high
-            rows.append([name, unit_heading(metric.words, metric.unit), *means, f"{low:.3f} to {high:.3f}"])
-        rows.append([name, "falls", str(python.falls), str(compiled.falls), ""])
-    return Section(
-        title="The firmware's control law on the twin",
-        before="Software in the loop: the control law in C and Python's on the league's course "
-        f"{COURSE!r} of the nominal twin, {len(SEEDS)} seeds each, the same for both. The last column is the 95 % "
-        "interval (Student's) of the mean difference, seed by seed.",
-        columns=["controller", "number", "Python", "C", "difference"],
-        rows=rows,
-    )
+    def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Reset the estimator."""
+        self.reading = None
+        self._estimator.reset(position=position)
+
+    def update(self, reading: Reading) -> NDArray[np.float64]:
+        """Keep the reading and return the estimator's state (10,)."""
+        self.reading = reading
+        return self._estimator.update(reading)
 
 
 class Beside:
@@ -168,7 +137,7 @@ def without_sums(controller: Controller) -> Controller:
     return controller.with_parts(replace(controller.parts, disturbance_observer=None, integral=None))
 
 
-def beside_campaign() -> Section:
+def campaign() -> Section:
     """Return how far Python goes from the firmware beside it, and what takes it there."""
     robot = Robot.load("alten").replace(friction=Scenario.nominal(Robot.load("alten")).friction)
     precise = precise_controller(robot, compensation="partial")

@@ -1,6 +1,6 @@
 """Command lines to fuzz: complete ones with words changed, removed, doubled or added, run in this process.
 
-Computations that take minutes are replaced by the end of the command, which counts as accepted.
+Computations are replaced by the end of the command, which counts as accepted.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import io
 import os
 import shutil
 import sys
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from random import Random
@@ -19,9 +19,8 @@ from ballbot.control.file import controller_text
 from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.robot.file import robot_text
-from ballbot.simulation.run import sample_count
-from campaigns.fuzz_mutations import mutated, mutated_arguments
-from campaigns.fuzz_targets import ALTEN, MAPPING, Target, loader_names, make_target
+from campaigns.fuzz import NUMBERS, WORDS, mutated
+from campaigns.fuzz_targets import ALTEN, MAKERS, MAPPING
 
 #: command lines that are accepted, or refused by what their log lacks
 LINES = (
@@ -70,57 +69,14 @@ FILES = {
     "film.csv": "motion capture",
     "courses.toml": "courses",
 }
+_VALUES = """
+robot.toml controller.toml mapping.toml none.csv pipe.csv folder folder.csv empty.csv /dev/zero /dev/full out missing
+--out --resume --seed --seeds --mapping --help --accept --cluster --robot --bounds --window --duration
+localhost tcp://localhost:0 1-3 3-1 1-999999999 1,1 alten nominal none twin moon friction torque 1e9 0.01
+"""
 #: what words are replaced by, besides numbers and marks
-VALUES = (
-    *FILES,
-    *(
-        "robot.toml",
-        "controller.toml",
-        "mapping.toml",
-        "none.csv",
-        "pipe.csv",
-        "folder",
-        "folder.csv",
-        "empty.csv",
-    ),
-    *(
-        "/dev/zero",
-        "/dev/full",
-        "/dev/null",
-        "out",
-        "--out",
-        "--resume",
-        "--seed",
-        "--seeds",
-        "--mapping",
-        "--help",
-    ),
-    *(
-        "--accept",
-        "missing",
-        "--cluster",
-        "localhost",
-        "tcp://localhost:0",
-        "--robot",
-        "--bounds",
-        "--window",
-    ),
-    *(
-        "--duration",
-        "1-3",
-        "3-1",
-        "1-999999999",
-        "1,1",
-        "alten",
-        "nominal",
-        "none",
-        "twin",
-        "friction",
-        "moon",
-    ),
-    *("1e9", "0.01", "torque"),
-)
-#: what takes minutes, by the module that calls it
+VALUES = (*FILES, *_VALUES.split())
+#: computations, by the module that calls them
 WORK = (
     ("ballbot.cli.excite", "find"),
     ("ballbot.cli.identify", "identify_by_law"),
@@ -134,11 +90,11 @@ WORK = (
     ("ballbot.cli.limits", "find_limits"),
     ("ballbot.cli.compare", "run_league"),
     ("ballbot.cli.study", "run_study"),
+    ("ballbot.cli.simulate", "run"),
+    ("ballbot.cli.record", "record_run"),
     ("ballbot.cli.record", "record_runs"),
     ("ballbot.thesis.reproduce.campaign", "reproduce"),
 )
-#: a run of more samples is not let go
-_LONGEST_RUN = 50
 
 
 class WorkBegins(BaseException):
@@ -151,38 +107,14 @@ class Commands:
     def __init__(self, seed: int, folder: Path) -> None:
         """Write the files, and let work end where it begins."""
         self._seed, self._folder = seed, folder
-        known = {name: make_target(name) for name in loader_names()}
-        contents = {name: known[loader].samples[0] for name, loader in FILES.items()}
-        contents |= {
+        self._contents = {name: MAKERS[loader]().samples[0] for name, loader in FILES.items()} | {
             "robot.toml": robot_text(ALTEN).encode(),
             "controller.toml": controller_text(nominal_controller(ALTEN)).encode(),
             "mapping.toml": MAPPING.encode(),
         }
-        self._contents = contents
-        self._targets: dict[str, Target] = known
         os.chdir(folder)
         for module, name in WORK:
-            where = import_module(module)
-            assert hasattr(where, name), f"{module} has no {name}"
-            setattr(where, name, _begins)
-        simulate, record = import_module("ballbot.cli.simulate"), import_module("ballbot.cli.record")
-        run, record_run = simulate.run, record.record_run
-
-        def simulated(plant, controller, reference, *, duration, **rest):
-            if sample_count(duration, controller.sample_time) > _LONGEST_RUN:
-                raise WorkBegins
-            return run(plant, controller, reference, duration=duration, **rest)
-
-        def recorded(job, *arguments, **rest):
-            if sample_count(job.duration, job.controller.sample_time) > _LONGEST_RUN:
-                raise WorkBegins
-            return record_run(job, *arguments, **rest)
-
-        simulate.run, record.record_run = simulated, recorded
-        for line in LINES[:12]:
-            with suppress(InputError):
-                self._clean()
-                run_line(line.split())
+            setattr(import_module(module), name, _begins)
 
     def attempt(self, number: int) -> None:
         """Run the command line of that number; InputError where it is refused."""
@@ -193,7 +125,7 @@ class Commands:
             (self._folder / name).write_bytes(mutated(self._contents[name], random))
             line = random.choice([one for one in LINES if name in one] or LINES).split()
         else:
-            line = mutated_arguments(random.choice(LINES).split(), VALUES, random)
+            line = _changed(random.choice(LINES).split(), random)
         run_line(line)
 
     def _clean(self) -> None:
@@ -205,6 +137,22 @@ class Commands:
         (self._folder / "folder.csv").mkdir()
         (self._folder / "empty.csv").touch()
         os.mkfifo(self._folder / "pipe.csv")
+
+
+def _changed(line: list[str], random: Random) -> list[str]:
+    """Return a command line with one to three of its words replaced, removed or added."""
+    for _ in range(random.randint(1, 3)):
+        place = random.randrange(1, len(line) + 1)
+        word = random.choice((*VALUES, *VALUES, *NUMBERS, *WORDS))
+        match random.randrange(5):
+            case 0:
+                line.insert(place, word)
+            case 1:
+                del line[place : place + 1]
+            case _:
+                line[place : place + 1] = [word]
+    # a zero byte is in no command line of an operating system
+    return [word.replace("\0", "") for word in line]
 
 
 def run_line(words: list[str]) -> None:

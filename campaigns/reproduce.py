@@ -1,12 +1,13 @@
-"""Reproduce the thesis again and compare the result with docs/generated/reproduce.md line by line.
+"""Reproduce the thesis and write docs/generated/reproduce.md.
 
-python -m campaigns.reproduce      # write the page anew
+python -m campaigns.reproduce
+
+`git diff` then names the lines that a fresh run writes otherwise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from difflib import unified_diff
 from pathlib import Path
 
 from ballbot.progress import ignore_progress
@@ -15,11 +16,8 @@ from ballbot.robot import Friction
 from ballbot.thesis.reproduce.campaign import Reproduction, reproduce
 from ballbot.thesis.reproduce.item import VERDICTS, Item, Mistake
 from ballbot.thesis.reproduce.page import CHECK_HEADINGS
-from campaigns.section import Section
 
 PAGE = Path(__file__).parents[1] / "docs" / "generated" / "reproduce.md"
-#: differing lines that the section shows
-_SHOWN = 5
 
 
 _HEAD = """\
@@ -118,26 +116,6 @@ def mistake_markdown(mistake: Mistake) -> str:
     rows = tuple(check.cells for check in mistake.shown_by)
     words = f"**{mistake.number}. {mistake.where}.** *Printed:* {mistake.thesis} *Right:* {mistake.right}"
     return with_symbols(f"{words}\n\n{markdown_table(CHECK_HEADINGS, rows)}")
-
-
-def campaign() -> Section:
-    """Remake the thesis and return the section of docs/generated/evidence.md."""
-    made = reproduce(seed=0, progress=ignore_progress)
-    fresh, written = reproduction_markdown(made).splitlines(), PAGE.read_text(encoding="utf-8").splitlines()
-    differing = [line for line in unified_diff(written, fresh, n=0, lineterm="") if line[0] == "+"][1:]
-    shown = "; ".join(line[1:120] for line in differing[:_SHOWN])
-    return Section(
-        title="The thesis remade, twice",
-        before="`ballbot reproduce --seed 0`, beside docs/generated/reproduce.md.",
-        columns=["what", "number"],
-        rows=[
-            ["lines of the page", f"{len(written)}"],
-            ["lines that a fresh run writes otherwise", f"{len(differing)}"],
-            *([phrase, f"{made.counts.get(verdict, 0)}"] for verdict, phrase in VERDICTS.items()),
-            ["mistakes shown by their numbers", f"{sum(one.proven for one in made.mistakes)}"],
-        ],
-        after=f"Otherwise: {shown}." if shown else "No line differs.",
-    )
 
 
 if __name__ == "__main__":

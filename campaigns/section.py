@@ -21,6 +21,7 @@ from ballbot.files import read_sealed, write_sealed, write_text
 from ballbot.fitting.sweep import ALL_CORES, Processes, RunFolder, Workers, identity
 from ballbot.progress import Progress, ignore_progress
 from ballbot.report.style import drawn
+from ballbot.workflows.comparison import ComparedRun, Comparison, read_result, write_result
 
 Piece = TypeVar("Piece")
 Made = TypeVar("Made")
@@ -109,6 +110,21 @@ def finished(
     found, before = folder.complete(make, runs, workers=workers, stage=name, progress=progress)
     EARLIER.update(folder.path / one for one in before)
     return found
+
+
+def compared(
+    folder: Path,
+    runs: Mapping[str, ComparedRun],
+    *,
+    made_from: Mapping[str, str],
+    stage: str,
+    processes: int | None = None,
+) -> Comparison:
+    """Return a comparison by the files of its runs; those that the folder lacks are made."""
+    kept = RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result)
+    found, before = kept.complete(ComparedRun.result, runs, workers=Processes(count=processes), stage=stage)
+    EARLIER.update(folder / name for name in before)
+    return Comparison(runs=tuple(runs.values()), results=tuple(found.values()))
 
 
 class DataMissingError(Exception):

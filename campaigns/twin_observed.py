@@ -1,6 +1,6 @@
-"""Measure and draw on the twin what the thesis observed on its robot, and test its recommendations.
+"""Measure and draw on the twin what the thesis observed on its robot.
 
-.venv/bin/python -m campaigns.evidence twin_observed twin_recommendations
+.venv/bin/python -m campaigns.evidence twin_observed
 
 The figures are those of docs/twin.md.
 """
@@ -28,8 +28,6 @@ from ballbot.report.style import LOOKS, REFERENCE, LineStyle, thinned
 from ballbot.robot import Friction
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.bench import run_bench
-from ballbot.workflows.courses import choose_courses
-from ballbot.workflows.league import run_league, standing
 from ballbot.workflows.metrics import SETTLE, position_error, score, settled, true_place
 from campaigns.section import Section, write_picture
 
@@ -413,50 +411,3 @@ def _resonance_rows(spectra: Mapping[str, list[Spectrum]]) -> list[list[str]]:
         for name, pair in spectra.items()
         for state, one in zip(("off", "on"), pair, strict=True)
     ]
-
-
-RECOMMENDATION_SEEDS = range(1, 6)
-
-
-def recommendations() -> Section:
-    """Return position error and torque noise before and after."""
-    robot = ROBOT.replace(friction=Scenario.nominal(ROBOT).friction)
-    courses = choose_courses("recommendations", robot, "twin")
-    rows = []
-    for course in courses:
-        # a fix is fused by the filter
-        state = "kalman" if course.scenario.fix else "onboard"
-        controllers = {
-            kind: nominal_controller(robot, compensation=kind).with_estimator(state)
-            for kind in ("none", "partial")
-        }
-        league = run_league(robot, controllers, [course], seeds=RECOMMENDATION_SEEDS)
-        means = [standing(league, course.name, name).means for name in controllers]
-        numbers = [
-            one[name].mean
-            for name in ("rms_position_error", "peak_position_error", "rms_torque_change")
-            for one in means
-        ]
-        falls = sum(standing(league, course.name, name).falls for name in controllers)
-        rows.append([course.name, *(f"{one:.3f}" for one in numbers), f"{falls}"])
-    return Section(
-        title="The thesis's recommendations, tested",
-        before=f"Two rounds of a 0.5 m square, {courses[0].duration:g} s, {len(RECOMMENDATION_SEEDS)} seeds, the "
-        "nominal gain, without compensation and with partial compensation of the true friction. True position from "
-        "the reference once settled, means over the seeds; torque noise is the torque's RMS change from sample to "
-        "sample. Chapter 6 recommends the single row, the stiffer ball and less play, Appendix IV the fused fix.",
-        columns=[
-            "robot",
-            "RMS [m]",
-            "RMS, compensated [m]",
-            "peak [m]",
-            "peak, compensated [m]",
-            "torque noise [N m]",
-            "compensated [N m]",
-            "falls",
-        ],
-        rows=rows,
-        after="A fix corrects drift, which is small in a minute. The filter that fuses it has larger errors here "
-        "because it models a slow error of the AHRS's lean, which the nominal AHRS does not have: see the on-board "
-        "state's section. `ballbot compare ROBOT none partial --plant twin --scenarios recommendations` runs the same.",
-    )

@@ -25,8 +25,8 @@ Status = tuple[str, str, str | tuple[str, Mapping[str, bool]]]
 # 1.2 s instead of 2.9 s
 gc.set_threshold(20_000, 20, 20)
 
-# the same examples in every run, forty unless a test states another number; `python -m campaigns.evidence exploration`
-# looks at other ones, a hundred of them
+# the same examples in every run, forty unless a test states another number; with BALLBOT_EXAMPLES=exploring other ones,
+# a hundred of them
 hypothesis.settings.register_profile("same", derandomize=True, database=None, deadline=None, max_examples=40)
 hypothesis.settings.register_profile("exploring", database=None, deadline=None, print_blob=True)
 hypothesis.settings.load_profile(os.environ.get("BALLBOT_EXAMPLES", "same"))

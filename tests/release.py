@@ -25,7 +25,7 @@ TOOLS = ("pytest>=8", "pytest-xdist>=3.5", "pytest-timeout>=2.3", "hypothesis>=6
 #: tests of each package that Ballbot depends on, without long compilation
 TESTS = (
     "tests/cli/test_output_options.py",  # cyclopts, rich
-    "tests/mechanics/test_inner_code.py",  # numba
+    "tests/mechanics/test_stick_slip.py",  # numba
     "tests/robot/test_file.py",  # pydantic, tomli-w
     "tests/log/test_formats.py",  # pyarrow
     "tests/log/test_frames.py",  # pandas

@@ -34,11 +34,6 @@ def test_any_real_array_becomes_one_layout(value):
     np.testing.assert_array_equal(array, CLEAN)
 
 
-def test_a_fitting_array_is_not_copied():
-    assert real_array(CLEAN, ("rows", 3), "The value") is CLEAN
-    assert real_array(CLEAN, ("...", 3), "The value") is CLEAN
-
-
 @pytest.mark.parametrize(
     ("value", "sentence"),
     [

@@ -58,10 +58,3 @@ def test_page_shows_every_command_against_the_emulated_robot():
     assert all("--emulated" in words for words in live)
     shown = {words[1] for words in live if not words[1].startswith("-")}
     assert shown == {"monitor", "wiring", "sweep", "upside-down", "send", "compare"}
-
-
-def test_messages_of_the_page_are_those_of_the_check():
-    source = (ROOT / "src/ballbot/link/wiring.py").read_text(encoding="utf-8")
-    for part in ("turned as wheel", "counts backward"):
-        assert part in source
-        assert part in TUTORIAL

@@ -13,7 +13,6 @@ import pytest
 from ballbot.cli.app import COMMANDS
 from tests.golden.cases import CASES
 from tests.golden.compare import differences
-from tests.golden.freeze import DIGEST, LONGEST, PROSE, freeze, freeze_folder
 from tests.golden.workshop import RESULTS, is_same_machine
 from tests.support.paths import ROOT
 
@@ -40,35 +39,6 @@ def test_every_command_has_a_golden():
     assert {path.stem for path in RESULTS.glob("*.json")} == frozen
 
 
-# --- what is kept ---
-
-
-def test_prose_and_provenance_are_not_kept():
-    made = {"code": "torque-sign", "text": "The torque has the wrong sign.", "provenance": {"seed": 0}}
-    assert freeze(made) == {"code": "torque-sign", "text": PROSE}
-
-
-def test_long_list_of_numbers_becomes_its_digest():
-    values = [0.1 * k for k in range(LONGEST + 1)]
-    kept = str(freeze(values))
-    assert kept.startswith(f"{DIGEST} [{LONGEST + 1}] {values[0]}, ")
-    changed = [*values[:5], values[5] + 1e-15, *values[6:]]
-    assert freeze(changed) != kept
-    assert freeze(values[:LONGEST]) == values[:LONGEST]
-
-
-def test_columns_and_tables_of_files_are_kept(tmp_path):
-    (tmp_path / "log.csv").write_text("t,x\n0.0,1.5\n0.1,\n", encoding="utf-8")
-    (tmp_path / "robot.toml").write_text('name = "mine"  # a comment\n', encoding="utf-8")
-    (tmp_path / "page.html").write_text("<html>", encoding="utf-8")
-    assert freeze_folder(tmp_path, code=0) == {
-        "exit_code": 0,
-        "log.csv": {"t": [0.0, 0.1], "x": [1.5, None]},
-        "robot.toml": {"name": "mine"},
-        "page.html": None,
-    }
-
-
 # --- where two differ ---
 
 OLD = {"results.json": {"ladder": {"rungs": [{"law": "coulomb", "gain": 0.1}, {"law": "load", "gain": 0.2}]}}}
@@ -91,15 +61,6 @@ def test_last_digit_counts_on_the_same_machine_only():
     ]
     assert difference_texts(other, same_machine=False) == []
     assert difference_texts(with_gain("much"), same_machine=False)
-
-
-def test_lost_and_added_keys_are_differences():
-    other = {"results.json": {"ladder": {"rungs": OLD["results.json"]["ladder"]["rungs"][:1], "kept": True}}}
-    assert difference_texts(other) == [
-        'identify/results.json/ladder/rungs/1/law: "load" -> (absent)',
-        "identify/results.json/ladder/rungs/1/gain: 0.2 -> (absent)",
-        "identify/results.json/ladder/kept: (absent) -> true",
-    ]
 
 
 def test_renamed_keys_are_compared_under_their_present_names():

@@ -28,7 +28,7 @@ from ballbot.files import parse_toml, read_json, read_text
 from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log
-from ballbot.log.mapping import parse_mapping, read_mapping
+from ballbot.log.mapping import read_mapping
 from ballbot.log.signals import local_fit
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
@@ -274,10 +274,9 @@ def test_cluster_address_without_a_port_is_refused(tmp_path, capsys, address):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("duration", "sample_time"), [(86400.0, 1e-4), (1.0, 1e-9), (86400.0, 5e-324)])
-def test_run_whose_log_exceeds_memory_is_refused(duration, sample_time):
+def test_run_whose_log_exceeds_memory_is_refused():
     with pytest.raises(InputError, match=r"A run of .* samples of .* would not fit in memory"):
-        sample_count(duration, sample_time)
+        sample_count(86400.0, 5e-324)
 
 
 @given(st.floats(0.0, 1e12), st.floats(1e-12, 1e3), st.integers(1, 1000))
@@ -317,11 +316,6 @@ def test_a_refusal_of_a_long_value_is_short(tmp_path, capsys):
     path = tmp_path / "robot.toml"
     path.write_text(f"name = [{', '.join(['1'] * 100_000)}]")
     assert len(refused(capsys, "check", path)) < 1100
-
-
-def test_mappings_are_refused_as_texts_are():
-    with pytest.raises(InputError, match="a file is nested too deeply"):
-        parse_mapping("a." * 200 + "a = 1", source="a file")
 
 
 def test_search_of_years_is_refused(tmp_path, capsys):

@@ -66,39 +66,6 @@ def test_a_circle_is_found_where_there_is_one():
     assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
 
 
-def stribeck_formulas(tree: ast.AST) -> list[int]:
-    """Return the lines in which an exponential has a power of delta, or of a name that says exponent, in it."""
-
-    def names(node: ast.AST) -> set[str]:
-        found = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
-        return found | {one.attr for one in ast.walk(node) if isinstance(one, ast.Attribute)}
-
-    def raised(node: ast.AST) -> bool:
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-            return any("delta" in name or "exponent" in name for name in names(node.right))
-        return isinstance(node, ast.Call) and bool(names(node.func) & {"pow", "power"})
-
-    return sorted(
-        node.lineno
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call)
-        and names(node.func) & {"exp", "exp2", "expm1"}
-        and any(raised(part) for argument in node.args for part in ast.walk(argument))
-    )
-
-
-def test_the_stribeck_formula_stands_in_one_module():
-    places = {name for name, tree in modules().items() if stribeck_formulas(tree)}
-    assert places == {"ballbot.mechanics.friction"}
-
-
-def test_a_second_stribeck_formula_is_found():
-    compiled = "fading = law.s * math.exp(-((speed * law.inv_vs) ** law.delta))"
-    of_arrays = "E = np.exp(-np.power(w / v_s, delta))"
-    assert stribeck_formulas(ast.parse(f"{compiled}\n{of_arrays}")) == [1, 2]
-    assert not stribeck_formulas(ast.parse("density = np.exp(-0.5 * q**2)"))
-
-
 def test_collecting_tests_runs_no_compiled_code(run_at_collection):
     """Every worker collects every test: what it compiles then is compiled once for each worker."""
     assert run_at_collection == []

@@ -16,17 +16,13 @@ from campaigns import agreement
 from campaigns.agreement import (
     CONTROLLERS,
     COURSES,
-    EFFECTS,
-    EXPLAINED,
     FEWEST,
-    TWIN_SEEDS,
     Both,
     both,
     run_comparison,
     run_twin,
     runs_of,
     section,
-    twin_plan,
 )
 
 
@@ -48,24 +44,6 @@ def test_orders_count_where_intervals_are_apart_on_both():
     words = section([soft, full, other, known("precise", 0.1, 0.4)], []).after
     assert "peak of soft and precise (nominal, hold)" in words
     assert "0 of 0 by roughness" in words
-
-
-def test_a_plan_that_is_stopped_is_balanced_and_whole_at_its_end():
-    plan = twin_plan()
-    names = {(one.course, one.candidate, one.seed) for one in plan}
-    assert len(names) == len(plan)
-    effects = len(EXPLAINED) * len(EFFECTS) * FEWEST
-    assert len(plan) == len(CONTROLLERS) * len(COURSES) * len(TWIN_SEEDS) + effects
-    tasks = {one.course: one.course.rpartition(" ")[2] for one in plan} | {
-        one.name: "effect" for one in EFFECTS
-    }
-    # stopped anywhere, no controller on a course is more than a seed ahead of another on a course of its kind
-    for stop in range(0, len(plan), 97):
-        counts = {tasks[one.course]: dict[tuple[str, str], int]() for one in plan}
-        for place, one in enumerate(plan):
-            of = counts[tasks[one.course]]
-            of[one.course, one.candidate] = of.get((one.course, one.candidate), 0) + (place < stop)
-        assert all(max(of.values()) - min(of.values()) <= 1 for of in counts.values())
 
 
 @pytest.mark.sample

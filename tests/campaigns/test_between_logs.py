@@ -10,29 +10,14 @@ from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.parameters import Bounds
 from ballbot.identification.quantities import FRICTION
 from ballbot.identification.variation import LogEstimates, Priors, scaled_units
-from ballbot.twin.scenario import check_scenario
 from campaigns.between_logs import (
     ROBOT,
     Fit,
     coverage_row,
-    drawn,
     judge,
-    references_of,
 )
 
 VALUES = np.array([0.02] * 3 + [0.1] * 3 + [0.05] * 3 + [0.6, 1.1, 0.01])
-
-
-@pytest.mark.parametrize("seed", [0, 1000])
-def test_twins_have_all_faults_and_can_be_simulated(seed: int) -> None:
-    twin = drawn(seed)
-    check_scenario(twin, ROBOT)
-    assert twin == drawn(seed)
-    assert twin != drawn(seed + 1)
-    faults = (twin.load_dependence, twin.softness, twin.compliance, twin.current_loop, twin.supply)
-    more = (twin.payload, twin.roughness, twin.timing, twin.sensor_faults)
-    assert None not in (*faults, *more)
-    assert set(references_of(seed)) <= {"square", "figure_eight"}
 
 
 def pair(random: np.random.Generator) -> tuple[Fit, Fit]:

@@ -16,7 +16,6 @@ from campaigns.controller_factors import (
     Cell,
     controller_of,
     effect,
-    strongest_interaction,
 )
 
 #: of three seeds
@@ -54,14 +53,3 @@ def test_effects_are_ratios_over_the_cells_in_which_nothing_falls():
     assert effect(PEAKS, "compensation", given={"observer": True}).ratio.mean == pytest.approx(1.0)
     stiff = effect(PEAKS, "stiff", given={})
     assert (stiff.ratio.mean, stiff.cells, stiff.falls) == (pytest.approx(20.0), 8, (0, 8))
-
-
-def test_an_effect_without_any_standing_cell_is_unknown_and_its_falls_count():
-    found = effect(PEAKS, "stiff", given={"filter": False})
-    assert np.isnan(found.ratio.mean)
-    assert (found.cells, found.falls) == (0, (0, 8))
-
-
-def test_the_strongest_interaction_is_found():
-    assert strongest_interaction(PEAKS, "compensation") == "observer"
-    assert strongest_interaction(PEAKS, "observer") == "compensation"

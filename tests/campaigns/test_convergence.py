@@ -1,4 +1,4 @@
-"""The order of the whole method, and one wheel held: samples of docs/generated/evidence.md."""
+"""The order of the whole method: a sample of docs/generated/evidence.md."""
 
 from __future__ import annotations
 
@@ -105,40 +105,3 @@ def at_step(start: NDArray[np.float64], torques: NDArray[np.float64], step: floa
     for u in torques:
         state = model.advance(state, u, SAMPLE_TIME)
     return state
-
-
-# --- one wheel -------------------------------------------------------------------------------------
-
-
-def test_mujoco_friction_creeps_by_its_compliance_and_ballbot_s_does_not() -> None:
-    pytest.importorskip("mujoco", reason="mujoco is not installed")
-    from campaigns.sticking import BREAK_AWAY, ENGINES, inertia, mujoco_creep, our_creep
-
-    for engine in ENGINES[:2]:
-        for share in (0.1, 0.9):
-            torque = share * BREAK_AWAY
-            d = engine.impedance
-            damping = 2.0 / (max(d, 0.95) * engine.time_constant)
-            expected = torque * (1.0 - d) / d / (inertia() * damping)
-            # the run has settled: the effect of its start decays within some tens of milliseconds
-            assert mujoco_creep(engine, torque) == pytest.approx(expected, rel=1e-6)
-            assert our_creep(torque) == 0.0
-    assert our_creep(BREAK_AWAY * (1.0 - 1e-9)) == 0.0
-    assert our_creep(BREAK_AWAY * (1.0 + 1e-3)) > 0.0
-
-
-def test_campaign_rewrites_only_its_own_section(tmp_path, monkeypatch) -> None:
-    pytest.importorskip("mujoco", reason="mujoco is not installed")
-    from campaigns import evidence
-
-    page = tmp_path / "evidence.md"
-    page.write_text("# Evidence\n\n<!-- convex_step -->\n## Kept\n\nwords\n", encoding="utf-8")
-    monkeypatch.setattr(evidence, "PAGE", page)
-    for _ in range(2):
-        evidence.main(["one_wheel"])
-        text = page.read_text(encoding="utf-8")
-        assert text.count("## Kept\n\nwords\n") == 1
-        assert text.count("## One wheel") == 1
-        assert "| ballbot | 0 | 0 | 0 | 0 |" in text
-    with pytest.raises(SystemExit, match="no campaign 'unknown'"):
-        evidence.main(["unknown"])

@@ -36,8 +36,13 @@ def test_time_is_stated_only_of_a_run_that_made_its_results(
     file.touch()
     moment = time.time() + age
     os.utime(file, (moment, moment))
-    monkeypatch.setattr(evidence, "PAGE", tmp_path / "evidence.md")
-    monkeypatch.setattr(evidence, "CAMPAIGNS", {"sample": __name__})
+    page = tmp_path / "evidence.md"
+    page.write_text("# Evidence\n\n<!-- other -->\n## Kept\n\nwords\n", encoding="utf-8")
+    monkeypatch.setattr(evidence, "PAGE", page)
+    monkeypatch.setattr(evidence, "CAMPAIGNS", {"other": "", "sample": __name__})
     monkeypatch.setattr(sys.modules[__name__], "campaign", campaign, raising=False)
     evidence.main(["sample"])
     assert f"`python -m campaigns.evidence sample`, {stated}" in written_sections()["sample"]
+    assert page.read_text(encoding="utf-8").count("## Kept\n\nwords\n") == 1  # the others stay
+    with pytest.raises(SystemExit, match="no campaign 'unknown'"):
+        evidence.main(["unknown"])

@@ -130,14 +130,6 @@ def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sente
     assert "\n" not in text
 
 
-def test_unreadable_controller_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"cannot be read"):
-        read_controller(tmp_path / "nowhere.toml", alten())
-    (tmp_path / "picture").write_bytes(b"\xff\xd8\xff")
-    with pytest.raises(InputError, match="not a text file"):
-        read_controller(tmp_path / "picture", alten())
-
-
 def test_controller_for_another_wheel_count_is_refused(tmp_path):
     path = tmp_path / "controller.toml"
     path.write_text(good_file())
@@ -179,14 +171,6 @@ def test_file_for_other_values_of_the_robot_names_them(tmp_path, changed, named)
     assert warnings_of(path, robot) == []
     (text,) = warnings_of(path, changed(robot))
     assert text.startswith(f"{path}: The controller was designed for other values: {named}")
-
-
-def test_edited_sample_time_of_a_file_is_named(tmp_path):
-    path, robot = tmp_path / "controller.toml", alten(FRICTION)
-    write_controller(nominal_controller(robot), path)
-    path.write_text(path.read_text().replace("sample_time = 0.005\n", "sample_time = 0.01\n", 1))
-    (text,) = warnings_of(path, robot)
-    assert "sample_time was 0.005 and is 0.01 s" in text
 
 
 def test_friction_inertia_s_point_and_rounding_are_no_other_values(tmp_path):
@@ -234,13 +218,3 @@ def test_controller_that_cannot_work_with_its_robot_is_named(tmp_path):
     free[:, [4, 9]] = 0.0  # the heading is left free: on the border, and allowed
     write_controller(Controller(robot, free), path)
     assert warnings_of(path, robot) == []
-
-
-def test_sample_time_of_milliseconds_is_refused_in_a_file(tmp_path):
-    path, robot = tmp_path / "controller.toml", alten()
-    write_controller(nominal_controller(robot), path)
-    path.write_text(path.read_text().replace("sample_time = 0.005\n", "sample_time = 5\n", 1))
-    with pytest.raises(
-        InputError, match=r"sample time is 5 s; it must be at most 1 s; did you mean 0.005 s\?"
-    ):
-        read_controller(path, robot)

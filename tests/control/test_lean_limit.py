@@ -57,14 +57,6 @@ def test_lean_limit_equals_its_numpy_reference(design, state, size):
     np.testing.assert_allclose(torques(robot, gain, state, BOUND), -gain @ bounded, rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
-@given(design=designed, state=states)
-def test_lean_limit_changes_nothing_within_the_limits(design, state):
-    robot, gain = design
-    wide = LeanLimit(lean=100.0, turn=100.0)
-    np.testing.assert_array_equal(torques(robot, gain, state, wide), torques(robot, gain, state, None))
-
-
 @pytest.mark.slow
 def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_can_save():
     stiff = design_integral_gain(ROBOT).gain

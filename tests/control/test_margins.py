@@ -150,26 +150,6 @@ def test_margins_of_a_wheel_are_those_of_python_control(name, wheel):
     assert math.degrees(one.disk.phase) == pytest.approx(phase, rel=1e-3)
 
 
-def test_each_wheels_response_is_that_of_its_loop_with_the_others_closed():
-    loop, omega = robot_loop(controller("four wheels")), np.array([0.3, 7.0, 200.0])
-    for wheel in range(4):
-        A, B, C = one_loop("four wheels", wheel)
-        for place, frequency in enumerate(omega):
-            z = np.exp(1j * frequency * loop.sample_time)
-            expected = (C @ np.linalg.solve(z * np.eye(len(A)) - A, B)).item()
-            # required: 1e-6; ten poles about z = 1
-            assert loop.wheel_responses(omega)[place, wheel] == pytest.approx(expected, rel=1e-6)
-
-
-def test_modes_are_minus_one_where_a_margin_of_all_wheels_ends():
-    loop, one = robot_loop(controller("nominal")), found("nominal").together
-    omega = np.array([one.phase_frequency])
-    turned = np.exp(-1j * one.phase) * loop.mode_responses(omega)[0]
-    assert np.abs(1.0 + turned).min() < 1e-5
-    nyquist = np.array([math.pi / loop.sample_time])
-    assert np.abs(1.0 + one.gain_up * loop.mode_responses(nyquist)[0]).min() < 1e-5
-
-
 #: substeps of a sample in which a plant is stepped beside the toolkit's own sampling
 FINE = 20
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.parts import KINDS, Parts
-from ballbot.control.parts.integral import IntegralAction
-from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.references import hold
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Estimator, Fix, Reading
@@ -204,18 +202,3 @@ def test_a_reading_of_another_robot_is_refused(kind):
     for change in ({"wheel_angles": np.zeros(2), "wheel_speeds": np.zeros(2)}, {"gyro": np.zeros(2)}):
         with pytest.raises(InputError, match="of a reading has the shape"):
             estimator.update(replace(reading(50), **change))
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: whole().with_parts(Parts(prediction=DelayPrediction(delay=10.0))),
-        lambda: whole().with_parts(Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),
-        lambda: replace(whole().parts.integral, gain=np.zeros((3, 2))),
-        lambda: replace(whole().parts.integral, gain=[["1", "2", "3"]]),
-    ],
-)
-def test_a_part_of_another_size_is_refused(make):
-    """A law is one record: a part of another size has no room in it."""
-    with pytest.raises(InputError):
-        make()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import bilinear, freqz, lfilter
+from scipy.signal import bilinear, lfilter
 
 from ballbot import Controller, InputError, Robot
 from ballbot.cli.main import main
@@ -14,7 +14,7 @@ from ballbot.control.file import read_controller
 from ballbot.control.parts import Parts
 from ballbot.control.parts.notch import Notch
 from ballbot.control.presets import design_gain
-from tests.support.control_examples import alten, notch_response
+from tests.support.control_examples import alten
 
 SAMPLE = 0.005
 ROBOT = alten()
@@ -50,27 +50,6 @@ def test_the_law_filters_each_wheels_torque_as_scipy_would(notch, seed):
     np.testing.assert_allclose(found, lfilter(*sampled(notch), torques, axis=0), rtol=0, atol=1e-10)
     controller.reset()
     np.testing.assert_array_equal(controller.update(0.0, states[0], np.zeros(10)), found[0])
-
-
-@settings(max_examples=20, deadline=None)
-@given(notch=notches)
-def test_response_is_scipys_and_leaves_its_depth(notch):
-    frequencies = np.array([0.0, 1.0, 5.0, notch.frequency])
-    _, expected = freqz(*sampled(notch), worN=frequencies, fs=1.0 / SAMPLE)
-    np.testing.assert_allclose(
-        notch_response(notch, frequencies, SAMPLE), expected, atol=1e-9
-    )  # of numbers near 1
-    assert notch_response(notch, 0.0, SAMPLE) == pytest.approx(1.0)
-    assert notch_response(notch, notch.frequency, SAMPLE) == pytest.approx(notch.depth, abs=1e-9)
-
-
-def test_nan_measurement_leaves_filter_state_unchanged():
-    controller = Controller(ROBOT, designed_gain(), parts=Parts(notch=Notch(frequency=33.0)))
-    state = np.full(10, 0.01)
-    before = controller.update(0.0, state, np.zeros(10))
-    controller.reset()
-    assert (controller.update(0.0, np.full(10, np.nan), np.zeros(10)) == 0.0).all()
-    np.testing.assert_array_equal(controller.update(0.0, state, np.zeros(10)), before)
 
 
 @pytest.mark.parametrize(

@@ -177,20 +177,6 @@ def test_observer_uses_the_torque_that_acted(delay):
     assert back < 0.01
 
 
-def test_one_nan_measurement_has_no_lasting_effect():
-    robot = alten(FRICTION)
-    prediction = DelayPrediction(delay=0.012)
-    controller = Controller(
-        robot, design_gain(robot).gain, compensation="full", parts=Parts(prediction=prediction)
-    )
-    for k in range(20):
-        state = leaning(0.01)
-        state[7] = np.nan if k == 3 else 0.0
-        found = controller.update(0.0, state, np.zeros(10))
-        assert np.isfinite(found).all()
-        assert (found == 0.0).all() == (k == 3)
-
-
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
@@ -202,13 +188,6 @@ def test_one_nan_measurement_has_no_lasting_effect():
 def test_invalid_prediction_is_refused(make, sentence):
     with pytest.raises(InputError, match=sentence):
         make()
-
-
-def test_negligible_delay_equals_no_delay():
-    robot, state = alten(), leaning(0.02, 0.01)
-    plain = Controller(robot, design_gain(robot).gain, torque_limit=1e3)
-    wanted = plain.update(0.0, state, np.zeros(10))
-    np.testing.assert_allclose(predicting(robot, 1e-12).update(0.0, state, np.zeros(10)), wanted, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -1,13 +1,12 @@
 """Records: one schema gives the structured type, the file table and the conversion to single precision."""
 
-from dataclasses import MISSING, dataclass, field, fields, make_dataclass
-from typing import get_type_hints
+from dataclasses import dataclass, field, make_dataclass
 
 import numpy as np
 import pytest
 
 from ballbot import InputError
-from ballbot.control.law import LAW, MEMORY, MEMORY_SIZE
+from ballbot.control.law import LAW, MEMORY
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.records import (
     MAX_WHEELS,
@@ -16,11 +15,9 @@ from ballbot.control.records import (
     fill_record,
     number,
     schema_of,
-    settings_of,
-    table_of,
     whole,
 )
-from tests.support.control_examples import FRICTION, alten, everything, example_parts, four_wheeled
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,13 +58,6 @@ def test_digest_covers_names_types_lengths_units_and_order():
     assert len({plain, *others}) == 6
 
 
-def test_smaller_array_fills_the_first_places():
-    record = schema_of(Example).zeros()
-    fill_record(record, Example(gains=np.ones((3, 2))))
-    np.testing.assert_array_equal(record["gains"][0], [[1, 1], [1, 1], [1, 1], [0, 0]])
-    assert (record["on"][0], record["torque"][0]) == (1, 0.5)
-
-
 @pytest.mark.parametrize(
     ("gains", "sentence"),
     [
@@ -104,16 +94,6 @@ def test_single_precision_refuses_what_is_out_of_range_or_lost():
         converted(record, schema)
 
 
-def test_parts_list_gives_file_tables_and_records():
-    assert list(KINDS) == [one.name for one in fields(Parts)]
-    assert set(KINDS) < set(LAW.fields)
-    assert set(KINDS) < set(MEMORY.fields)
-    assert MEMORY.dtype().itemsize == MEMORY_SIZE * 8
-    for name, kind in KINDS.items():
-        assert list(table_of(kind).model_fields) == list(settings_of(kind)), name
-        assert {one.name for one in fields(kind)} <= set(get_type_hints(kind)), name
-
-
 def test_record_begins_with_a_flag_and_is_zero_without_the_part():
     """A step reads `on` of its record: 1 if the controller has the part; otherwise the whole record is zeros."""
     whole = everything(alten(FRICTION))
@@ -122,11 +102,3 @@ def test_record_begins_with_a_flag_and_is_zero_without_the_part():
         assert next(iter(schema_of(kind.record).fields)) == "on"
         assert whole.record[name]["on"][0] == 1
         assert not any(bare[name].tobytes())
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_example_of_a_part_has_settings_within_their_range_that_are_no_defaults(name):
-    kind, example = KINDS[name], getattr(example_parts(4), name)
-    for one in fields(kind):
-        assert one.default is MISSING or getattr(example, one.name) != one.default
-    assert set(kind.needs) < set(KINDS)

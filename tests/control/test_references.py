@@ -28,13 +28,6 @@ def test_every_named_reference_starts_where_the_robot_starts(name):
     np.testing.assert_array_equal(EVERY[name](0.0), np.zeros(10))
 
 
-def test_hold_reference_array_is_read_only():
-    reference = references.hold(x=1.0, y=2.0, psi=3.0)
-    with pytest.raises(ValueError, match="read-only"):
-        reference(0.0)[:] = 9.0
-    np.testing.assert_array_equal(reference(5.0), [1, 2, 0, 0, 3, 0, 0, 0, 0, 0])
-
-
 def test_the_square_is_the_shared_logs_square(shared_data):
     log = Log.read(shared_data / "bbr" / "square_soft.csv")
     asked = np.array([references.square(side=0.5, period=32.0)(t) for t in log.t])
@@ -60,18 +53,6 @@ def test_a_square_turns_at_the_sample_though_the_clock_is_rounded():
     assert reference(clock[98])[0] == 0.0
     assert reference(clock[99])[0] == 1.0
     assert reference(1.0 - 1e-13)[0] == 1.0
-
-
-def test_a_change_without_ramp_is_a_step():
-    reference = references.change_pose(x=2.0, y=0.0, psi=0.0, at=1.0, ramp=0.0)
-    assert reference(0.999)[0] == 0.0
-    assert reference(1.0)[0] == 2.0
-
-
-@given(st.floats(0.0, 100.0))
-def test_circle_reference_is_a_circle(t):
-    x, y = references.circle(radius=0.7, period=12.0)(t)[:2]
-    assert np.hypot(x, y - 0.7) == pytest.approx(0.7, rel=1e-12)
 
 
 def test_the_eight_crosses_itself_in_the_origin_and_fills_its_box():

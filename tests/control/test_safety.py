@@ -16,9 +16,6 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
 from ballbot.control.safety import SafeController, SafetyLimits, StopReason
 from ballbot.errors import InputError
-from ballbot.estimation.kalman import KalmanFilter
-from ballbot.estimation.onboard import OnboardState
-from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.run import simulate
@@ -87,11 +84,6 @@ def test_safety_stop_follows_its_rule_and_stays(max_missing, run):
     assert tuple(guard.update(0.0, np.zeros(10), np.zeros(10))) == answer.torques
 
 
-def test_limits_of_a_real_robot():
-    limits = SafetyLimits.on_robot(ROBOT, sample_time=0.005)
-    assert limits == SafetyLimits(lean=0.35, max_interval=0.0175, max_unchanged=20, turning_torque=1.5)
-
-
 def test_the_reason_is_one_sentence_with_the_time():
     controller = guarded(max_missing=1)
     for k in range(3):
@@ -109,16 +101,6 @@ def test_the_reason_is_one_sentence_with_the_time():
     assert (controller.update(0.25, np.zeros(10), np.zeros(10)) == 0.0).all()
     assert controller.stop is not None
     assert "torque nan on wheel 2 is not a finite number" in controller.stop.text
-
-
-def test_controller_is_not_called_without_a_state():
-    controller = guarded()
-    asked = controller.controller
-    assert (controller.update(0.0, np.zeros(10), np.zeros(10), measured=False) == asked.torques).all()
-    assert (controller.update(H, np.full(10, np.nan), np.zeros(10)) == 0.0).all()
-    assert asked.asked == 1
-    assert controller.stop is None
-    assert (controller.update(2 * H, np.zeros(10), np.zeros(10)) == asked.torques).all()
 
 
 @pytest.mark.parametrize("place", range(10))
@@ -185,29 +167,6 @@ def test_controller_returning_nan_ends_the_run():
     assert np.isfinite(log.torques).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("estimator", [KalmanFilter, OnboardState])
-def test_the_twin_s_estimator_bridges_a_gap_and_the_layer_stops_a_longer_one(estimator):
-    pytest.importorskip("mujoco")
-    from ballbot.twin import Twin
-
-    twin = Twin(ROBOT, estimator=estimator(ROBOT, sample_time=H))
-    read, lost = twin._sensors.read, {10, 11}
-
-    def reading(t, *rest):
-        one = read(t, *rest)
-        return replace(one, gyro=np.full(3, np.nan)) if round(t / H) in lost else one
-
-    twin._sensors.read = reading
-    log = simulate(twin, nominal_controller(ROBOT), hold(), duration=0.2)
-    assert log.ended is None
-    assert np.isfinite(log.states).all()
-    assert np.isnan(log["gyro_x"][10:12]).all()
-    lost |= {20, 21, 22}
-    log = simulate(twin, nominal_controller(ROBOT), hold(), duration=0.2)
-    assert log.ended == "stopped at t = 0.110 s: no valid measurement for 3 samples; 2 are bridged"
-
-
 @pytest.mark.parametrize(
     ("limits", "sentence"),
     [
@@ -223,10 +182,6 @@ def test_the_twin_s_estimator_bridges_a_gap_and_the_layer_stops_a_longer_one(est
 def test_wrong_limits_are_refused(limits, sentence):
     with pytest.raises(InputError, match=sentence):
         SafetyLimits(**limits)
-
-
-def test_the_default_lean_is_the_model_s_own_end():
-    assert SafetyLimits().lean == LARGEST_LEAN
 
 
 def test_nan_torque_of_a_user_controller_is_an_error(tmp_path):

@@ -85,7 +85,7 @@ def test_logs_that_disagree_widen_and_are_found() -> None:
 
 @pytest.mark.slow
 def test_the_prior_of_many_robots_is_recovered() -> None:
-    random, robots = np.random.default_rng(2), 40
+    random, robots = np.random.default_rng(2), 20
     made = [
         RobotLogs(
             estimates=drawn(random, 2, 8.0),
@@ -96,6 +96,6 @@ def test_the_prior_of_many_robots_is_recovered() -> None:
         for _ in range(robots)
     ]
     found = fit_prior(made, groups=2)
-    # a size from 40 differences errs by 1 / sqrt(80), more with tau's own scatter and beside errors within logs
+    # a size from 20 differences errs by 1 / sqrt(40), more with tau's own scatter and beside errors within logs
     np.testing.assert_allclose(found.sizes, [0.03, 0.05], rtol=4.0 / np.sqrt(2.0 * robots))
     assert 4.0 < found.degrees < 40.0

@@ -30,18 +30,6 @@ def test_ratio_interval_covers_the_truth_at_its_level(runs, memory, least):
     assert least < np.mean(held) <= 0.99
 
 
-def test_the_interval_narrows_with_runs_and_the_root_of_squares_is_halved():
-    random = np.random.default_rng(3)
-    few, many = (ratio_interval(*_errors(random, runs=runs, memory=0.0)[::-1]) for runs in (100, 10_000))
-    # a hundred times the runs: a tenth of the width, of which a column's own scatter is about a sixth
-    narrower = np.mean(np.log(many[1] / many[0])) / np.mean(np.log(few[1] / few[0]))
-    assert 0.07 < narrower < 0.13
-    first, second = _errors(random, runs=50, memory=0.0)
-    np.testing.assert_allclose(
-        ratio_interval(second, first, power=0.5), np.sqrt(ratio_interval(second, first)), rtol=1e-12
-    )
-
-
 def test_overlapping_forecasts_do_not_make_an_interval_narrower():
     random = np.random.default_rng(8)
     # every forecast counted five times, as starts that overlap are
@@ -56,13 +44,3 @@ def test_overlapping_forecasts_do_not_make_an_interval_narrower():
 
     # 300 rows that are 60 have about the width of 60 (which few blocks widen), not one over the root of five of it
     assert width(slice(None)) > 0.75 * width(slice(None, None, 5))
-
-
-def test_rmse_and_ratio_equal_numpy_by_model():
-    random = np.random.default_rng(9)
-    differences = random.normal(size=(3, 40, 2, 4))
-    errors = HorizonErrors(horizons=np.array([0.1, 0.2]), differences=differences)
-    for rmse, one in zip(errors.rmse, differences, strict=True):
-        np.testing.assert_allclose(rmse, np.sqrt(np.mean(one**2, axis=0)), rtol=1e-12)
-    np.testing.assert_allclose(errors.ratio, errors.rmse[1] / errors.rmse[0], rtol=1e-12)
-    assert errors.starts == 40

@@ -95,7 +95,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow  # campaigns/killed_sweep.py kills a larger one more often
+@pytest.mark.slow
 def test_sweep_killed_again_and_again_ends_in_the_same_bytes(tmp_path):
     script, random = tmp_path / "sweep.py", np.random.default_rng()  # the instant is left to chance
     script.write_text(SWEEP)

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from ballbot.fitting.uncertainty import (
     NormalEquations,
     WindowEquations,
-    block_length,
     bootstrap,
     correlation,
     covariance,
@@ -40,10 +39,6 @@ def test_neighbours_are_drawn_together():
     together = np.mean(drawn[:, 1:] * drawn[:, :-1]) / np.mean(drawn**2)
     # 200 000 products of neighbours give it to about 0.01
     assert together == pytest.approx(0.9, abs=0.03)
-
-
-def test_blocks_grow_with_the_cube_root():
-    assert [block_length(n) for n in (1, 27, 1000)] == [1, 3, 10]
 
 
 def test_one_step_is_the_whole_way_where_the_problem_is_linear():

@@ -100,19 +100,6 @@ def test_equal_runs_are_equal_bit_for_bit():
     assert runs[0] == runs[1]
 
 
-def test_sessions_after_a_reset_differ_by_the_noise_of_the_imu(monkeypatch):
-    """The host's random number and the robot's clock may be equal; the noise is not."""
-    monkeypatch.setattr("ballbot.link.session.secrets.randbelow", lambda most: most // 3)
-    sessions = []
-    for seed in (1, 2, 3, 3):
-        robot = emulated(seed=seed)
-        robot.read(0.0)
-        session = Session(robot, clock=robot.clock)
-        sessions.append(session.connect().session)
-    assert len(set(sessions)) == 3
-    assert sessions[2] == sessions[3]
-
-
 def session_number(**start) -> int:
     """Return the session of a robot whose sensors give nothing, after three samples."""
     line = LockStep(CompiledRobot(parameters(), **start), sample_time=H)

@@ -1,6 +1,5 @@
 """References of a live robot: keys, courses, and the frame of the start."""
 
-import math
 import os
 
 import numpy as np
@@ -147,9 +146,3 @@ def test_reference_in_the_robots_frame_comes_back(start_psi, psi):
     wanted = np.zeros(10)
     wanted[[0, 1, 4]] = 0.5, -0.25, psi
     np.testing.assert_allclose(in_start_frame(in_robot_frame(wanted, start), start), wanted, atol=1e-12)
-
-
-def test_start_at_the_origin_changes_no_bit():
-    state = np.linspace(-0.3, 0.7, 10)
-    np.testing.assert_array_equal(in_start_frame(state, np.zeros(3)), state)
-    assert math.isclose(in_robot_frame(state, np.zeros(3))[4], state[4], abs_tol=0.0)

@@ -192,21 +192,3 @@ def test_addresses_of_transports():
     for gone in ("/dev/no-such-port?baud=115200", "udp://127.0.0.1:5005"):
         with pytest.raises(LinkError, match="cannot be opened"):
             open_transport(gone)
-
-
-@needs_compiler
-def test_lost_port_ends_the_session():
-    with serial_line() as (port, far):
-        loop = Loop(port, far)
-        session = loop.session()
-
-        def gone(timeout: float) -> bytes:
-            raise LinkError(f"The serial port has gone, within {timeout:g} s.")
-
-        loop.read = gone  # type: ignore[method-assign]
-        session._queued.clear()
-        with pytest.raises(LinkError, match="has gone"):
-            session.poll(0.01)
-        assert not session.connected
-        with pytest.raises(LinkError, match="connect first"):
-            session.set_reference(np.zeros(10))

@@ -4,20 +4,22 @@ import os
 import subprocess
 import sys
 
-SHAPE = """
+#: a function that is soon compiled, and another one that it calls
+SMALL = """
 import sys
 sys.stderr.isatty = lambda: True
-from ballbot.mechanics.friction_laws import Classical
-from ballbot.simulation.driveline import Driveline, simulate_driveline
-law = Classical(viscous=0.01, coulomb=0.1, stribeck=0.05, stribeck_speed=0.6)
-print(simulate_driveline(Driveline(inertia=1e-3, friction=law), [0.3], sample_time=0.01).speeds)
+import numpy as np
+from ballbot.identification.swing import follow_pendulum
+t, angles, rates = np.arange(3.0), np.empty(3), np.empty(3)
+follow_pendulum(1.0, 0.1, 0.01, 0.2, 0.0, t, 0.05, angles, rates)
+print(angles)
 """
 
 
 def test_a_damaged_cache_is_compiled_again_and_compilation_is_said_once(tmp_path):
     def run() -> tuple[str, int]:
         done = subprocess.run(
-            [sys.executable, "-c", SHAPE],
+            [sys.executable, "-c", SMALL],
             env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
             capture_output=True,
             text=True,
@@ -29,6 +31,6 @@ def test_a_damaged_cache_is_compiled_again_and_compilation_is_said_once(tmp_path
     assert first[1] == 1
     assert run() == (first[0], 0)
     for ending, size in (("nbi", -20), ("nbc", 0)):
-        (file,) = tmp_path.rglob(f"*.{ending}")
-        file.write_bytes(file.read_bytes()[:size])
+        for file in tmp_path.rglob(f"*.{ending}"):
+            file.write_bytes(file.read_bytes()[:size])
         assert run() == first

@@ -1,7 +1,4 @@
-"""The convex step proven: its minimiser against Clarabel's, friction's work, break-away, rest.
-
-The campaign of 10,000 problems is `make evidence`; here a sample of it runs, and Hypothesis looks for worse.
-"""
+"""The convex step proven: its minimiser against its conditions and Clarabel's, friction's work, break-away, rest."""
 
 from __future__ import annotations
 
@@ -20,19 +17,19 @@ from ballbot.mechanics.engine.convex import convex_block, problem_in
 from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.stick_slip import minimise
-from campaigns.convex_step import (
+from tests.support.control_examples import FRICTION, alten, four_wheeled
+from tests.support.convex_problems import (
     KINDS,
     Kind,
     distance,
     objective,
+    proven_distance,
     random_problem,
-    reference,
     solve_conic,
     with_minimiser,
 )
-from tests.support.control_examples import FRICTION, alten, four_wheeled
 
-#: asked of the minimiser, |nu - reference| / |nu_free|; 2e-13 was the worst seen
+#: asked of the minimiser, |nu - minimiser| / |nu_free|; 3e-11 was the worst bound of 3,000 problems
 TOLERANCE = 1e-10
 
 each_shape = pytest.mark.parametrize(
@@ -48,17 +45,18 @@ shapes = st.tuples(st.sampled_from([3, 4]), st.booleans())
 
 @each_shape
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_minimiser_is_the_reference_solver_s(wheel_count: int, pivoting: bool, kind: Kind) -> None:
+def test_the_minimiser_meets_its_conditions_and_is_no_worse_than_clarabel_s(
+    wheel_count: int, pivoting: bool, kind: Kind
+) -> None:
     rng = np.random.default_rng(41)
     for _ in range(8):
         problem = random_problem(rng, wheel_count=wheel_count, pivoting=pivoting, kind=kind)
-        nu, known = minimise(*problem), reference(problem)
-        assert known.bound < TOLERANCE / 10  # the reference proves its own accuracy
-        assert distance(problem, nu, known.nu) < TOLERANCE
-        # Clarabel's own answer, unrefined, is nowhere lower, but for the kinks: there a contact's speed of nearly zero
-        # costs its friction, which is of first order in it (1.2e-11 was the most of 900 problems)
+        nu, conic = minimise(*problem), solve_conic(problem)
+        assert proven_distance(problem, nu) < (1e-6 if kind == "almost held" else TOLERANCE)
+        # Clarabel's answer is nowhere lower, but for the kinks: there a contact's speed of nearly zero costs its
+        # friction, which is of first order in it (1.2e-11 was the most of 900 problems)
         rest = objective(problem, np.zeros_like(nu))
-        assert objective(problem, nu) <= objective(problem, known.conic) + TOLERANCE * rest
+        assert objective(problem, nu) <= objective(problem, conic) + TOLERANCE * rest
 
 
 @given(shapes, st.integers(0, 2**32 - 1))
@@ -70,7 +68,7 @@ def test_the_minimiser_of_friction_by_direction_is_clarabel_s(shape: tuple[int, 
     backward = problem.limits * rng.uniform(0.0, 2.0, len(problem.limits))
     both = np.stack([problem.limits, backward], axis=1)
     nu = minimise(problem.M, problem.free, problem.C, both, problem.rolling, problem.h)
-    conic = solve_conic(problem, backward).nu
+    conic = solve_conic(problem, backward)
     rest = objective(problem, np.zeros_like(nu), backward)
     assert objective(problem, nu, backward) <= objective(problem, conic, backward) + TOLERANCE * rest
     # near its minimum the objective is quadratic: 1e-13 of it, Clarabel's tolerance, is some 1e-6 of the velocity, and
@@ -108,17 +106,6 @@ def test_friction_s_power_is_that_of_its_limits_and_never_drives(
     norm = np.linalg.norm
     change = norm(free) * (norm(M @ (free - 2.0 * nu)) / h + limits @ norm(C, axis=1) + rolling)
     assert abs(power - law) <= 1e-11 * change
-
-
-@given(shapes, st.integers(0, 2**32 - 1), st.sampled_from(KINDS))
-@settings(max_examples=60, deadline=None)
-def test_a_step_brings_no_two_motions_further_apart(shape: tuple[int, bool], seed: int, kind: Kind) -> None:
-    """The proximal map contracts in the norm of the kinetic energy: the wider of two, before, bounds them after."""
-    rng = np.random.default_rng(seed)
-    one = random_problem(rng, wheel_count=shape[0], pivoting=shape[1], kind=kind)
-    other = one._replace(free=one.free * (1.0 + 0.1 * rng.normal(size=len(one.free))))
-    before, after = one.free - other.free, minimise(*one) - minimise(*other)
-    assert after @ one.M @ after <= before @ one.M @ before * (1.0 + 1e-9)
 
 
 # --- the engine's step for robots side by side ------------------------------------------------------
@@ -194,41 +181,7 @@ def test_each_wheel_breaks_away_at_exactly_its_c_plus_s(
         assert speed * direction > 0.0
 
 
-@given(st.floats(0.0, 2 * np.pi), st.floats(1e-9, 0.5), st.booleans())
-@settings(max_examples=25, deadline=None)
-def test_a_lean_breaks_away_where_gravity_passes_what_wheels_and_floor_hold(
-    azimuth: float, excess: float, beyond: bool
-) -> None:
-    """Gravity's torque on the body, of m_r g l sin(lean), must pass through the wheels: W^T lambda = torque.
-
-    The floor holds what the wheels' torque on the ball pushes, |torque| / r_b, with room to spare.
-    """
-    friction = replace(FRICTION, rolling=0.1)
-    robot = alten(friction)
-    model = Model(robot)
-    held = np.array(friction.coulomb) + np.array(friction.stribeck)
-
-    def overload(lean: float) -> float:
-        """Return the largest share that a wheel has of its limit, by statics."""
-        q = np.array([0, 0, lean * np.cos(azimuth), lean * np.sin(azimuth), 0])
-        W = model.wheel_jacobian(q)[:, 2:]
-        slope = np.array(
-            [np.sin(q[2]) * np.cos(q[3]), np.cos(q[2]) * np.sin(q[3]), 0.0]
-        )  # of -cos theta cos phi
-        tipping = robot.body.mass * robot.gravity * robot.body.center_of_mass * slope
-        return float(np.max(np.abs(np.linalg.solve(W.T, tipping)) / held))
-
-    low, high = 0.0, 0.1
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if overload(middle) < 1.0 else (low, middle)
-    lean = low * (1.0 + excess if beyond else 1.0 - excess)
-    start = np.zeros(10)
-    start[2:4] = lean * np.cos(azimuth), lean * np.sin(azimuth)
-    assert bool(np.any(model.advance(start, np.zeros(3), 1e-3) != start)) == beyond
-
-
-@pytest.mark.slow
+@pytest.mark.sample  # compiles the engine of four wheels
 def test_four_wheels_that_push_against_each_other_turn_nothing() -> None:
     """The ball blocks them, whatever the torque: its axles' torques cancel on the ball."""
     robot = four_wheeled(friction=True)
@@ -240,26 +193,6 @@ def test_four_wheels_that_push_against_each_other_turn_nothing() -> None:
 
 
 # --- rest and dissipation --------------------------------------------------------------------------
-
-
-@pytest.mark.sample  # engines that this test compiles almost alone
-@pytest.mark.parametrize(
-    "model",
-    [
-        Model(alten(FRICTION), pivoting=0.02),
-        Model(four_wheeled(friction=True)),
-        Model(alten(FRICTION), "thesis"),
-    ],
-    ids=["pivoting", "four wheels", "thesis"],
-)
-def test_a_simulated_hour_at_rest_has_not_a_bit_of_motion(model: Model) -> None:
-    """Beside the plain model in test_stick_slip; a step of 0.1 s, since nothing is to happen in it."""
-    start = np.zeros(5 + model.velocity_count)
-    start[:5] = 0.3, -0.2, 0.0015, -0.001, 2.0
-    torques = np.resize([0.01, -0.02, 0.015], model.robot.wheel_count)
-    coarse = Model(model.robot, model.formulation, step=0.1, pivoting=model.pivoting)
-    assert_array_equal(coarse.advance(start, torques, 3600.0), start)
-    assert_array_equal(model.advance(start, torques, 10.0), start)
 
 
 def friction_s_work(robot: Robot, step: float, pivoting: float | None) -> NDArray[np.float64]:

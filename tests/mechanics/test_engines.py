@@ -16,8 +16,8 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from ballbot import Model, Robot
-from tests.support.constraint_elimination import Freed, Solution, constrained, constraints, robot_acceleration
-from tests.support.freed_mechanism import Motion, reflected_inertia, rolling_motion
+from tests.support.constraint_elimination import Freed, Solution, constrained, robot_acceleration
+from tests.support.freed_mechanism import Motion, rolling_motion
 from tests.support.symbolic_oracle import random_robot, random_state
 
 # Required: 1e-8. Both sides are float64 and solve well-conditioned systems: 4e-14 was the worst seen
@@ -109,34 +109,3 @@ def test_an_error_of_a_wheel_s_inertia_would_show(engine: str) -> None:
     heavier = replace(wheels, inertia=wheels.inertia * (1 + 1e-6))
     other = Model(one.robot.replace(wheels=heavier)).acceleration(one.q, one.q_dot, one.u)
     assert relative_difference(other, engine_acceleration(one)) > 1e3 * TOLERANCE
-
-
-@each_engine
-def test_the_mechanism_is_the_robot(engine: str) -> None:
-    """Wheels locked, body and wheels together have the file's mass, centre of mass and J_0."""
-    for one in cases(engine, "4", states=20):
-        robot, M = one.robot, one.freed.mass_matrix[0]
-        R = one.motion.body.as_matrix()[0]
-        c = robot.body.mass * robot.body.center_of_mass * R[:, 2]
-        lever = np.array([[0, c[2], -c[1]], [-c[2], 0, c[0]], [c[1], -c[0], 0]])
-        J = R @ robot.body.inertia_about_ball_center() @ R.T
-        expected = np.block([[robot.body.mass * np.eye(3), lever], [lever.T, J]])
-        assert_allclose(M[6:12, 6:12], expected, rtol=0, atol=TOLERANCE * 100)
-        hinges = (robot.wheels.inertia + reflected_inertia(robot)) * np.eye(robot.wheel_count)
-        assert_allclose(M[12:, 12:], hinges, rtol=TOLERANCE, atol=TOLERANCE)
-        ball = np.repeat([robot.ball.mass, robot.ball.inertia], 3)
-        assert_allclose(M[:6, :6], np.diag(ball), rtol=TOLERANCE, atol=TOLERANCE)
-
-
-@each_engine
-def test_the_constraints_hold_and_keep_holding(engine: str) -> None:
-    """G nu = 0, and nu_dot obeys its derivative: G_dot nu against a central difference along the motion."""
-    one = cases(engine, "4", states=20)[0]
-    G, G_dot_nu = constraints(one.robot, one.motion)
-    nu = one.motion.velocities[..., None]
-    assert_allclose((G @ nu)[..., 0], 0.0, atol=1e-12)
-    h = 1e-5  # truncation h^2 and rounding eps/h meet near 1e-10
-    ahead, _ = constraints(one.robot, rolling_motion(one.robot, one.q + h * one.q_dot, one.q_dot, 0))
-    behind, _ = constraints(one.robot, rolling_motion(one.robot, one.q - h * one.q_dot, one.q_dot, 0))
-    assert_allclose(G_dot_nu, ((ahead - behind) @ nu)[..., 0] / (2 * h), atol=1e-7)
-    assert_allclose((G @ one.solution.accelerations[..., None])[..., 0], -G_dot_nu, atol=1e-9)

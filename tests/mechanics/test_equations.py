@@ -9,12 +9,12 @@ from numpy.testing import assert_allclose
 from ballbot import InputError, Model, Robot
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.mechanics.geometry import rotation, transforms
+from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Friction
 from ballbot.state import STATE_NAMES
-from tests.support.control_examples import FRICTION, four_wheeled
+from tests.support.control_examples import FRICTION
 from tests.support.lagrangian import equations
-from tests.support.symbolic_oracle import random_robot, random_state, relative_difference
+from tests.support.symbolic_oracle import random_robot, random_state
 
 
 def alten(friction: Friction | None = None) -> Robot:
@@ -47,38 +47,6 @@ def test_equations_equal_the_symbolic_lagrangian(formulation, wheel_count):
         assert_allclose(model.wheel_jacobian(q) @ q_dot, oracle.wheel_speed(q, q_dot), rtol=1e-11, atol=1e-12)
         if formulation == "exact":
             assert model.energy(q, q_dot) == pytest.approx(oracle.energy(q, q_dot), rel=1e-11)
-
-
-def velocity_of(points, q, q_dot):
-    """Return the velocities (k, 3) of points (k, 3) fixed in the body, by a complex step along the motion."""
-    h = 1e-40
-    moved = q + 1j * h * q_dot
-    return np.imag(np.array([*moved[:2], 0]) + points @ rotation(*moved[2:]).T) / h
-
-
-@pytest.mark.slow
-def test_symbolic_energies_of_the_thesis_are_those_of_its_appendix():
-    """(II.20), (II.25), (II.27) in plain NumPy, with Phi_dot for the body's angular velocity."""
-    rng = np.random.default_rng(8)
-    for _ in range(15):
-        robot = random_robot(rng, 3)
-        q, q_dot, _ = random_state(rng, 3)
-        ball, body, T = robot.ball, robot.body, transforms(robot)
-        v_g, Phi_dot, R = np.array([*q_dot[:2], 0.0]), q_dot[2:], rotation(*q[2:])
-        Omega_ball = np.linalg.pinv(T.T_vgb) @ v_g
-        v_body = velocity_of(np.array([[0, 0, body.center_of_mass]]), q, q_dot)[0]
-        wheels = T.T_owr @ R.T @ Phi_dot + T.T_owb @ R.T @ Omega_ball
-        expected = (
-            ball.mass * v_g @ v_g
-            + ball.inertia * Omega_ball @ Omega_ball
-            + body.mass * v_body @ v_body
-            + Phi_dot @ body.inertia_matrix() @ Phi_dot
-            + robot.wheels.inertia * wheels @ wheels
-        ) / 2
-        thesis = equations(robot, "thesis")
-        # some thousand operations in double precision and a solve of condition below 1e3; 6e-15 was seen
-        assert thesis.kinetic_energy(q, q_dot) == pytest.approx(expected, rel=1e-12)
-        assert relative_difference(thesis.wheel_speed(q, q_dot), wheels) <= 1e-12
 
 
 def test_leading_shapes_are_kept():
@@ -143,22 +111,6 @@ def test_linear_model_converts_to_python_control():
     assert system.state_labels == system.output_labels == [*STATE_NAMES]
     torque_to_lean = system["theta", "u2"]  # python-control's own choice by names
     assert_allclose(torque_to_lean(1j), (system(1j))[STATE_NAMES.index("theta"), 1], rtol=1e-12)
-
-
-def test_named_signals_connect_in_python_control():
-    control = pytest.importorskip("control")
-    linear = Model(four_wheeled(friction=False)).linearize()
-    gain = np.arange(40.0).reshape(4, 10)
-    feedback = control.ss(
-        [], [], [], -gain, inputs=[*STATE_NAMES], outputs=[f"f{i}" for i in range(1, 5)], name="feedback"
-    )
-    sums = [control.summing_junction([f"f{i}", f"d{i}"], f"u{i}") for i in range(1, 5)]
-    closed = control.interconnect(
-        [linear.to_control(), feedback, *sums], inputs=[f"d{i}" for i in range(1, 5)], outputs=["theta"]
-    )
-    expected = np.linalg.eigvals(linear.A - linear.B @ gain)
-    # two poles at zero: rounding moves a double pole by the root of it
-    assert_allclose(np.poly(closed.poles()), np.poly(expected), rtol=1e-6, atol=1e-4)
 
 
 @pytest.mark.parametrize("axis", [2, 3])
@@ -238,26 +190,6 @@ def test_known_sign_friction_is_the_numpy_law():
         slope = (batch.states[0, 0, 5:] - q_dot) / h
         # one-sided difference: h times the jerk (at most some 1e3) and rounding 1e-16 * 20 / h
         assert_allclose(slope, expected, atol=2e-2 * max(1.0, np.abs(expected).max() / 10))
-
-
-def test_lanes_do_not_depend_on_their_neighbours_or_threads():
-    rng = np.random.default_rng(5)
-    model = Model(alten(FRICTION))
-    initial = np.concatenate([rng.normal(0, 0.02, (75, 5)), rng.normal(0, 0.3, (75, 5))], axis=1)
-    torques = rng.normal(0, 0.3, (75, 20, 3))
-    lanes = Lanes(parameters=model.packed[None], initial=initial, torques=torques)
-
-    def run(threads):
-        return simulate_lanes(model.selected, lanes, sample_time=0.005, steps=5, threads=threads).states
-
-    together = run(2)
-    assert (together == run(1)).all()
-    for lane in (0, 40, 74):
-        state = initial[lane]
-        for sample in range(20):
-            state = model.advance(state, torques[lane, sample], 0.005)
-        # vector and scalar code may fuse multiplications differently: rounding, grown over 100 steps
-        assert_allclose(state, together[lane, -1], rtol=1e-9, atol=1e-11)
 
 
 def test_normal_force():

@@ -4,16 +4,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ballbot import Model, Robot
-from ballbot.control.overcompensation import cautious_friction
 from ballbot.errors import InputError
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import found_robot
 from ballbot.mechanics.friction import (
-    WheelTerms,
     friction_terms,
     stribeck_curve,
     stribeck_gradient,
@@ -120,15 +116,6 @@ def test_coulomb_asymmetry_is_a_constant_torque_against_the_motor():
 
 
 @pytest.mark.slow
-def test_load_is_added_to_the_coulomb_friction():
-    loaded = Model(robot_with(replace(PLAIN, load=LOAD)))
-    coulomb = tuple((np.array(PLAIN.coulomb) + np.array(LOAD) * np.abs(TORQUES)).tolist())
-    plain = Model(robot_with(replace(PLAIN, coulomb=coulomb)))
-    ours, theirs = loaded.advance(STATE, TORQUES, 0.5), plain.advance(STATE, TORQUES, 0.5)
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13)
-
-
-@pytest.mark.slow
 def test_moving_wheels_decelerate_by_the_friction_of_their_direction():
     model, frictionless = Model(robot_with(FULL)), Model(robot_with(Friction.none(3)))
     q_dot = np.array([0.3, -0.2, 0.1, 0.0, 0.5])
@@ -160,23 +147,6 @@ def test_a_wheel_breaks_away_at_the_limit_of_its_direction(direction, excess):
 
 
 @pytest.mark.slow
-@settings(max_examples=10, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_full_law_only_takes_energy(seed):
-    rng = np.random.default_rng(seed)
-    model = Model(robot_with(scaled_friction(FULL, 10.0 ** rng.uniform(-1, 0.3))))
-    state = np.concatenate(
-        [np.zeros(2), rng.uniform(-0.1, 0.1, 2), rng.uniform(-3, 3, 1), rng.normal(size=5) * 0.2]
-    )
-    energy = model.energy(state[:5], state[5:])
-    for _ in range(20):
-        state = model.advance(state, np.zeros(3), 2e-3)
-        after = model.energy(state[:5], state[5:])
-        assert after <= energy + 1e-7
-        energy = after
-
-
-@pytest.mark.slow
 def test_gear_play_has_the_whole_law_at_its_motors():
     play = Imperfections(backlash=0.02)
     directed = SensedPlant(Model(robot_with(replace(PLAIN, coulomb_asymmetry=COULOMB, load=LOAD))), play)
@@ -205,25 +175,6 @@ def test_identified_terms_stand_in_the_robot(tmp_path):
     # without the law, an offset is the motor's, and no friction
     motor = found_robot(robot_with(Friction.none(3)), layout, values, errors, **given)
     assert motor.friction == replace(PLAIN, load=LOAD)
-
-
-def test_cautious_friction_scales_every_term():
-    covariance = np.diag([*(0.002,) * 3, *(0.02,) * 3, *(0.02,) * 3, 0.0, 0.0, 0.001]) ** 2
-    cautious = cautious_friction(FULL, covariance)
-    factors = np.divide(cautious.coulomb, FULL.coulomb)
-    assert (factors < 1.0).all()
-    np.testing.assert_allclose(cautious.coulomb_asymmetry, factors * COULOMB, rtol=1e-14)
-    np.testing.assert_allclose(cautious.load, factors * LOAD, rtol=1e-14)
-    robot_with(cautious)
-
-
-def test_every_optional_field_of_the_friction_is_a_term_of_the_law():
-    optional = {one.name for one in fields(Friction) if one.default == ()}
-    assert optional == set(WheelTerms._fields)
-    columns = friction_terms(FULL)
-    np.testing.assert_array_equal(
-        columns, np.stack([getattr(FULL, name) for name in WheelTerms._fields], axis=1)
-    )
 
 
 def test_absent_and_zero_terms_are_the_plain_law():

@@ -108,18 +108,6 @@ def test_ground_velocity_is_that_of_a_rolling_ball(x_dot: float, y_dot: float):
     np.testing.assert_allclose(transforms(robot).T_vgb @ Omega, [x_dot, y_dot, 0.0], atol=ROUNDING)
 
 
-def test_matrices_cannot_be_written_to():
-    with pytest.raises(ValueError, match="read-only"):
-        transforms(Robot.load("alten")).T_owb[0, 0] = 1.0
-
-
-@given(angle, angle, angle)
-def test_rotation_is_a_rotation(theta: float, phi: float, psi: float):
-    R = rotation(theta, phi, psi)
-    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=ROUNDING)
-    assert np.linalg.det(R) == pytest.approx(1.0, abs=ROUNDING)
-
-
 def test_rotation_turns_about_x_then_y_then_z_of_the_carried_frame():
     right = np.pi / 2
     x, y, z = np.eye(3)

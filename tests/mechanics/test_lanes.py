@@ -8,10 +8,20 @@ from numba import njit
 
 from ballbot import Model, Robot
 from ballbot.mechanics.engine.compiled import FAST
-from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL, load
+from ballbot.mechanics.engine.lanes import (
+    LANES,
+    MARGIN,
+    MAX_PARAMETERS,
+    ROWS,
+    STATE,
+    STEP,
+    TORQUE,
+    TRIAL,
+    load,
+)
 from ballbot.mechanics.engine.run import Lanes, code_of, load_state, load_torques, simulate_lanes
 from ballbot.mechanics.engine.smooth import begin_steps, smooth_block
-from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE
+from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, row_size, selector
 from ballbot.robot import Wheels
 from benchmarks.operations import runge_kutta_step
 from tests.support.control_examples import FRICTION, alten
@@ -142,6 +152,10 @@ def test_nan_in_one_lane_is_flagged_and_leaves_other_lanes_unchanged(bad: float)
     assert not np.isfinite(batch.states[0, -1]).all()
     assert (batch.states[1] == 0.0).all()
     assert list(batch.ended < 4) == [True, False]
+
+
+def test_the_largest_robot_fills_the_rows_of_a_lane() -> None:
+    assert row_size(selector("exact", 4)) == MAX_PARAMETERS
 
 
 def test_robots_of_different_kinds_have_code_of_their_own() -> None:

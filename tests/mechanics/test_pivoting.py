@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ballbot import InputError, Model, Robot, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import change_pose, hold
-from ballbot.mechanics.friction import wheel_friction
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.model_plant import ModelPlant, lift_off, sinking_and_speeds
 from tests.mechanics.test_engines import ENGINES, TOLERANCE, each_engine, each_kind, relative_difference
@@ -76,26 +75,6 @@ def test_accelerations_mass_and_energy_equal_the_engine_s(engine: str, kind: str
         assert_allclose(model.energy(q, q_dot) - model.energy(q, np.zeros(6)), kinetic, rtol=TOLERANCE * 10)
 
 
-@pytest.mark.parametrize("wheel_count", [3, 4])
-def test_the_wheels_power_is_the_energy_s_growth(wheel_count: int) -> None:
-    """dE/dt along the motion, by central differences, is (u - b w) . w, spin and all."""
-    rng = np.random.default_rng(32)
-    h = 1e-5  # truncation h^2 and rounding eps/h meet near 1e-10, times energies of some hundred joules
-    for _ in range(20):
-        robot = random_robot(rng, wheel_count)
-        model = Model(robot, pivoting=0.0)
-        q, q_dot, u = spinning_states(rng, wheel_count, 10)
-        q_ddot = model.acceleration(q, q_dot, u)
-        middle = (
-            h * q_ddot[:, :5] / 2
-        )  # q at second order, so that the central difference is one along the motion
-        ahead = model.energy(q + h * (q_dot[:, :5] + middle), q_dot + h * q_ddot)
-        behind = model.energy(q - h * (q_dot[:, :5] - middle), q_dot - h * q_ddot)
-        speeds = model.wheel_speed(q, q_dot)
-        power = np.sum((u - np.array(robot.friction.viscous) * speeds) * speeds, axis=1)
-        assert_allclose((ahead - behind) / (2 * h), power, atol=1e-5)
-
-
 # --- held: the five-DOF model comes back -----------------------------------------------------------
 
 
@@ -125,30 +104,6 @@ def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     assert_array_equal(pivoting[:, 10], 0.0)
     # 500 steps; differences of rounding, 1e-16, grow with the robot's fall and the wheels' sticking
     assert_allclose(pivoting[:, :10], plain, rtol=0, atol=1e-11)
-
-
-@pytest.mark.parametrize("wheel_count", [3, pytest.param(4, marks=pytest.mark.sample)])  # 4: compiles a step
-@given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
-def test_held_the_acceleration_is_the_five_dof_one_and_free_it_is_the_frictionless_pivot_s(
-    seed: int, wheel_count: int
-) -> None:
-    """Over one short step from random states, without other dry friction: limit 0 and a high one."""
-    rng = np.random.default_rng(seed)
-    robot = random_robot(rng, wheel_count)
-    (q,), (q_dot,), (u,) = spinning_states(rng, wheel_count, 1)
-    q_dot[5] = 0.0
-    h = 1e-7
-    start = np.concatenate([q, q_dot])
-    for pivoting, expected in (
-        (HIGH, np.append(Model(robot).acceleration(q, q_dot[:5], u), 0.0)),
-        (0.0, Model(robot, pivoting=0.0).acceleration(q, q_dot, u)),
-    ):
-        end = Model(robot, pivoting=pivoting).advance(start, u, h)
-        # a one-sided difference: h times a jerk of some hundred accelerations, and rounding 1e-15 / h
-        scale = 1.0 + np.abs(expected).max()
-        assert_allclose((end[5:] - q_dot) / h, expected, rtol=0, atol=1e-4 * scale**1.5)
-        assert pivoting == 0.0 or end[10] == 0.0
 
 
 # --- break-away ------------------------------------------------------------------------------------
@@ -253,52 +208,6 @@ def test_the_heading_answers_with_the_share_that_the_pivot_leaves(
 # --- friction's work, plants and refusals -----------------------------------------------------------
 
 
-def test_friction_takes_energy_only() -> None:
-    """Released from a lean with spin and every wheel crossing zero, the mechanical energy never grows."""
-    model = Model(alten(FRICTION), pivoting=0.02)
-    state = np.array([0, 0, 0.05, -0.03, 0.2, 0.15, -0.1, -0.3, 0.2, 0.4, -0.8])
-    energy = model.energy(state[:5], state[5:])
-    for _ in range(300):
-        state = model.advance(state, np.zeros(3), 1e-3)
-        after = model.energy(state[:5], state[5:])
-        # the potential energy of a first-order step errs by h^2 times accelerations
-        assert after <= energy + 2e-5
-        energy = after
-
-
-def test_known_signs_are_the_numpy_law() -> None:
-    """One short step against M q_ddot = .. - W^T tau(w) - rolling - pivoting friction, in NumPy."""
-    rng = np.random.default_rng(34)
-    limit, h = 0.15, 1e-6
-    model, free = Model(alten(FRICTION), pivoting=limit), Model(alten(), pivoting=0.0)
-    weight = (free.robot.ball.mass + free.robot.body.mass) * free.robot.gravity
-    for _ in range(20):
-        (q,), (q_dot,), _ = spinning_states(rng, 3, 1)
-        force = free.wheel_jacobian(q).T @ -wheel_friction(free.wheel_speed(q, q_dot), FRICTION)
-        force[:2] -= weight * FRICTION.rolling * q_dot[:2] / np.linalg.norm(q_dot[:2])
-        force[5] -= limit * np.sign(q_dot[5])
-        expected = free.acceleration(q, q_dot, np.zeros(3)) + np.linalg.solve(free.mass_matrix(q), force)
-        end = model.advance(np.concatenate([q, q_dot]), np.zeros(3), h)
-        # one-sided difference: h times the jerk (at most some 1e3) and rounding 1e-16 * 20 / h
-        assert_allclose((end[5:] - q_dot) / h, expected, atol=2e-2 * max(1.0, np.abs(expected).max() / 10))
-
-
-@pytest.mark.parametrize("spin", [2.0, 0.0])
-def test_runge_kutta_has_order_four_with_a_spin_and_with_a_ball_that_holds(spin: float) -> None:
-    """Wheels and ball all move one way; without spin, pivoting friction holds against torques within its limit."""
-    state = np.array([0, 0, 0.02, -0.03, 0.4, 1.0, 0.3, 0.2, -0.1, 6.0, spin])
-    robot = alten(FRICTION)
-
-    def end(steps: int) -> NDArray[np.float64]:
-        model = Model(robot, step=0.16 / steps, pivoting=0.02 if spin else 5.0)
-        return model.advance(state, np.array([0.4, -0.3, 0.5]), 0.16)
-
-    reference = end(2048)
-    assert (reference[10] == 0.0) == (spin == 0.0)
-    errors = np.array([np.abs(end(n) - reference).max() for n in (8, 16, 32)])
-    assert_allclose(np.log2(errors[:-1] / errors[1:]), 4.0, atol=0.35)
-
-
 def test_a_plant_carries_the_spin_and_its_wheels_see_it() -> None:
     model = Model(alten(FRICTION), pivoting=0.02)
     plant = ModelPlant(model)
@@ -315,23 +224,6 @@ def test_a_plant_carries_the_spin_and_its_wheels_see_it() -> None:
     )  # fused products
     without = Model(alten(FRICTION)).wheel_speed(state[:5], state[5:10])
     assert np.abs(measured.wheel_speeds - without).max() > 0.1
-
-
-def test_in_closed_loop_the_heading_lags_the_more_the_less_holds_the_ball() -> None:
-    """A turn on the spot: with a high limit it is the run without pivoting, with a low one the heading is late."""
-    robot = alten(FRICTION)
-    controller = nominal_controller(robot, compensation="full")
-    reference = change_pose(x=0.0, y=0.0, psi=1.0, at=0.1, ramp=1.0)
-    arguments = {"duration": 2.0, "initial_state": leaning(0.01)}
-    plain, held, loose = (
-        simulate(model, controller, reference, **arguments)
-        for model in (Model(robot), Model(robot, pivoting=HIGH), Model(robot, pivoting=0.02))
-    )
-    # rounding, grown by the loop and the wheels' sticking over 2 s
-    assert_allclose(held.states, plain.states, atol=1e-7)
-    moving = slice(60, 160)
-    assert np.all(loose["psi"][moving] < plain["psi"][moving])
-    assert np.max(plain["psi"][moving] - loose["psi"][moving]) > 0.02
 
 
 @pytest.mark.sample  # compiles the closed loop of a pivoting ball, for this test alone

@@ -59,37 +59,6 @@ def test_a_ball_lies_between_solid_and_thin_shell() -> None:
     assert re.search("solid", refusal(ball=ball(inertia=0.01)))
 
 
-#: (mass, radius, inertia) of published robots' balls: CMU, Rezero, Kugle, Michigan, "ball segway"
-@pytest.mark.parametrize(
-    ("mass", "radius", "inertia"),
-    [
-        (2.437, 0.105838, 0.0174),
-        (2.29, 0.125, 0.0239),
-        (1.478, 0.129, 0.0153958),
-        (0.62, 0.121, 0.0036),
-        (19.6, 0.22, 0.38),
-    ],
-)
-def test_published_balls_pass_the_checks(mass: float, radius: float, inertia: float) -> None:
-    assert ALTEN.replace(ball=Ball(mass=mass, radius=radius, inertia=inertia)).ball.mass == mass
-
-
-#: (mass, height, moments, point) of published bodies: Rezero, Kugle (with its centre of mass), Appendix III
-@pytest.mark.parametrize(
-    ("mass", "height", "moments", "about"),
-    [
-        (12.2, 0.339, (2.026, 2.025, 0.092), "ball_center"),
-        (16.154, 0.421251, (1.29465, 1.30640, 0.100218), "center_of_mass"),
-        (17.076, 0.393, (4.37, 4.37, 0.193), "ball_center"),
-    ],
-)
-def test_published_bodies_pass_the_checks(
-    mass: float, height: float, moments: tuple[float, float, float], about: str
-) -> None:
-    made = body(mass=mass, center_of_mass=height, inertia=(*moments, 0.0, 0.0, 0.0), inertia_about=about)
-    assert ALTEN.replace(body=made).body == made
-
-
 def test_principal_moments_are_positive() -> None:
     assert re.search(
         "principal moments -0.5, .* each must be above zero",

@@ -15,7 +15,7 @@ from ballbot.robot import Ball, Body, Drive, Friction, Robot, Rollers, Sensors, 
 from ballbot.robot import file as file_module
 from ballbot.robot import robot as robot_module
 from ballbot.robot.components import PARAMETERS
-from ballbot.robot.file import read_robot, robot_text, write_robot
+from ballbot.robot.file import robot_text, write_robot
 from ballbot.robot.parameters import SOURCES, UNITS, Parameter, from_si, to_si
 
 PRESET = Path(robot_module.__file__).parent / "presets" / "alten.toml"
@@ -125,12 +125,6 @@ def test_what_is_written_reads_back_as_the_same_floats(
 def test_the_preset_is_written_as_any_robot_is() -> None:
     # a preset states its format, and no version that wrote it
     assert without_format(robot_text(Robot.load("alten"))) == without_format(TEXT)
-
-
-def test_files_are_written_in_the_units_of_data_sheets() -> None:
-    assert 'speed_constant = { value = 303.0, unit = "rpm/V"' in TEXT
-    assert 'azimuths = { value = [0.0, 120.0, 240.0], unit = "deg"' in TEXT
-    assert 'motor_inertia = { value = 24.2, unit = "g cm^2"' in TEXT
 
 
 #: each unit against a number of SI units that a handbook would give
@@ -277,13 +271,6 @@ def test_file_of_another_kind_is_refused_as_no_robot_file(content: bytes, says: 
     path.write_bytes(content)
     with pytest.raises(InputError, match=says):
         Robot.load(path)
-
-
-def test_unreadable_file_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read: No such file"):
-        read_robot(tmp_path / "none.toml", Robot)
-    with pytest.raises(InputError, match="cannot be read: Is a directory"):
-        Robot.load(tmp_path)
 
 
 LINES = TEXT.splitlines()

@@ -8,6 +8,7 @@ import pytest
 from ballbot import Controller, InputError, Model, simulate, simulate_batch
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold, square
+from ballbot.simulation.imperfections import Imperfections
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
 
 
@@ -16,7 +17,8 @@ from tests.support.control_examples import FRICTION, alten, four_wheeled, leanin
     ("robot", "formulation"),
     [
         pytest.param(alten(FRICTION), "exact", id="three-exact"),
-        pytest.param(four_wheeled(friction=True), "exact", id="four-exact", marks=pytest.mark.slow),
+        # compiles the engine of four wheels
+        pytest.param(four_wheeled(friction=True), "exact", id="four-exact", marks=pytest.mark.sample),
     ],
 )
 def test_a_lane_is_a_run_of_its_own(robot, compensation, formulation):
@@ -102,6 +104,11 @@ def test_inconsistent_batches_are_refused():
     controller = nominal_controller(model.robot)
     with pytest.raises(InputError, match="3 initial states, 2 models, 1 controllers"):
         simulate_batch([model] * 2, controller, hold(), duration=1.0, initial_states=np.zeros((3, 10)))
+    two = [Imperfections(), Imperfections(delay=1)]
+    with pytest.raises(InputError, match="2 imperfections"):
+        simulate_batch(
+            model, controller, hold(), duration=1.0, initial_states=np.zeros((3, 10)), imperfections=two
+        )
     for other in (Model(alten(), "thesis"), Model(alten(), step=2e-3), Model(alten(), pivoting=0.01)):
         with pytest.raises(InputError, match="models are of 2 kinds"):
             simulate_batch([model, other], controller, hold(), duration=1.0)

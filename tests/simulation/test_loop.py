@@ -55,15 +55,16 @@ def assert_same(one: Log, other: Log, *, atol: float) -> None:
 @pytest.mark.parametrize(
     ("imperfections", "estimator"),
     [
-        pytest.param(Imperfections(sensors=SENSORS), "onboard", id="on-board state"),
-        pytest.param(Imperfections(sensors=SENSORS, torque_noise=0.01), "kalman", id="kalman filter"),
         pytest.param(
             Imperfections(sensors=SENSORS, speed_window=3), "onboard", id="speeds over three samples"
         ),
         pytest.param(
-            Imperfections(sensors=SENSORS, delay=1, slope=(0.02, -0.01)), "kalman", id="delay and slope"
+            Imperfections(
+                sensors=SENSORS, torque_noise=0.01, delay=1, slope=(0.02, -0.01), sensor_faults=FAULTS
+            ),
+            "kalman",
+            id="Kalman filter, delay, slope and faults of the AHRS",
         ),
-        pytest.param(Imperfections(sensors=SENSORS, sensor_faults=FAULTS), "kalman", id="faults of the AHRS"),
         pytest.param(
             Imperfections(
                 sensors=SENSORS,
@@ -92,13 +93,6 @@ def assert_same(one: Log, other: Log, *, atol: float) -> None:
 def test_a_lane_is_the_plant_one_sample_at_a_time(imperfections, estimator):
     controller = precise_controller(ROBOT).with_estimator(estimator)
     assert_one_by_one(controller, replace(imperfections, seed=5), 1.0)
-
-
-def test_a_lane_with_perfect_sensors_is_the_model_one_sample_at_a_time():
-    controller = nominal_controller(ROBOT)
-    batch = simulate_batch(ROBOT, controller, circle(), duration=1.0, initial_states=START)
-    log = simulate(ROBOT, controller, circle(), duration=1.0, initial_state=START)
-    assert_same(batch.log(0), log, atol=1e-9)
 
 
 def test_a_heading_that_begins_again_after_a_turn_is_unwrapped_as_by_simulate():
@@ -132,7 +126,7 @@ def test_the_log_of_a_fall_ends_before_it():
         simulate_batch(ROBOT, limp, circle(), duration=1.0, every=2).log(0)
 
 
-@pytest.mark.slow
+@pytest.mark.sample  # compiles the loop of four wheels with play
 def test_four_wheels_with_play_are_the_plant_one_sample_at_a_time():
     robot = four_wheeled(friction=True)
     controller = nominal_controller(robot, compensation="full")

@@ -73,18 +73,6 @@ def test_heading_drifts_by_sixteen_degrees_in_three_minutes() -> None:
     assert (attitude == 1.0).all()
 
 
-def test_zero_size_faults_change_nothing() -> None:
-    one = Ahrs(ALTEN.sensors, 3)
-    two = Ahrs(ALTEN.sensors, 3, SensorFaults())
-    random = np.random.default_rng(4)
-    for k in range(20):
-        rate, attitude = random.normal(size=3), random.normal(size=3)
-        for a, b in zip(
-            one.read(0.005 * k, rate, attitude), two.read(0.005 * k, rate, attitude), strict=True
-        ):
-            assert (a == b).all()
-
-
 def faulty(faults: SensorFaults, seed: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gyro and attitude (samples, 3) of a robot that stands still, with the faults and nothing else."""
     imu = Ahrs(QUIET, seed, faults)

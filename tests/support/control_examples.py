@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
 from ballbot.control.parts import Parts
@@ -101,9 +101,3 @@ class MisjudgedLean:
         wrong = state.copy()
         wrong[2] += self._off
         return self.controller.update(t, wrong, reference)
-
-
-def notch_response(notch: Notch, frequencies: ArrayLike, sample_time: float) -> NDArray[np.complex128]:
-    """Return the sampled notch's complex response at frequencies [Hz]."""
-    own, z = notch.sampled(sample_time), np.exp(2j * np.pi * sample_time * np.asarray(frequencies))
-    return (own.b_0 * z**2 + own.b_1 * z + own.b_2) / (z**2 + own.a_1 * z + own.a_2)

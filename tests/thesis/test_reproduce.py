@@ -16,7 +16,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.stats import binom
 
 from ballbot.cli.main import main
 from ballbot.control.controller import Compensation
@@ -50,7 +49,6 @@ from ballbot.thesis.reproduce.recordings import (
 )
 from ballbot.thesis.reproduce.runs import above, distance_at
 from ballbot.twin import Scenario, Twin
-from ballbot.workflows.comparison import median_with_interval
 from campaigns.reproduce import friction_line, item_markdown, mistake_markdown
 
 
@@ -103,16 +101,6 @@ def test_verdict_requires_the_whole_interval() -> None:
     assert "do not decide whether it is so" in item_of(clear, uncertain).sentence
     assert item_of(clear, uncertain, against).verdict == "agrees in part"
     assert item_of(uncertain, against).verdict == "does not agree"
-
-
-@given(st.integers(6, 30))
-def test_median_interval_covers_by_the_binomial(count: int) -> None:
-    found = median_with_interval(np.arange(count, dtype=np.float64))
-    below = int(found.low)
-    assert found.high == count - 1 - below
-    # the median lies outside if at most `below` values of `count` lie on one side of it
-    assert 2.0 * binom.cdf(below, count, 0.5) <= 0.05
-    assert 2.0 * binom.cdf(below + 1, count, 0.5) > 0.05 or below + 1 >= count // 2
 
 
 def test_rounding_is_printed_as_zero() -> None:
@@ -236,7 +224,7 @@ def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
 
 @pytest.mark.sample
 def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
-    """All that needs no recording, and the first of the twin's runs; campaigns/reproduce.py compares the whole."""
+    """All that needs no recording, and the first of the twin's runs; campaigns/reproduce.py writes the whole."""
     page = ROOT.joinpath("docs", "generated", "reproduce.md").read_text(encoding="utf-8")
     for make in MISTAKES:
         if make.__name__ != "residual_pairs":

@@ -143,19 +143,6 @@ def test_wheel_breaks_away_at_the_static_torque(alten: Robot) -> None:
             assert np.abs(driveline.speeds).max() < 1e-3  # half a second at this would be 0.03 degrees
 
 
-def test_motor_stops_accelerating_at_the_supply_s_speed_limit(alten: Robot) -> None:
-    scenario = Scenario.ideal(alten)
-    engine = on_a_stand(alten, scenario)
-    driveline = Driveline(alten, scenario, engine)
-    for sign in (1.0, -1.0):
-        driveline.command(np.full(3, sign))
-        for _ in range(4000):
-            driveline.prepare_step()
-            engine.step()
-        # Appendix I: 24 V, 303 rpm/V, 27.6
-        np.testing.assert_allclose(driveline.speeds, sign * 24 * 303 * 2 * np.pi / 60 / 27.6, rtol=1e-3)
-
-
 def test_wheel_follows_rotor_after_the_play(alten: Robot) -> None:
     """Turning a rotor slowly to and fro, its wheel stays within half the play, and uses all of it."""
     scenario = Scenario.nominal(alten)

@@ -74,19 +74,6 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_writing_the_files_is_the_last_stage_of_a_recording(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from ballbot.cli.main import main
-
-    monkeypatch.setattr("ballbot.cli.output._BEFORE_LINES", 0.0)
-    assert main(["record", "nominal", "--duration", "1", "--out", str(tmp_path / "run")]) == 0
-    lines = capsys.readouterr().err.splitlines()
-    assert lines[0].startswith("ballbot: recording 1 s")
-    assert lines[-1].startswith("ballbot: writing the files")
-
-
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 @pytest.mark.parametrize("experiment", ["driveline_sweep", "upside_down"])
 def test_the_command_in_the_folder_makes_the_run_again(
@@ -216,16 +203,6 @@ def test_finished_run_is_verified_by_its_checksums(
     assert log.read_bytes() == whole
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_one_run_is_replaced_as_a_whole(tmp_path: Path) -> None:
-    from ballbot.cli.main import main
-
-    words = ["record", "nominal", "--duration", "0.2", "--out", str(tmp_path)]
-    assert main(words) == 0
-    assert main([*words, "--format", "parquet"]) == 0
-    assert {path.name for path in tmp_path.glob("log.*")} == {"log.parquet"}
-
-
 @pytest.mark.parametrize(
     ("text", "seeds"),
     [("3", [3]), ("1-4", [1, 2, 3, 4]), ("1,4,7-9", [1, 4, 7, 8, 9]), ("2, 1-3", [2, 1, 3]), ("0", [0])],
@@ -281,13 +258,6 @@ def test_scenario_replaces_an_existing_file_only_when_forced(tmp_path, capsys):
     assert path.read_text() == "edited by hand"
     assert main([*command, "--force"]) == 0
     assert "frequency = 40.0" in path.read_text()
-
-
-def test_a_group_s_unknown_command_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    from ballbot.cli.main import main
-
-    assert main(["twin", "exprt"]) == 2
-    assert 'Did you mean "export"?' in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -63,12 +63,6 @@ def test_balances_ten_seconds_and_wanders_as_the_thesis_saw(gain: NDArray[np.flo
     assert np.abs(seen[:, 2:4] - truth[:, 2:4]).max() < np.radians(1.0)
 
 
-def test_without_friction_it_hardly_wanders(gain: NDArray[np.float64]) -> None:
-    measured = balance(Twin(ALTEN, Scenario.ideal(ALTEN)), gain, 3.0, seed=1)
-    assert measured[-1].ended is None
-    assert np.abs([m.truth[:2] for m in measured]).max() < 0.02
-
-
 @pytest.mark.slow
 def test_turns_past_half_a_turn_without_a_jump(gain: NDArray[np.float64]) -> None:
     measured = balance(Twin(ALTEN), gain, 5.0, seed=2, at=4.0)
@@ -76,13 +70,6 @@ def test_turns_past_half_a_turn_without_a_jump(gain: NDArray[np.float64]) -> Non
     assert measured[-1].ended is None
     assert psi[-1] > np.pi
     assert np.abs(np.diff(psi)).max() < 0.05
-
-
-@pytest.mark.sample
-def test_balances_a_minute_on_wide_rows(gain: NDArray[np.float64]) -> None:
-    """The nominal twin balances for longer in tests/estimation/test_on_twin.py."""
-    measured = balance(Twin(ALTEN, Scenario.named("wide_rows", ALTEN)), gain, 60.0, seed=4)
-    assert measured[-1].ended is None
 
 
 @pytest.mark.sample
@@ -157,23 +144,6 @@ def test_starts_at_the_given_state() -> None:
     np.testing.assert_allclose(measurement.truth, state, atol=1e-12)
     np.testing.assert_allclose(measurement.state[:2], state[:2])
     assert measurement.t == 0.0
-
-
-def test_nominal_scenario_is_the_frozen_one() -> None:
-    """The nominal scenario is frozen."""
-    nominal = Scenario.nominal(ALTEN)
-    friction = nominal.friction
-    assert friction.viscous == (0.014, 0.016, 0.013)
-    assert friction.coulomb == (0.11, 0.09, 0.12)
-    assert friction.stribeck == (0.05, 0.04, 0.06)
-    assert (friction.stribeck_speed, friction.stribeck_exponent, friction.rolling) == (0.6, 1.1, 0.007)
-    assert (nominal.pivoting, nominal.torque_noise) == (0.02, 0.01)
-    assert nominal.backlash == pytest.approx(np.radians(1.0))
-    rollers = nominal.rollers
-    assert (rollers.rows, rollers.per_row) == (2, 9)
-    assert (rollers.radius, rollers.row_spacing) == pytest.approx((0.009, 0.006))
-    assert nominal.sensors.sample_time == pytest.approx(1 / 200)
-    assert nominal.sensors.heading_drift == pytest.approx(np.radians(16) / 180)
 
 
 def test_robots_own_friction_is_not_used() -> None:

@@ -13,7 +13,6 @@ from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.turning import Clock
 from ballbot.log import Log
-from ballbot.twin.recording import MotionCapture
 from ballbot.validation.alignment import align, alignment_findings
 from tests.support.alignment_examples import Setup, flipped, record, unseen
 from tests.support.report_pages import figure_count
@@ -236,23 +235,6 @@ def test_turning_about_one_axis_is_refused():
     gyro[:, 2] += np.interp(log.t + 3.0, film.t, rate)
     with pytest.raises(InputError, match="turn about one axis only"):
         align(Log({"t": log.t} | {f"gyro_{a}": gyro[:, i] for i, a in enumerate("xyz")}), film)
-
-
-def test_the_twins_motion_capture_is_undone():
-    seed = 2
-    setup = MotionCapture.drawn(seed)
-    log, _ = record(Setup(seed=seed))
-    whole = setup.record(log, ball_radius=0.11)
-    unseen = (whole.t % 5.0) < 0.3  # too few cameras see the robot now and then
-    film = Log({name: np.where(unseen & (name != "t"), np.nan, whole[name]) for name in whole})
-    found = align(log, film)
-    w, *xyz = setup.rotation_wxyz
-    assert abs(found.motion.clock.offset - setup.clock_offset) < ONE_MILLISECOND
-    assert found.frame is not None
-    assert found.frame.origin is not None
-    assert off(found.frame.camera_world, Rotation.from_quat([*xyz, w])) < 1.5 * TENTH_OF_A_DEGREE
-    height = Rotation.from_quat([*xyz, w]).apply([0.0, 0.0, 0.11])
-    np.testing.assert_allclose(found.frame.origin, np.array(setup.origin) + height, rtol=0.0, atol=2e-3)
 
 
 def test_motion_capture_of_another_run_is_refused():

@@ -25,11 +25,15 @@ LAG = 4.2e-3
 
 @cache
 def broad(path: Path) -> tuple[Log, NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the trial's gyro as a log, the optical quaternions wxyz with NaN, and the movement's rows."""
+    """Return 40 s of the trial: gyro as a log, optical quaternions wxyz with NaN, and the movement's rows."""
     trial = scipy.io.loadmat(path)
-    t = np.arange(len(trial["imu_gyr"])) / float(trial["sampling_rate"][0, 0])
-    log = Log({"t": t} | {f"gyro_{axis}": trial["imu_gyr"][:, i] for i, axis in enumerate("xyz")})
-    return log, trial["opt_quat"], trial["movement"][:, 0].astype(bool)
+    rate = float(trial["sampling_rate"][0, 0])
+    part = slice(round(20.0 * rate), round(60.0 * rate))  # the body moves from 26 s on
+    gyro = trial["imu_gyr"][part]
+    log = Log(
+        {"t": np.arange(len(gyro)) / rate} | {f"gyro_{axis}": gyro[:, i] for i, axis in enumerate("xyz")}
+    )
+    return log, trial["opt_quat"][part], trial["movement"][part, 0].astype(bool)
 
 
 @pytest.fixture(scope="module")

@@ -45,14 +45,3 @@ def test_too_few_runs_have_no_interval_and_no_verdict():
     pair = _pair(*_errors(np.random.default_rng(6), runs=7, memory=0.0))
     assert np.isnan(pair.ratio_interval()).all()
     assert set(pair.verdicts()) == {"undecided"}
-
-
-def test_normalised_errors_against_numpy():
-    random = np.random.default_rng(7)
-    measured = [random.normal(size=(n, 10)) * 3.0 + 5.0 for n in (40, 70)]
-    first, second = ([run + 0.1 * random.normal(size=run.shape) for run in measured] for _ in range(2))
-    pair = ErrorPair.of_runs(measured, first, second)
-    everything = np.concatenate(measured)
-    for errors, modelled in zip(pair.normalised_rmse, (first, second), strict=True):
-        rmse = np.sqrt(np.mean((everything - np.concatenate(modelled)) ** 2, axis=0))
-        np.testing.assert_allclose(errors, rmse / everything.std(axis=0), rtol=1e-9)

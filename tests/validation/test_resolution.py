@@ -8,8 +8,7 @@ import pytest
 from ballbot.findings import texts
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
-from ballbot.report.page import page_of
-from ballbot.report.validation import validation_report, validation_results
+from ballbot.report.validation import validation_results
 from ballbot.validation import ErrorPair, ModelPair, findings, join_validations, validate, validate_pair
 from ballbot.validation.closed_loop import recover_gain
 from ballbot.validation.models import FINEST
@@ -91,12 +90,3 @@ def test_the_grid_of_a_column_is_found(step):
     # neither noise nor a few different values make a grid
     assert column_resolution(random.normal(size=2000)) < 1e-6
     assert column_resolution(np.repeat([0.0, 1.0], 500)) == FINEST
-
-
-def test_the_page_says_it_once_and_has_no_ratio():
-    models = ModelPair.by_friction(Model(true_robot()))
-    validation = validate_pair(models, _still())
-    page = page_of(validation_report(validation, title="t", lead="l"))
-    assert validation.no_evidence is not None
-    assert validation.no_evidence in page
-    assert "ratio of the errors" not in page

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -33,7 +33,7 @@ from ballbot.validation import (
 from ballbot.validation.closed_loop import closed_loop, delay_of, heading_error
 from ballbot.validation.models import forecast, recoverable_lean, stretches, thesis_error, window_starts
 from ballbot.validation.open_loop import OpenLoop
-from ballbot.validation.prediction import compare_horizons, predict
+from ballbot.validation.prediction import predict
 from ballbot.validation.result import weak_states
 from tests.support.validation_examples import (
     NOISE,
@@ -264,29 +264,6 @@ def test_wrong_friction_is_named_with_the_states_it_spoils():
     assert any("eason" in finding for finding in texts(findings(validation)))
 
 
-def test_several_logs_are_validated_together():
-    one = noisy_validation()
-    both = join_validations([one, one])
-    np.testing.assert_allclose(_open_loop(both).errors.ratio, _open_loop(one).errors.ratio)
-    np.testing.assert_allclose(both.horizon.errors.rmse, one.horizon.errors.rmse)
-    np.testing.assert_allclose(
-        both.residuals.correlations.matrix, one.residuals.correlations.matrix, atol=1e-12
-    )
-    assert _open_loop(both).errors.runs == 2 * _open_loop(one).errors.runs
-
-
-def test_the_same_seed_gives_the_same_noise_floor():
-    log = noisy_log()
-    models, parts = _models(true_robot()), stretches(log)
-    covariance = np.diag(NOISE**2)
-    first, again, other = (
-        compare_horizons(models, log, parts, start_covariance=covariance, seed=seed).noise_floor
-        for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
 # --- refusals ---
 
 
@@ -310,17 +287,6 @@ def test_invalid_validations_are_refused():
         validate(true_robot(), log.with_columns({"u4": log["u3"]}))
     with pytest.raises(InputError, match="sample time"):
         validate(true_robot(), log.select(slice(None, None, 2)), controller=Controller(true_robot(), gain()))
-
-
-@settings(deadline=None, max_examples=20)
-@given(st.integers(0, 2**31))
-def test_a_forecast_from_any_start_is_finite(seed):
-    random = np.random.default_rng(seed)
-    log = perfect_log()
-    initial = random.uniform(-0.5, 0.5, (4, 10))
-    starts = random.integers(0, len(log) - 200, 4)
-    models = _models(true_robot())
-    assert np.isfinite(forecast(models.both, log, starts, 150, initial=initial)).all()
 
 
 def _log_of(states: np.ndarray, torques: np.ndarray) -> Log:

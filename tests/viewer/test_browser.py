@@ -95,19 +95,6 @@ def test_scrubbing_shows_the_time_and_another_picture(tab, replay):
     keep(first, "side_light")
 
 
-def test_page_names_what_it_draws(tab, replay):
-    """The lines on the floor and the arrows in the picture, and the unit of each plot."""
-    tab.open(replay)
-    tab.wait(f"{CLOCK} > 0.1")
-    key = tab.run("document.querySelector('.key').innerText")
-    for name in ("path of the ball", "reference\n", "reference now", "motor forces on the ball", "grid"):
-        assert name in f"{key}\n"
-    headings = tab.run(
-        "[...document.querySelectorAll('.panel-head select')].map((s) => s.selectedOptions[0].text)"
-    )
-    assert headings == ["distance from the reference [mm]", "lean [deg]", "largest wheel torque [N m]"]
-
-
 def test_slow_motion_is_slow(tab, replay):
     tab.open(replay)
     choose(tab, "Speed", "0.1")
@@ -171,29 +158,6 @@ def test_phone_shows_everything_in_its_width(tab, replay, dark):
     right = f"Math.max(...{used}.map((one) => one.getBoundingClientRect().right))"
     assert tab.run(right) <= 390
     keep(tab.screenshot(whole=True), f"phone_{'dark' if dark else 'light'}")
-
-
-def test_theme_follows_the_reader_and_the_button(tab, replay):
-    tab.screen(1280, 800, dark=True)
-    tab.open(replay)
-    tab.wait(f"{CLOCK} > 0.1")
-    tab.click("button.play")
-    scrub(tab, 3.0)
-    keep(picture(tab), "side_dark")
-    color = "getComputedStyle(document.body).backgroundColor"
-    dark = tab.run(color)
-    tab.click("[data-ballbot-theme]")
-    assert tab.run(color) != dark
-    assert tab.run("document.querySelector('[data-ballbot-theme]').textContent") == "Dark theme"
-
-
-def test_robot_alone_has_no_player(tab, tmp_path):
-    path = tmp_path / "robot.html"
-    path.write_text(replay_page({}, Robot.load("kugle"), title="kugle"), encoding="utf-8")
-    tab.open(path)
-    keep(picture(tab), "robot")
-    assert tab.run("document.querySelector('.controls')") is None
-    assert tab.complaints() == []
 
 
 def test_page_turns_body_and_ball_as_the_mechanics_does(tab):

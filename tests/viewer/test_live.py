@@ -7,7 +7,7 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.robot import Robot
-from ballbot.viewer.live import LivePush, Request, World, homes, live_entries, live_view_page
+from ballbot.viewer.live import LivePush, Request, World, live_entries, live_view_page
 from ballbot.viewer.motion import INTERVAL
 from ballbot.workflows.candidates import parse_candidates
 
@@ -138,15 +138,6 @@ def test_error_in_a_users_controller_ends_its_robot_only(tmp_path):
     run(one, 0.2)
     assert one.robots[0].ended is None
     assert "no idea" in str(one.robots[1].ended)
-
-
-@pytest.mark.parametrize("count", [1, 2, 4])
-def test_robots_stand_apart_about_the_middle(count):
-    entries = live_entries(ALTEN, parse_candidates([f"c{k}=none" for k in range(count)]))
-    places = np.array(homes(entries))
-    np.testing.assert_allclose(places.mean(axis=0), 0.0, atol=1e-12)
-    apart = np.diff(places[:, 1])
-    assert (np.abs(apart) > 4.0 * ALTEN["alten"].ball.radius).all()
 
 
 def test_robots_are_named_by_what_differs():

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.robot import Robot
-from ballbot.viewer import replay_page, replay_part
-from ballbot.viewer.packing import RESOLUTION, packed
+from ballbot.viewer import replay_page
+from ballbot.viewer.packing import packed
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.packing import unpacked
 
@@ -36,11 +36,6 @@ def test_packed_column_is_within_its_resolution(values, resolution):
     error = np.abs(found - given_values)[~np.isnan(given_values)]
     # a float of 32 bits holds 24 of them; the whole numbers are computed with 53
     assert (error <= resolution * (1 + 1e-9) + 6e-8 * np.abs(given_values[~np.isnan(given_values)])).all()
-
-
-def test_short_range_takes_two_bytes_and_a_long_one_four():
-    assert packed(np.linspace(0.0, 1.0, 9))["kind"] == "uint16"
-    assert packed(np.linspace(0.0, 3e5 * RESOLUTION, 9))["kind"] == "float32"
 
 
 def test_minute_of_two_robots_is_small():
@@ -81,12 +76,6 @@ def test_name_of_a_log_is_text_and_nothing_else():
     assert data_of(page)["runs"][0]["name"].startswith("</script>")
 
 
-def test_robot_at_rest_needs_no_log():
-    (run,) = data_of(replay_page({}, ALTEN, title="alten"))["runs"]
-    assert run["rows"] == 1
-    assert len(run["robot"]["wheels"]) == 3
-
-
 @pytest.mark.parametrize("preset", Robot.presets())
 def test_every_preset_can_be_drawn(preset):
     robot = Robot.load(preset)
@@ -97,19 +86,6 @@ def test_every_preset_can_be_drawn(preset):
     for wheel in shape["wheels"]:
         reach = np.linalg.norm(wheel["center"])
         assert reach == pytest.approx(robot.ball.radius + robot.wheels.radius)
-
-
-def test_arrow_of_a_usual_force_is_as_long_as_the_legend_states():
-    arrow = data_of(replay_page({"a": smooth_log()}, ALTEN, title="a"))["arrow"]
-    assert f"{arrow['newtons']:.0e}"[0] in "125"
-    assert 0.02 < arrow["metres"] < 0.6
-
-
-def test_parts_of_one_page_have_names_of_their_own():
-    first, second = (replay_part({"a": smooth_log()}, ALTEN, name=name) for name in ("one", "two"))
-    assert 'id="one"' in first.element
-    assert 'id="two"' in second.element
-    assert (first.script, first.style) == (second.script, second.style)
 
 
 def test_too_many_logs_are_refused():

@@ -14,8 +14,7 @@ from ballbot.vision.seam import SEAMS, seam_named, seam_table, thesis_seam
 from ballbot.vision.tracking import Track, angular_velocity
 from ballbot.vision.video import Video, frame_times
 from ballbot.vision.view import View, view_of_outline
-from tests.support.ball_video import Scene, motion_of, render, view_of, wandering, write_video
-from tests.support.vision_examples import SMALL
+from tests.support.ball_video import wandering
 
 #: a ball whose rim is at most 70 degrees from the optical axis
 VIEWS = st.builds(
@@ -107,52 +106,6 @@ def test_the_table_gives_the_distance_from_the_curve():
     # a cell is 0.006 rad across and the curve bends by at most 4 a radian: 4 * 0.006^2
     assert near.sum() > 100
     np.testing.assert_allclose(found[near], brute[near], rtol=0.0, atol=3e-4)
-
-
-def test_a_video_whose_rendering_stops_is_not_written(tmp_path):
-    def frames():
-        yield np.zeros((64, 64, 3), np.uint8)
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_video(tmp_path / "video.avi", frames(), frame_rate=30.0)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_motions_orientation_has_its_velocity():
-    motion = wandering(duration=2.0, peak=10.0, seed=1)
-    t, h = np.linspace(0.1, 1.9, 40), 1e-4
-    after, before = motion.orientation(t + h), motion.orientation(t - h)
-    seen = Rotation.from_matrix(after @ before.transpose(0, 2, 1)).as_rotvec() / (2 * h)
-    np.testing.assert_allclose(seen, motion.omega_at(t), rtol=0.0, atol=5e-3)
-    assert np.linalg.norm(motion.omega, axis=1).max() == pytest.approx(10.0)
-
-
-@pytest.mark.slow
-def test_a_frame_shows_the_seam_where_the_curve_projects_to():
-    scene = Scene(camera=SMALL)
-    motion = motion_of(np.linspace(-0.1, 0.2, 301), np.tile([2.0, -3.0, 1.0], (301, 1)))
-    frame = list(render(scene, motion, duration=0.1))[3].astype(int)
-    view = view_of(scene)
-    R = motion.orientation(np.array([3 / 60.0]))[0]
-    places, facing = view.project(scene.seam.points[::40] @ R.T)
-    blue, _, red = frame[tuple(np.rint(places[facing > 0.4][:, ::-1]).astype(int).T)].T
-    assert len(red) > 20
-    assert np.all(red - blue > 60)  # yellow
-    # and nowhere else: away from the curve the ball is blue
-    middle, _ = view.points(np.array([[104.0, 60.0]]))
-    off = np.min(np.linalg.norm(scene.seam.points @ R.T - middle, axis=1))
-    assert (off > 0.1) == (frame[60, 104, 2] < frame[60, 104, 0])
-
-
-@pytest.mark.slow
-def test_every_seed_that_a_command_takes_has_its_frames():
-    motion = motion_of(np.linspace(-0.1, 0.2, 301), np.tile([2.0, -3.0, 1.0], (301, 1)))
-    drawn, again, other = (
-        next(render(Scene(camera=SMALL), motion, duration=0.1, seed=one)) for one in (2**32 - 1, 2**32 - 1, 7)
-    )
-    np.testing.assert_array_equal(drawn, again)
-    assert not np.array_equal(drawn, other)
 
 
 def test_frame_times_are_even_where_a_container_rounded_them():

@@ -25,7 +25,7 @@ from ballbot.workflows.excite import (
     run_on_model,
     task,
 )
-from tests.support.control_examples import FRICTION, alten, four_wheeled
+from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import NOISE, balancing_log, noisy
 
 #: deviations of the nominal twin's states, about
@@ -76,14 +76,6 @@ def test_designed_excitation_is_more_informative_than_a_square(designed):
     plain = expected_errors(asked(), [run_on_model(asked(), square(side=0.5, period=10.0)).log])
     assert designed.errors.max() < 0.8 * plain.max()
     assert criterion(designed.errors) < 0.8 * criterion(plain)
-
-
-@pytest.mark.slow
-def test_four_wheels():
-    robot = four_wheeled(friction=True)
-    made = design(asked(robot=robot, duration=6.0, limits=replace(LIMITS, floor=2.0)))
-    assert made.errors.shape == (15,)
-    assert np.isfinite(made.errors).all()
 
 
 @pytest.mark.slow

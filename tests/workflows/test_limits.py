@@ -7,19 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballbot import Controller, InputError, Model, Robot, simulate, simulate_batch
+from ballbot import Controller, Model, Robot
 from ballbot.cli.main import main
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
-from ballbot.control.references import change_pose, circle, hold, square
+from ballbot.control.references import change_pose, circle, square
 from ballbot.report.limits import directions_figure, planes_figure
-from ballbot.simulation.imperfections import Imperfections
-from ballbot.twin import Scenario, Twin
+from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
 from ballbot.workflows import limits, recovery_region
 from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
 from ballbot.workflows.recovery_region import Loop, Region, map_region, reach
 from ballbot.workflows.reference_check import check_reference, path_demand, reference_verdict
-from tests.support.control_examples import FRICTION, alten, leaning
+from tests.support.control_examples import FRICTION, alten
 from tests.support.report_pages import figure_count
 
 DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)
@@ -61,11 +60,6 @@ def test_recovery_region_is_close_below_the_theoretical_limit():
     # sampling and the saturated gain cost a little; sin(lean) < lean gains 1e-4, the rays end on 1/12288 of 0.1 rad
     assert (found < 1.001 * bound).all()
     assert (found > 0.9 * bound).all()
-
-
-def test_more_torque_never_saves_less():
-    edges = np.array([leans(loop(limit)) for limit in (0.5, 4.0)])
-    assert (np.diff(edges, axis=0) > 0.0).all()
 
 
 def test_a_wheel_lets_go_before_the_robot_is_lost():
@@ -129,16 +123,6 @@ def test_runs_with_sensors_that_are_cut_short_end_as_whole_ones_do():
     np.testing.assert_array_equal(kept, one.recovers(states, cut_short=False))
 
 
-def test_a_controller_that_remembers_is_run_to_the_end():
-    robot = alten(FRICTION)
-    one = Loop(robot=robot, controller=precise_controller(robot, compensation="full"))
-    states = limits.leaning_state(np.linspace(0.0, 6.0, 32), np.linspace(0.0, 0.5, 32))
-    kept = one.recovers(states)
-    assert kept[0]
-    assert not kept[-1]
-    np.testing.assert_array_equal(kept, one.recovers(states, cut_short=False))
-
-
 def test_area_of_a_map_is_that_of_its_shape():
     def crescent(points):
         return (np.hypot(points[:, 0], points[:, 1]) < 1.0) & (
@@ -167,73 +151,6 @@ def test_a_ray_stops_at_the_first_loss():
     assert found[0] == pytest.approx(0.3, abs=1.0 / 12288)
     free = reach(lambda points: np.ones(len(points), bool), start_of, shape=(1,), end=1.0)
     assert free[0] == 1.0
-
-
-def test_late_torques_are_those_of_a_controller_that_is_late():
-    robot = alten(FRICTION)
-    controller = nominal_controller(robot, compensation="partial")
-
-    class Late:
-        sample_time = controller.sample_time
-
-        def reset(self):
-            self.queue = [np.zeros(3)] * 3
-
-        def update(self, t, state, reference):
-            self.queue.append(controller.update(t, state, reference))
-            return self.queue.pop(0)
-
-    start = leaning(0.03, -0.02)
-    batch = simulate_batch(
-        Model(robot),
-        controller,
-        hold(),
-        duration=2.0,
-        initial_states=start,
-        imperfections=[Imperfections(delay=3)],
-    )
-    log = simulate(Model(robot), Late(), hold(), duration=2.0, initial_state=start)
-    np.testing.assert_allclose(
-        batch.states[0, :-1], log.states[1:], atol=1e-7
-    )  # rounding, as without a delay
-
-
-def test_a_slope_moves_the_robot_as_it_moves_the_twin():
-    robot = alten()
-    slope = (0.02, -0.012)
-    controller = nominal_controller(robot)
-    batch = simulate_batch(
-        Model(robot), controller, hold(), duration=8.0, imperfections=[Imperfections(slope=slope)], every=0
-    )
-    # turned by -atan(s_y) about x and by atan(s_x) about y, z = s_x x + s_y y
-    tilted = replace(
-        Scenario.ideal(robot),
-        wheel_contact="point",
-        floor_tilt=(np.arctan(slope[1]), -np.arctan(slope[0])),
-    )
-    log = simulate(Twin(robot, tilted), controller, hold(), duration=8.0)
-    assert log.ended is None
-    rest = log.truth().states[-200:].mean(axis=0)
-    assert abs(rest[0]) > 0.05
-    # soft contacts of the twin creep a little
-    np.testing.assert_allclose(batch.finals[0, :4], rest[:4], rtol=0.05, atol=1e-3)
-
-
-def test_invalid_conditions_are_refused():
-    with pytest.raises(InputError, match="delay is -1 samples"):
-        Imperfections(delay=-1)
-    with pytest.raises(InputError, match=r"slope of the floor is 0\.3"):
-        Imperfections(slope=(0.3, 0.0))
-    model = Model(alten())
-    with pytest.raises(InputError, match="2 imperfections"):
-        simulate_batch(
-            model,
-            nominal_controller(model.robot),
-            hold(),
-            duration=1.0,
-            initial_states=np.zeros((3, 10)),
-            imperfections=[Imperfections(), Imperfections(delay=1)],
-        )
 
 
 def phasors(radius: float, period: float):

@@ -14,7 +14,6 @@ from ballbot.workflows.metrics import (
     heading_error,
     high_frequency_torque,
     position_error,
-    rms,
     rms_torque,
     rms_torque_change,
     run_results,
@@ -35,20 +34,6 @@ def test_errors_count_once_settled():
 def test_a_slow_reference_is_not_waited_for():
     log = made_log(rate=10.0, ref_x=lambda t: 0.1 * t, ref_psi=lambda t: 0.15 * t)
     np.testing.assert_array_equal(np.flatnonzero(settled(log, 6.0)), range(60, 200))
-
-
-@settings(deadline=None, max_examples=30)
-@given(size=st.floats(1e-3, 1.0), rate=st.floats(0.1, 3.0))
-def test_errors_of_a_robot_that_circles_its_place(size, rate):
-    log = made_log(
-        duration=8.0,
-        x=lambda t: 1.0 + size * np.cos(rate * t),
-        y=lambda t: size * np.sin(rate * t),
-        ref_x=1.0,
-    )
-    found = score(log, settle=1.0)
-    assert found.peak_position_error == pytest.approx(size)
-    assert found.rms_position_error == pytest.approx(size)
 
 
 def test_errors_of_a_robot_that_swings():
@@ -183,13 +168,3 @@ def test_results_of_a_run_have_the_errors_once_settled_and_of_the_whole_run(dura
     ((_, _), (heading, words)) = run_verdict(made)
     assert heading == "Distance from the reference"
     assert words.startswith("1400 mm at most" if seconds else "Not rated, as the run is shorter than")
-
-
-def test_a_fall_at_the_first_sample_has_a_score():
-    found = score(made_log(duration=SAMPLE, ended="fallen"))
-    assert np.isnan(found.high_frequency_torque)
-    assert found.energy == 0.0
-
-
-def test_rms():
-    assert rms(np.array([[3.0, -4.0], [0.0, 0.0]])) == pytest.approx(2.5)

@@ -10,7 +10,7 @@ import pytest
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import precise_controller
-from ballbot.report.study import stiffness_figure, stiffness_sentences
+from ballbot.report.study import stiffness_sentences
 from ballbot.twin.faults import Compliance, CurrentLoop, Timing
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows import stiffness
@@ -92,18 +92,6 @@ def test_compensation_that_makes_runs_fall_does_not_pay():
     one = found([0.3], [0.1])
     fallen = {v: trial(0.1, "fallen") if v.compensation else t for v, t in one.gains[0].trials.items()}
     assert replace(one, gains=(replace(one.gains[0], trials=fallen),)).pays_over(observer=False) == ()
-
-
-def test_gains_with_which_all_runs_fell_have_a_cross_and_no_point():
-    fallen = replace(trial(0.1), scores=tuple(replace(one, ended="fallen") for one in trial(0.1).scores))
-    one = found([0.3, 0.1], [0.3, 0.1])
-    last = replace(one.gains[-1], trials=dict.fromkeys(VARIANTS, fallen))
-    axes = stiffness_figure(replace(one, gains=(one.gains[0], last))).axes[0]
-    crosses = [line for line in axes.lines if line.get_marker() == "x"]
-    assert [np.asarray(line.get_xdata()).tolist() for line in crosses] == [[2.0]] * len(VARIANTS)
-    medians = [line for line in axes.lines if line.get_marker() == "o"]
-    for line in medians:
-        np.testing.assert_array_equal(line.get_ydata(), [300.0, np.nan])
 
 
 def measured(monkeypatch: pytest.MonkeyPatch, scenario: Scenario) -> FrictionByStiffness:

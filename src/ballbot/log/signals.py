@@ -351,7 +351,7 @@ def across_a_gap(rows: Floats, t: Floats, longest: float) -> Bools:
     return np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] >= longest
 
 
-def longest_repeat(values: NDArray[np.float64]) -> tuple[int, int]:
+def longest_repeat(values: Floats) -> tuple[int, int]:
     """Return the first and the last row of the longest stretch in which values (N,) or (N, k) repeat themselves."""
     rows = values.reshape(len(values), -1)
     changes = np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)) + 1
