@@ -48,6 +48,7 @@ CAMPAIGNS = {
     "drivelines": "campaigns.identified_twin:drivelines",
     "driveline_coverage": "campaigns.driveline_coverage",
     "upside_down": "campaigns.upside_down_coverage",
+    "killed_sweep": "campaigns.killed_sweep",
     "identified_friction": "campaigns.identified_twin:identified_friction",
     "spin": "campaigns.spin",
     "fuzz": "campaigns.fuzz",
