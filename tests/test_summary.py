@@ -18,8 +18,8 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.sweep import digest
-from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.agreement import StageEstimate
+from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.verdict import Verdict
 from ballbot.identification.windows import Span
