@@ -7,7 +7,10 @@ import pytest
 from rich.console import Console
 
 from ballbot.cli import output
+from ballbot.cli.context import changed_robot
+from ballbot.cli.main import main
 from ballbot.cli.output import progress_bar
+from ballbot.errors import InputError
 from ballbot.progress import Progress
 
 
@@ -47,3 +50,26 @@ def test_a_long_stage_gets_lines_in_the_middle_of_it(piped, capsys, monkeypatch)
             report(Progress(stage="descent", done=done, total=2))
             time.sleep(0.15 if done else 0.0)
     assert capsys.readouterr().err.splitlines() == ["ballbot: descent, 0 %", "ballbot: descent, 100 %"]
+
+
+def test_values_of_the_robot_are_set_on_the_command_line():
+    robot = changed_robot(
+        "alten", ["body.mass=9.0", "friction.coulomb = [0.1, 0.2, 0.3]", "friction.rolling=0.01"]
+    )
+    assert robot.body.mass == 9.0
+    assert robot.friction.coulomb == (0.1, 0.2, 0.3)
+    assert robot.friction.rolling == 0.01
+
+
+@pytest.mark.parametrize("change", ["body.mass", "body.mass=heavy", "body.mas=9.0"])
+def test_what_is_no_change_of_a_robot_is_refused(change):
+    with pytest.raises(InputError, match=r"--set body\.mass|did you mean 'body\.mass'"):
+        changed_robot("alten", [change])
+
+
+@pytest.mark.parametrize(
+    "name", ["simulate", "record", "design", "limits", "compare", "study", "identify", "export", "excite"]
+)
+def test_commands_that_take_a_robot_take_changes(name, capsys):
+    assert main([name, "--help"]) == 0
+    assert "--set" in capsys.readouterr().out

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from ballbot.cli.context import (
+    Changes,
     ClusterAddress,
     OutFolder,
     WholeNumber,
+    changed_robot,
     input_files,
     open_result,
     parse_seeds,
@@ -16,7 +18,6 @@ from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.report.comparison import league_report
-from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import PlantName, choose_courses
@@ -33,6 +34,7 @@ def compare(
     seeds: str = "1-3",
     processes: WholeNumber | None = None,
     cluster: ClusterAddress = None,
+    change: Changes = (),
     out: OutFolder,
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
@@ -69,7 +71,7 @@ def compare(
     """
     if processes is not None and processes < 1:
         raise InputError(f"--processes is {processes}; it must be at least 1.")
-    described = Robot.load(robot)
+    described = changed_robot(robot, change)
     candidates, courses = parse_candidates(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in candidates}

@@ -11,6 +11,7 @@ result. Logs and lists of seeds are read here, too, and a Dask cluster is found.
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -69,6 +70,38 @@ _MAPPING = (
 
 #: the robot of a command
 RobotName = Annotated[str, Parameter(help="A preset's name or a robot file.")]
+
+#: the option --set of the commands that take a robot
+Changes = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--set",
+        negative=(),
+        help="Another value of the robot for this run, in SI units, such as --set body.mass=9.0 or --set "
+        "friction.coulomb=[0.1,0.1,0.12]; one number stands for all wheels.",
+    ),
+]
+
+
+def changed_robot(source: str, changes: Sequence[str]) -> Robot:
+    """Return the preset of that name or the robot in that file, with the values of --set.
+
+    Raises
+    ------
+    InputError
+        If there is no such robot, a change is not NAME=VALUE, or the robot cannot have the value.
+    """
+    values = {}
+    for change in changes:
+        name, _, text = change.partition("=")
+        try:
+            values[name.strip()] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            raise InputError(
+                f"--set {change}: it must be a name and a value, such as body.mass=9.0 or friction.coulomb=0.1."
+            ) from None
+    return Robot.load(source).replace(values)
+
 
 #: the option --out of every command that needs a folder
 OutFolder = Annotated[Path, Parameter(help="The folder to write into.")]

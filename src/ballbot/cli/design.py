@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
-from ballbot.cli.context import OutFolder, Seed, WholeNumber, open_result
+from ballbot.cli.context import Changes, OutFolder, Seed, WholeNumber, changed_robot, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
@@ -98,6 +98,7 @@ def design(
     robust: Annotated[bool, Parameter(negative="")] = False,
     search: RobustSearchOptions = _SEARCH,
     accept: Accept = None,
+    change: Changes = (),
     out: OutFolder,
 ) -> None:
     """Design a controller: sampled LQR on the exact model, with friction compensation.
@@ -124,7 +125,7 @@ def design(
         Search for the weights on perturbed simulated robots, to minimise the mean cost of the worst tenth of them.
         Takes minutes.
     """
-    described = Robot.load(robot)
+    described = changed_robot(robot, change)
     findings = check_robot(described, accept=accept)
     if robust:
         plain = replace(

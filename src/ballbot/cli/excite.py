@@ -9,14 +9,13 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import OutFolder, RobotName, open_result
+from ballbot.cli.context import Changes, OutFolder, RobotName, changed_robot, open_result
 from ballbot.control.file import controller_text
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
 from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
 from ballbot.report.excitation import excitation_report
-from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.excite import Extent, Law
 from ballbot.workflows.excite import excite as find
@@ -63,6 +62,7 @@ def excite(
     scenario: str = "nominal",
     identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
+    change: Changes = (),
     out: OutFolder,
 ) -> None:
     """Design an informative excitation within limits on lean, floor space and torque.
@@ -86,7 +86,7 @@ def excite(
     scenario
         Sensors, drive, play and true friction of the loop: a scenario's name or file, as in ballbot record.
     """
-    described = Robot.load(robot)
+    described = changed_robot(robot, change)
     limits = Extent(
         lean=math.radians(within.lean),
         floor=within.floor,

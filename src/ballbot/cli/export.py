@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import OutFolder, open_result
+from ballbot.cli.context import Changes, OutFolder, changed_robot, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.file import read_controller
@@ -13,7 +13,6 @@ from ballbot.firmware.processor_load import check_clock, measure_load, what_to_i
 from ballbot.firmware.records import FIRMWARE
 from ballbot.progress import Progress
 from ballbot.report.export import export_report
-from ballbot.robot import Robot
 
 
 def export(
@@ -24,6 +23,7 @@ def export(
     lean: float = 0.35,
     clock: float = 72e6,
     accept: Accept = None,
+    change: Changes = (),
     out: OutFolder,
 ) -> None:
     """Write a controller as C99 firmware: sources, the controller's numbers, build files and examples.
@@ -50,7 +50,7 @@ def export(
         Clock of the processor [Hz], for the share of the period that an update takes.
     """
     check_clock(clock)
-    described = Robot.load(robot)
+    described = changed_robot(robot, change)
     findings = check_robot(described, accept=accept)
     check_belongs(controller, described)
     read = read_controller(controller, described)

@@ -11,11 +11,13 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli.context import (
+    Changes,
     ClusterAddress,
     LogPath,
     OutFolder,
     RobotName,
     Seed,
+    changed_robot,
     executor,
     open_result,
     read_balancing_log,
@@ -100,6 +102,7 @@ def identify(
     robot: RobotName,
     /,
     *logs: LogPath,
+    change: Changes = (),
     out: OutFolder,
     fit: FitOptions = _FIT,
     reading: LogOptions = _READING,
@@ -121,7 +124,7 @@ def identify(
     logs
         One or more logs of the robot balancing, with torques and states.
     """
-    described = Robot.load(robot)
+    described = changed_robot(robot, change)
     sweep = read_sweep(fit.sweep, wheel_count=described.wheel_count) if fit.sweep else None
     mappings = reading.mapping or []
     named, others = _logs(logs, reading.holdout or [], mappings, described)

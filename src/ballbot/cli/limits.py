@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ballbot.cli.context import OutFolder, RobotName, Seed, open_result
+from ballbot.cli.context import Changes, OutFolder, RobotName, Seed, changed_robot, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, limits_report
 from ballbot.results import to_results
-from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, twin_limits
@@ -31,6 +30,7 @@ def limits(
     twin: bool = False,
     scenario: str = "nominal",
     seed: Seed = 1,
+    change: Changes = (),
     out: OutFolder,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
@@ -55,7 +55,7 @@ def limits(
     scenario
         A scenario's name or file.
     """
-    described, candidates = Robot.load(robot), parse_candidates(controllers)
+    described, candidates = changed_robot(robot, change), parse_candidates(controllers)
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     if len(chosen) > MOST_CONTROLLERS:
         raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")

@@ -8,7 +8,17 @@ from pathlib import Path
 from cyclopts import Parameter
 
 from ballbot.cli import OUTPUT
-from ballbot.cli.context import ClusterAddress, LogFormatName, OutFolder, Seed, argv, parse_seeds, workers
+from ballbot.cli.context import (
+    Changes,
+    ClusterAddress,
+    LogFormatName,
+    OutFolder,
+    Seed,
+    argv,
+    changed_robot,
+    parse_seeds,
+    workers,
+)
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import emit, print_parts, progress_bar, standard_output
@@ -25,7 +35,6 @@ from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
 from ballbot.report.twin import recording_report, seeds_report
 from ballbot.results import to_results
-from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.summary import counted
 from ballbot.twin.recording import DURATIONS, Experiment, Recording
@@ -84,6 +93,7 @@ def record(
     estimator: EstimatorName | None = None,
     random: SeedOptions = _SEEDS,
     accept: Accept = None,
+    change: Changes = (),
     out: OutFolder,
 ) -> None:
     """Record logs from the twin, a MuJoCo robot with real rollers, sensors and faults.
@@ -105,7 +115,7 @@ def record(
         speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
         controller's file names.
     """
-    described = Robot.load(robot)
+    described = changed_robot(robot, change)
     check_robot(described, accept=accept)
     # refused before anything is run or made
     as_reference(run.reference)

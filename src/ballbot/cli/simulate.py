@@ -8,10 +8,12 @@ from cyclopts import Parameter
 
 from ballbot.cli.context import (
     ROBOT_BESIDE,
+    Changes,
     Content,
     LogFormatName,
     OutFolder,
     WholeNumber,
+    changed_robot,
     open_result,
 )
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
@@ -25,7 +27,6 @@ from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import in_stage
 from ballbot.report.run import simulation_report
-from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
@@ -67,6 +68,7 @@ def simulate(
     simulated: PlantOptions = _PLANT,
     format: LogFormatName = "csv",
     accept: Accept = None,
+    change: Changes = (),
     out: OutFolder,
 ) -> None:
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
@@ -88,7 +90,7 @@ def simulate(
     duration
         Length of the run [s].
     """
-    described = Robot.load(robot)
+    described = changed_robot(robot, change)
     findings = check_robot(described, accept=accept)
     check_seed(simulated.seed)
     check_format(format)

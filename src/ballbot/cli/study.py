@@ -12,6 +12,7 @@ from ballbot.arguments import names_listed
 from ballbot.cli.context import (
     PAGE,
     RESULTS,
+    Changes,
     ClusterAddress,
     LogPath,
     MappingFile,
@@ -19,6 +20,7 @@ from ballbot.cli.context import (
     RobotName,
     Seed,
     WholeNumber,
+    changed_robot,
     executor,
     open_result,
     read_balancing_logs,
@@ -32,7 +34,6 @@ from ballbot.log.checks import CheckedLogs
 from ballbot.report.blocks import verdict_lines
 from ballbot.report.study import summary
 from ballbot.report.study_files import STUDY_FILES, write_study
-from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_prediction import MIN_RUNS
@@ -78,6 +79,7 @@ def study(
     robot: RobotName,
     /,
     *logs: LogPath,
+    change: Changes = (),
     out: OutFolder,
     trial: StudyTrialOptions = _TRIAL,
     fit: StudyFitOptions = _FIT,
@@ -104,7 +106,7 @@ def study(
     quick
         Stop at the verdict: no report.html, and no measurement of where the gain comes from.
     """
-    described = Robot.load(robot)
+    described = changed_robot(robot, change)
     named = read_balancing_logs(logs, fit.mapping, described)
     within = read_bounds(fit.bounds) if fit.bounds else None
     findings = check_input(described, logs, named.values(), accept=accept, mappings=[fit.mapping])
