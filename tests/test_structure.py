@@ -16,7 +16,7 @@ PACKAGES = (
 MOST_PARAMETERS = 9
 LONGEST_BODY = 60
 #: the decorators of compiled code
-COMPILING = {"compiled", "compiled_alone", "called", "inlined", "inlined_in_order", "shared"}
+COMPILING = {"compiled", "compiled_alone", "inlined"}
 
 
 @cache

@@ -3,6 +3,11 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import ROOT
 
 #: a function that is soon compiled, and another one that it calls
 SMALL = """
@@ -15,22 +20,43 @@ follow_pendulum(1.0, 0.1, 0.01, 0.2, 0.0, t, 0.05, angles, rates)
 print(angles)
 """
 
+#: batches of the law and the mechanics: functions that others call, in vector lanes and alone
+BATCH = """
+import sys
+sys.stderr.isatty = lambda: True
+import hashlib, numpy as np
+from ballbot import Model, Robot, simulate_batch
+from tests.support.control_examples import FRICTION, alten
+found = simulate_batch(Model(alten(FRICTION)), "precise", "square", duration=2.0, initial_states=np.zeros((5, 10)))
+print(hashlib.sha256(found.states.tobytes()).hexdigest())
+"""
+
+
+def run(program: str, cache: Path) -> tuple[str, int]:
+    """Return what a program prints with compiled code in that folder, and how often it says that it compiles."""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout, done.stderr.count("compiles")
+
+
+@pytest.mark.slow
+def test_code_just_compiled_and_code_read_from_disk_give_the_same_bits(tmp_path):
+    first = run(BATCH, tmp_path)
+    assert first[1] == 1
+    assert run(BATCH, tmp_path) == (first[0], 0)
+
 
 def test_a_damaged_cache_is_compiled_again_and_compilation_is_said_once(tmp_path):
-    def run() -> tuple[str, int]:
-        done = subprocess.run(
-            [sys.executable, "-c", SMALL],
-            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return done.stdout, done.stderr.count("compiles")
-
-    first = run()
+    first = run(SMALL, tmp_path)
     assert first[1] == 1
-    assert run() == (first[0], 0)
+    assert run(SMALL, tmp_path) == (first[0], 0)
     for ending, size in (("nbi", -20), ("nbc", 0)):
         for file in tmp_path.rglob(f"*.{ending}"):
             file.write_bytes(file.read_bytes()[:size])
-        assert run() == first
+        assert run(SMALL, tmp_path) == first

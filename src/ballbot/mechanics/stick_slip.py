@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array, real_number
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import called, compiled
+from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.engine.tracing import both, either, greatest, least, root, traced, where
 from ballbot.mechanics.engine.vector import inner, scale, solve_dense, summed
 
@@ -174,7 +174,7 @@ def _energy(forces, G, b, rates):
     )
 
 
-@called
+@inlined
 def found_forces(G, b, rates, limits, rolling_force):
     """Return the friction forces and their probe, whatever the problem; NaN if a number of b is."""
     largest, forces = largest_of(b), scale(b, 0.0)
@@ -285,7 +285,7 @@ def _minimise(M, free, C, limits, rolling_force, h):
     return minimiser(M, free, C, limits, rolling_force, h)
 
 
-@called
+@inlined
 def minimiser(M, free, C, limits, rolling_force, h):
     """Return the velocities of `minimise`, to compiled code."""
     Y, G, b, rates = _problem(M, free, C, h)

@@ -41,7 +41,7 @@ from ballbot.estimation.kalman_model import (
 from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
 from ballbot.estimation.kalman_model import STATE as FILTER_STATE
 from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import called, compiled, inlined
+from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.engine.lanes import (
     AHEAD,
     ANGLE,
@@ -641,7 +641,7 @@ def _turn_motors(selected, work, width, inputs, block, first, steps):
                 block.speeds[robot, i] = speeds[i]
 
 
-@called
+@inlined
 def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample, out):
     """Stop a lane that has fallen within the sample, would lift off or slip at its end, or whose outcome is known."""
     robot = robot_in(work, lane)
@@ -733,7 +733,7 @@ def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -
     return Block(**arrays | others)  # pyright: ignore[reportArgumentType]
 
 
-@called
+@inlined
 def _move(selected, work, width, inputs, block, sampling, first):
     """Move a block's robots on by a sample."""
     plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none

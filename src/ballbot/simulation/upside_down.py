@@ -25,7 +25,7 @@ from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.contacts import free_torque
 from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import called, compiled, inlined
+from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.engine.tracing import traced
@@ -129,7 +129,7 @@ def _problem(wheels, M, free, A, limits):
     return tuple(mass), (0.0, 0.0, free[0], free[1], free[2]), rows, from_array(wheels, limits)
 
 
-@called
+@inlined
 def _in_parts(ball, u, omega, signs, h, end, rates, middle):
     """Advance `omega` (3,) by `PARTS` steps of h."""
     for _ in range(PARTS):

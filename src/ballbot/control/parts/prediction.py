@@ -26,7 +26,7 @@ from ballbot.control.lqr import held
 from ballbot.control.parts.part import MAX_PAST, LawSettings, Measured, Part
 from ballbot.control.records import MAX_WHEELS, Setting, number, whole
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import called, inlined
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.equations import attitude
 
 #: torques that may be under way; the past must have the sample before them as well, and room for one
@@ -93,7 +93,7 @@ def predict(law, memory, seen, n):
     return Measured(attitude((state[2], state[3], state[4])), state)
 
 
-@called
+@inlined
 def _look_ahead(own, work, past, a, state, n):
     """Compute the state (10,) in which the torque that is computed now will act, `work.ahead`."""
     turned, after = work.turned, work.after
@@ -115,7 +115,7 @@ def _look_ahead(own, work, past, a, state, n):
         work.ahead[i] = after[i]
 
 
-@called
+@inlined
 def _turn(values, c, s):
     """Turn the pairs (x y), (theta phi) of a state and their rates by -psi, whose cosine and sine these are."""
     for i in (0, 2, 5, 7):
@@ -124,7 +124,7 @@ def _turn(values, c, s):
         values[i + 1] = c * other - s * one
 
 
-@called
+@inlined
 def _grow_older(past, updates):
     """Make room for another update, the last `updates` kept."""
     for ago in range(updates, 0, -1):

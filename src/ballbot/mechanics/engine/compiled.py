@@ -1,10 +1,11 @@
 """How the mechanics are compiled: one place for Numba's options and its cache on disk.
 
 Straight-line arithmetic is `traced` (`ballbot.mechanics.engine.tracing`), what has loops or branches is compiled by
-Numba. Numba optimises and assembles a function, and does so again wherever it is called by another; so what only
-compiled code calls is small, or is called from one place. "No NaNs" and "no infinities" are not assumed, so that a NaN
-stays visible. A process that compiles links the copy of a called function that was optimised by itself, one that reads
-the code from disk the copy within its caller: their results differ by rounding (1e-15 a step).
+Numba, and inlined where Python does not call it: Numba optimises and assembles a function, and does so again wherever
+it is called by another, so it is small, or called from one place. A call would moreover depend on where the code comes
+from: a process that has just compiled would link the copy that was optimised by itself, one that reads from disk the
+copy within its caller, and their results would differ by rounding. "No NaNs" and "no infinities" are not assumed, so
+that a NaN stays visible.
 """
 
 import os
@@ -26,9 +27,6 @@ from ballbot.notebook import running_notebook
 
 #: what only compiled code calls needs no entry from outside
 _INSIDE = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-
-#: a function of its own that only compiled code calls
-called = njit(fastmath=FAST, **_INSIDE)
 
 #: a function that is inlined where it is used
 inlined = njit(fastmath=FAST, forceinline=True, **_INSIDE)

@@ -22,7 +22,7 @@ from ballbot.mechanics.contacts import (
     responses,
     step_start,
 )
-from ballbot.mechanics.engine.compiled import called
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.lanes import (
     MARGIN,
     ROWS,
@@ -214,7 +214,7 @@ def _round(selected, work, first, last):
         put(work, _SETTLED, lane, greatest(settled, agrees))
 
 
-@called
+@inlined
 def _rounds(selected, work, first, last):
     """Find the forces of a pass: in rounds of all lanes, but with four wheels; then one by one what has not settled."""
     for _ in range(ROUNDS if len(selected.wheels) != 4 else 0):
@@ -247,7 +247,7 @@ def _ends(selected, work, first, last):
         stored(work, TRIAL, lane, where(counts, trial, end))
 
 
-@called
+@inlined
 def convex_block(selected, work, first, last):
     """Take the convex step of lanes first .. last - 1 whose trial does not count."""
     _problems(selected, work, first, last)

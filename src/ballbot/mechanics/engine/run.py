@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import index_array, positive_number, real_array, whole_number
-from ballbot.mechanics.engine.compiled import c_code, called, compiled, inlined
+from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.convex import convex_block
 from ballbot.mechanics.engine.lanes import (
     GROUP,
@@ -116,7 +116,7 @@ def _is_open(work, lane):
     return _open(work, lane) > 0.0
 
 
-@called
+@inlined
 def _sort(selected, work, width):
     """Bring the open lanes to the end."""
     last = width

@@ -11,7 +11,7 @@ while each waits for its own results; of a long one a single turn, and it stands
 wherever it passes on few numbers.
 """
 
-from ballbot.mechanics.engine.compiled import called
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import power_of_two, sine_cosine, sine_cosine_of_lean
 from ballbot.mechanics.engine.lanes import (
     MARGIN,
@@ -238,7 +238,7 @@ def _end(selected, work, width):
         put(work, MARGIN, lane, least(entry(work, MARGIN, lane), floor_margin(P, start, end)))
 
 
-@called
+@inlined
 def smooth_block(selected, work, width):
     """Try an RK4 step of the first lanes, after `begin_steps`; states go to the trial rows, margins to theirs."""
     _begin(selected, work, width)
