@@ -14,15 +14,13 @@ import pytest
 
 from ballbot import Controller, InputError, Model, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.records import schema_of
 from ballbot.control.references import circle
 from ballbot.control.safety import SafetyLimits
 from ballbot.estimation import named_estimator
 from ballbot.firmware.build import compilers
-from ballbot.firmware.estimators import ReadingRecord
 from ballbot.firmware.export import export_controller
 from ballbot.firmware.processor_load import readings
-from ballbot.firmware.records import SelfTestOutcome, parameter_record
+from ballbot.firmware.records import READING, SelfTestOutcome, parameter_record
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
 from ballbot.link.lock_step import LockStep, sensors_of
 from ballbot.link.messages import Capability, Result, State
@@ -143,7 +141,7 @@ def test_board_on_a_faulty_link_does_what_this_computer_does_and_ends_safe(image
 
 def reading_of(state: State) -> np.ndarray:
     """Return the reading that a state was made from."""
-    record = np.zeros(1, schema_of(ReadingRecord).dtype("single"))
+    record = np.zeros(1, READING.dtype("single"))
     for name in ("encoders_valid", "wheel_counts", "wheel_speeds", "gyro", "attitude"):
         record[name] = getattr(state, name)
     record["fix_position"], record["fix_heading"] = np.nan, np.nan
