@@ -3,8 +3,7 @@
 .venv/bin/python -m campaigns.evidence firmware_timing
 
 The code is compiled by Clang (the `ziglang` wheel, -O2) and run by the emulator; instructions are exact, cycles an
-upper estimate (`ballbot.firmware.emulator.CYCLES`). The Kalman filter is also measured in a direct translation of the
-Python code, dense matrices and all (`campaigns/firmware_direct.c`), without the parts around its sample.
+upper estimate (`ballbot.firmware.emulator.CYCLES`).
 """
 
 from __future__ import annotations
@@ -12,10 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
 from ballbot.control.controller import Compensation
@@ -23,8 +20,6 @@ from ballbot.control.law import LAW, MEMORY
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
 from ballbot.estimation.interface import EstimatorName
-from ballbot.estimation.kalman import filter_model, first_covariance
-from ballbot.estimation.kalman_model import STATES, FilterNoise, S
 from ballbot.firmware.build import source_files
 from ballbot.firmware.emulator import CLOCK, CYCLES, Board, Image, Run, compile_image
 from ballbot.firmware.estimators import reading_record
@@ -47,7 +42,6 @@ _AIMS = {
     "law: nominal, partial, 3 wheels": 0.05,
     "law: precise, 3 wheels": 0.05,
 }
-DIRECT = Path(__file__).with_name("firmware_direct.c")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,8 +73,8 @@ class Timing:
 
 @cache
 def image() -> Image:
-    """Return the firmware's library and the direct translation, compiled for the processor."""
-    return compile_image([*source_files(), DIRECT])
+    """Return the firmware's library, compiled for the processor."""
+    return compile_image(source_files())
 
 
 def reachable(image: Image, name: str) -> set[str]:
@@ -160,23 +154,6 @@ def firmware_runs(controller: Controller, *, samples: int) -> Iterator[tuple[Upd
         yield update, same
 
 
-def direct_runs(robot: Robot, *, samples: int) -> list[Run]:
-    """Return each call of the direct translation of the filter's sample, on noise about standing still."""
-    noise = FilterNoise.of(robot)
-    model = filter_model(robot, sample_time=_PERIOD, noise=noise)
-    numbers = np.concatenate([np.ravel(one) for one in model]).astype(np.float32)
-    board, random = Board(image()), np.random.default_rng(1)
-    x = np.zeros(STATES, np.float32)
-    x[S : S + 2] = 0.1
-    addresses = [board.place(one) for one in (numbers, x, first_covariance(noise).astype(np.float32))]
-    inputs: NDArray[np.float32] = np.zeros(12, np.float32)
-    given, runs = board.place(inputs), []
-    for _ in range(samples):
-        board.write(given, random.normal(0.0, 0.01, 12).astype(np.float32))
-        runs.append(board.call("direct_sample", *addresses, given))
-    return runs
-
-
 def timings(*, samples: int, count: int) -> list[Timing]:
     """Return the timings of estimators and controllers.
 
@@ -186,10 +163,7 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         If a number is not that of this computer bit for bit.
     """
     robot = Robot.load("alten")
-    direct = direct_runs(robot, samples=min(samples, 20))
-    found = [
-        timing("Kalman filter, direct translation", "direct_sample", direct, 4 * (63 + STATES * (STATES + 1)))
-    ]
+    found = []
     cases: list[tuple[str, EstimatorName, float]] = [
         ("Kalman filter", "kalman", 0.0),
         ("Kalman filter, with fixes", "kalman", 0.05),
@@ -264,11 +238,5 @@ def campaign() -> Section:
         ],
         rows=[one.cells() for one in found],
         after=f"Samples a second up to which the aims for 1,000 are met: {within}. The whole library takes "
-        f"{whole.flash - _direct_size(whole):,} bytes of flash and {whole.ram} bytes of variables.",
+        f"{whole.flash:,} bytes of flash and {whole.ram} bytes of variables.",
     )  # fmt: skip
-
-
-def _direct_size(whole: Image) -> int:
-    """Return the bytes of flash that the direct translation alone takes."""
-    ours = reachable(whole, "direct_sample") - reachable(whole, "ballbot_kalman_update")
-    return sum(len(whole.functions[name]) for name in ours)
