@@ -60,7 +60,7 @@ static void fade(float P[STATES][STATES], int32_t state, float factor)
  *
  * A sample's gyro noise does what a bias of one sample would: Q = F_b F_b^T gyro_variance + walk, F_b the bias's columns
  * of F, less the bias's own rows. It comes in with the second product if F P is larger by gyro_variance F_b in it.
- * What lies below P's diagonal is filled in before it and wrong after it.
+ * What is forgotten of a state goes first, and is not in f. What lies below P's diagonal is filled in, and wrong after it.
  */
 static void propagate(const struct ballbot_kalman_record *record, const float f[F_ENTRIES], float P[STATES][STATES])
 {
