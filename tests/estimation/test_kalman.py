@@ -17,37 +17,36 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.estimation.kalman import KalmanFilter, filter_model
 from ballbot.estimation.kalman_model import (
-    _ENTRIES,
-    _F,
-    _RESIDUAL,
-    _ROWS_SEEN,
-    _SEEN,
     BIAS,
     COVARIANCE,
+    ENTRIES,
+    FIRST,
+    GYRO,
     GYRO_BEFORE,
-    HEADING_ERROR,
+    LEAN_ERROR,
     LOWER_TRIANGLE,
     MODEL_SIZE,
     PSI,
+    REMEMBERED,
     ROWS,
+    SENSORS,
+    SHOWN,
+    SHOWN_PSI,
     STATE,
     STATES,
+    UNSEEN,
     FilterModel,
     FilterNoise,
     G,
+    Numbers,
     S,
     X,
-    _absorb,
-    _Numbers,
-    _propagate,
-    _tilt,
-    advanced_state,
+    motion,
+    sample,
+    tilt,
     transition,
-    wheels_seen,
 )
-from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES
-from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.geometry import attitude_of_swing, body_rates_matrix, heading_of, lean_of, rotation
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Friction
@@ -76,7 +75,7 @@ def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta,
     s, c = np.sin(heading), np.cos(heading)
     about_vertical = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(
-        about_vertical @ np.array(_tilt(tuple(lean))), rotation(theta, phi, psi), atol=1e-12
+        about_vertical @ np.array(tilt(tuple(lean))), rotation(theta, phi, psi), atol=1e-12
     )
     turned = attitude_of_swing(lean, heading + turn)
     np.testing.assert_allclose(lean_of(*turned), lean, atol=1e-9)
@@ -117,55 +116,73 @@ def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None
     assert np.linalg.norm(state[5:7] - [0.1, -0.05] - by_gravity) > 0.5 * np.linalg.norm(by_gravity)
 
 
-@traced
-def _absorb_all(work):
-    _absorb(work, 1, range(len(_SEEN)))
+class Dense:
+    """A sample of the filter by the textbook's matrices; the ball does not pivot."""
+
+    def __init__(self, model: FilterModel, gyro: NDArray[np.float64], shown: NDArray[np.float64]) -> None:
+        lever, pull = (tuple(map(tuple, one.tolist())) for one in (model.lever, model.pull))
+        self.model, self.gyro, self.shown = model, tuple(gyro), shown
+        self.numbers = Numbers(model.sample_time, model.radius, lever, pull, model.forgotten)
+
+    def moved(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        change, v = (np.array(one) for one in motion(self.numbers, tuple(x), self.gyro))
+        middle = x[PSI] + 0.5 * change[PSI]
+        turn = np.array([[np.cos(middle), -np.sin(middle)], [np.sin(middle), np.cos(middle)]])
+        return x + np.append(change, H * turn @ v), v
+
+    def F(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        F, turn = np.eye(STATES), (np.sin(x[PSI]), np.cos(x[PSI]))
+        for (rows, j), value in zip(
+            ENTRIES, transition(self.numbers, tuple(x), self.gyro, turn), strict=True
+        ):
+            F[list(rows), j] += value
+        F[:, LEAN_ERROR : LEAN_ERROR + 2] *= 1.0 - self.model.forgotten
+        return F
+
+    def seen(self, x: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+        """Residuals, and H."""
+        residuals, rows = [], []
+        for one in SENSORS:
+            shown = tuple(self.shown[FIRST[one.name] :][: len(one.states)])
+            found, entries = one.seen(self.numbers, tuple(x), shown, self.gyro, tuple(v))
+            residuals += found
+            numbers = iter(entries)
+            rows += [{state: next(numbers) for state in states} for states in one.states]
+        return np.array(residuals), np.array([[row.get(k, 0.0) for k in range(STATES)] for row in rows])
+
+    def after(self, x: NDArray[np.float64], P: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+        """State and covariance a sample later, without a fix."""
+        remembered = np.where(np.isin(np.arange(STATES), UNSEEN), REMEMBERED, 1.0)
+        F, every = self.F(x) * remembered, FIRST["fix"]
+        by_gyro = F[:, BIAS : BIAS + 3] * (np.arange(STATES) >= G)[:, None]
+        P = F @ P @ F.T + self.model.gyro_variance * by_gyro @ by_gyro.T + np.diag(self.model.walk)
+        x, v = self.moved(x)
+        residuals, H = (one[:every] for one in self.seen(x, v))
+        spread = H @ P @ H.T + np.diag(self.model.variances[:every])
+        gain = P @ H.T @ np.linalg.inv(spread)
+        return x + gain @ residuals, P - gain @ spread @ gain.T
 
 
-@compiled
-def _propagate_and_absorb(work):
-    _propagate(work, 1)
-    _absorb_all(work)
-
-
-def numbers_of(model: FilterModel) -> _Numbers:
-    lever, pull = (tuple(map(tuple, one.tolist())) for one in (model.lever, model.pull))
-    return _Numbers(model.sample_time, model.radius, lever, pull, model.memory, model.gyro_variance)
+def dense(random: np.random.Generator) -> Dense:
+    model = filter_model(ALTEN, sample_time=H, noise=NOISE)
+    return Dense(model, random.uniform(-1, 1, 3), random.uniform(-3, 3, FIRST["fix"] + 3))
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_derivatives_are_those_of_the_functions(seed: int) -> None:
     """At random states that lean by up to 6 degrees, against central differences."""
     random = np.random.default_rng(seed)
-    x = random.uniform(-0.1, 0.1, STATES)
-    gyro, ball_rate = tuple(random.uniform(-1, 1, 3)), tuple(random.uniform(-3, 3, 3))
-    arrays = filter_model(ALTEN, sample_time=H, noise=NOISE)
-    model = numbers_of(arrays)
-
-    def velocity(x: NDArray[np.float64]) -> tuple[float, ...]:
-        return tuple(x[S : S + 2] - arrays.lever @ (np.array(gyro) - x[BIAS : BIAS + 3]))
-
-    def moved(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.array(advanced_state(model, tuple(x), gyro, gyro)[0])
-
-    def wheels(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return -np.array(wheels_seen(model, tuple(x), ball_rate, gyro, velocity(x))[0])
-
-    F = np.eye(STATES)
-    for (i, j), value in zip(_ENTRIES, transition(model, tuple(x), gyro), strict=True):
-        F[i, j] = value
+    x, one = random.uniform(-0.1, 0.1, STATES), dense(random)
     # F is to first order in h: h^2/2 times gravity's 7 m/s^2 and rates of some 1 rad/s
-    np.testing.assert_allclose(F, numerical(moved, x), atol=5e-4)
-    for lean, tolerance in (
-        (0.0, 1e-6),
-        (0.1, 0.1 * 2 * 3.0),
-    ):  # rows are to first order: lean times ball's rate
+    np.testing.assert_allclose(one.F(x), numerical(lambda x: one.moved(x)[0], x), atol=5e-4)
+
+    def expected(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return -one.seen(x, x[S : S + 2] - one.model.lever @ (one.gyro - x[BIAS : BIAS + 3]))[0]
+
+    # rows are to first order: lean times ball's rate
+    for lean, tolerance in ((0.0, 1e-6), (0.1, 0.1 * 2 * 3.0)):
         x[G : G + 2] = lean
-        entries = iter(wheels_seen(model, tuple(x), ball_rate, gyro, velocity(x))[1])
-        rows = np.zeros((3, STATES))
-        for row, states in zip(rows, _SEEN, strict=False):
-            row[list(states)] = [next(entries) for _ in states]
-        np.testing.assert_allclose(rows, numerical(wheels, x), atol=tolerance)
+        np.testing.assert_allclose(one.seen(x, np.zeros(2))[1], numerical(expected, x), atol=tolerance)
 
 
 def numerical(
@@ -176,35 +193,23 @@ def numerical(
     return np.array([(function(x + step) - function(x - step)) / 2e-5 for step in steps]).T
 
 
-def test_linear_steps_are_the_textbook_s() -> None:
+def test_sample_is_the_textbook_s() -> None:
+    """Place and heading are so little known that they are forgotten."""
     random = np.random.default_rng(5)
-    root, x = random.normal(size=(STATES, STATES)), random.normal(size=STATES)
-    model, P = filter_model(ALTEN, sample_time=H, noise=NOISE), root @ root.T
-    entries, seen = random.normal(size=len(_ENTRIES)), random.normal(size=6)
-    F, rows = np.eye(STATES), np.zeros((6, STATES))
-    for (i, j), value in zip(_ENTRIES, entries, strict=True):
-        F[i, j] = value
+    root, x, one = random.normal(size=(STATES, STATES)), random.uniform(-0.1, 0.1, STATES), dense(random)
+    P = root @ root.T
     work = np.zeros(ROWS * LANES)
     column = work[::LANES]
-    column[:MODEL_SIZE] = model.row()
+    column[:MODEL_SIZE] = one.model.row()
     column[STATE : STATE + STATES] = x
     column[COVARIANCE:GYRO_BEFORE] = P[LOWER_TRIANGLE]
-    column[_F : _F + len(entries)] = entries
-    column[_RESIDUAL : _RESIDUAL + 6] = seen
-    place = int(_ROWS_SEEN)
-    for row, states in zip(rows, _SEEN, strict=True):
-        row[list(states)] = column[place : place + len(states)] = random.normal(size=len(states))
-        place += len(states)
-    biases = F[:, BIAS : BIAS + 3] * (np.arange(STATES) < BIAS)[:, None]
-    expected = F @ P @ F.T + model.gyro_variance * biases @ biases.T + np.diag(model.walk)
-    variances = np.concatenate([model.wheel_variances, model.attitude_variances])
-    spread = rows @ expected @ rows.T + np.diag(variances)
-    gain = expected @ rows.T @ np.linalg.inv(spread)
-    _propagate_and_absorb(work)
+    column[GYRO_BEFORE : GYRO_BEFORE + 3] = column[GYRO : GYRO + 3] = one.gyro
+    column[SHOWN : SHOWN + len(one.shown)] = one.shown
+    sample(work)
+    state, covariance = one.after(x, P)
     # the variances differ by 1e10, so that rounding is that much larger than of a single number
-    np.testing.assert_allclose(column[STATE : STATE + STATES], x + gain @ seen, atol=1e-6)
-    covariance = (expected - gain @ spread @ gain.T)[LOWER_TRIANGLE]
-    np.testing.assert_allclose(column[COVARIANCE:GYRO_BEFORE], covariance, atol=1e-6)
+    np.testing.assert_allclose(column[STATE : STATE + STATES], state, atol=1e-6)
+    np.testing.assert_allclose(column[COVARIANCE:GYRO_BEFORE], covariance[LOWER_TRIANGLE], atol=1e-6)
 
 
 # the whole
@@ -272,7 +277,7 @@ def test_the_exact_model_s_figure_of_eight_is_followed() -> None:
     assert np.abs(error[:, :2]).max() < 0.012  # that heading's over 0.5 m
     assert np.degrees(np.sqrt(np.mean(error[400:, 2:4] ** 2))) < 0.05
     np.testing.assert_allclose(kalman._x[BIAS : BIAS + 3], bias, atol=5e-4)
-    assert np.degrees(kalman._x[HEADING_ERROR]) == pytest.approx(3.55, abs=1.2)
+    assert np.degrees(kalman._x[SHOWN_PSI] - kalman._x[PSI]) == pytest.approx(3.55, abs=1.2)
 
 
 def test_fix_removes_the_drift_and_missing_fix_changes_nothing() -> None:

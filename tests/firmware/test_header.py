@@ -18,6 +18,7 @@ from ballbot.firmware.header import (
     struct_name,
     types_header,
 )
+from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
 from ballbot.firmware.records import FIRMWARE, PARAMETERS, parameter_record, schema_words
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
@@ -26,8 +27,9 @@ LIMITS = SafetyLimits.on_robot(alten(), sample_time=0.005)
 needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
 
-def test_types_in_the_sources_are_those_of_the_records():
-    assert (SOURCES / TYPES_HEADER).read_text() == types_header(), "run: python -m ballbot.firmware.header"
+@pytest.mark.parametrize(("header", "text"), [(TYPES_HEADER, types_header), (KALMAN_HEADER, kalman_header)])
+def test_generated_headers_in_the_sources_are_those_of_the_records_and_the_model(header, text):
+    assert (SOURCES / header).read_text() == text(), "run: python -m ballbot.firmware.header"
 
 
 def offsets(schema: Schema, dtype: np.dtype, above: str = "", first: int = 0) -> Iterator[tuple[str, int]]:

@@ -11,7 +11,8 @@ What it knows that `OnboardState` does not:
 What a reading lacks (NaN) is predicted: the gyro stays as it was, and encoders or attitude correct nothing in that
 sample.
 
-Place and heading stay relative to the start where no fix comes: their covariance grows, as their errors do.
+Place and heading stay relative to the start where no fix comes: their covariance grows, as their errors do, until
+they are unknown by 0.2 m or 0.2 rad.
 `ballbot.estimation.kalman_model` has the states and equations.
 """
 
@@ -20,36 +21,41 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
 from ballbot.estimation.heading import Heading
 from ballbot.estimation.interface import Fix, Reading, all_known, checked_reading, known
 from ballbot.estimation.kalman_model import (
-    BALL_RATE,
     BIAS,
     COVARIANCE,
+    DIRECT,
     DRIFT,
+    FIRST,
     GYRO,
     GYRO_BEFORE,
-    HEADING,
-    HEADING_ERROR,
-    LEAN,
     LEAN_ERROR,
     LOWER_TRIANGLE,
     MODEL_SIZE,
+    NUMBERS,
     PIVOTING,
     PIVOTS,
     PSI,
     ROWS,
+    SENSORS,
+    SHOWN,
+    SHOWN_PSI,
+    SHOWN_TOGETHER,
     STATE,
     STATES,
+    VARIANCES,
     FilterModel,
     FilterNoise,
     G,
     S,
     X,
     sample,
+    take_fix,
 )
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.geometry import angle_rates, attitude_of_swing, heading_of, lean_of, transforms
@@ -97,6 +103,8 @@ class KalmanFilter:
         """
         self._x[:] = 0.0
         self._x[X : X + 2] = position
+        self._shown = self._column[SHOWN : SHOWN + NUMBERS]
+        self._shown[:] = np.nan
         self._P = first_covariance(self.noise)
         self._angles: NDArray[np.float64] | None = None
         self._without_angles = 0  # samples since the encoders last had all angles
@@ -110,8 +118,8 @@ class KalmanFilter:
         Parameters
         ----------
         reading : Reading
-            Encoder angles, gyro and attitude are used, and the fix where there is one. Values that are missing are
-            predicted.
+            Encoder angles, gyro and attitude are used, and what other `SENSORS` show where it is there. Values that
+            are missing are predicted.
 
         Returns
         -------
@@ -135,16 +143,19 @@ class KalmanFilter:
             psi = self._heading.unwrapped(psi)
             lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)  # only the latter runs away
         if self._angles is None:
-            self._x[PSI] = heading
+            self._x[PSI] = self._x[SHOWN_PSI] = heading
             self._x[G : G + 2] = lean
             self._x[S : S + 2] = self._model.lever @ gyro  # v = 0
         else:
             ball_rate = self._ball_rate(angles, self._angles) if turned else np.full(3, np.nan)
             self._column[GYRO_BEFORE : GYRO_BEFORE + 3] = self._gyro
             self._column[GYRO : GYRO + 3] = gyro
-            self._column[BALL_RATE : BALL_RATE + 3] = ball_rate
-            self._column[LEAN : LEAN + 2] = lean
-            self._column[HEADING], self._column[PIVOTS] = heading, self.pivots
+            self._show("wheels", ball_rate)
+            self._show("attitude", [*lean, heading])
+            for sensor in DIRECT:
+                values = np.ravel(getattr(reading, sensor.name))
+                self._show(sensor.name, np.where(known(values), values, np.nan))
+            self._column[PIVOTS] = self.pivots
             sample(self._work)
             if turned:
                 share = min(1.0, self.sample_time / self.noise.pivoting_time)
@@ -156,6 +167,11 @@ class KalmanFilter:
         if reading.fix is not None:
             self._take_fix(reading.fix)
         return self._state()
+
+    def _show(self, sensor: str, numbers: ArrayLike) -> None:
+        """Fill in what a sensor shows, NaN where it is missing."""
+        first = FIRST[sensor]
+        self._shown[first : first + np.size(numbers)] = numbers
 
     @property
     def pivots(self) -> bool:
@@ -192,43 +208,36 @@ class KalmanFilter:
         return np.concatenate((x[X : X + 2], attitude, velocity, rates))
 
     def _take_fix(self, fix: Fix) -> None:
-        seen = np.full(3, np.nan)
-        if fix.position is not None:
-            seen[:2] = np.where(known(fix.position), fix.position, np.nan) - self._x[X : X + 2]
-        if fix.heading is not None and known(fix.heading):
-            seen[2] = math.remainder(fix.heading - self._x[PSI], 2 * math.pi)
-        deviations = np.array([fix.position_deviation, fix.position_deviation, fix.heading_deviation])
-        there = np.isfinite(seen)
-        H, R, P = np.eye(STATES)[[X, X + 1, PSI]][there], np.diag(deviations[there] ** 2), self._P
-        K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-        rest = np.eye(STATES) - K @ H
-        self._x += K @ seen[there]
-        self._P = rest @ P @ rest.T + K @ R @ K.T  # Joseph's form
+        position, heading = (np.nan if one is None else one for one in (fix.position, fix.heading))
+        seen = np.append(np.broadcast_to(position, 2), heading)
+        seen[~known(seen)] = np.nan
+        seen[2] = self._x[PSI] + math.remainder(seen[2] - self._x[PSI], 2 * math.pi)
+        self._show("fix", seen)
+        first = VARIANCES + FIRST["fix"]
+        deviations = (fix.position_deviation, fix.position_deviation, fix.heading_deviation)
+        self._column[first : first + 3] = np.square(deviations)
+        take_fix(self._work)
 
 
 def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> FilterModel:
     """Return a robot and its noise as compiled code reads them."""
     h = sample_time
     momentum = contact_momentum(robot)
-    memory = math.exp(-h / noise.lean_error_time)
     walk = np.zeros(STATES)
     walk[S : S + 2] = noise.push**2 * h
     walk[BIAS : BIAS + 3] = noise.gyro_bias_walk**2 * h
-    walk[HEADING_ERROR] = noise.heading_walk**2 * h
+    walk[SHOWN_PSI] = noise.heading_walk**2 * h
     walk[DRIFT] = noise.heading_drift_walk**2 * h
-    walk[LEAN_ERROR:] = noise.lean_error**2 * (1.0 - memory**2)
-    # a density over a sample: the mean speed of a way that walks
-    rolling, pivoting = noise.rolling**2 / h, noise.pivoting**2 / h
+    walk[LEAN_ERROR : LEAN_ERROR + 2] = -(noise.lean_error**2) * math.expm1(-2.0 * h / noise.lean_error_time)
     return FilterModel(
         sample_time=h,
         radius=robot.ball.radius,
         lever=np.ascontiguousarray(momentum.lever),
         pull=np.ascontiguousarray(momentum.pull),
-        memory=memory,
+        forgotten=-math.expm1(-h / noise.lean_error_time),
         gyro_variance=noise.gyro**2,
         walk=walk,
-        wheel_variances=np.array([rolling, rolling, pivoting]),
-        attitude_variances=np.full(3, noise.attitude**2),
+        variances=np.concatenate([sensor.variances(noise, h) for sensor in SENSORS]),
     )
 
 
@@ -246,17 +255,18 @@ def first_covariance(noise: FilterNoise) -> NDArray[np.float64]:
     """Return P (14, 14) before the first reading: it sets the attitude, errors and all."""
     P = np.zeros((STATES, STATES))
     P[X, X] = P[X + 1, X + 1] = noise.start_position**2
-    lean = noise.attitude**2 + noise.lean_error**2
-    P[G, G] = P[G + 1, G + 1] = lean
-    P[PSI, PSI] = noise.attitude**2 + noise.start_heading**2
-    P[S, S] = P[S + 1, S + 1] = noise.start_speed**2
     for i in range(3):
         P[BIAS + i, BIAS + i] = noise.gyro_bias**2
-    P[LEAN_ERROR, LEAN_ERROR] = P[LEAN_ERROR + 1, LEAN_ERROR + 1] = noise.lean_error**2
-    # psi + d and g + a are the AHRS's values but for white noise: if one is too large the other is too small
-    P[HEADING_ERROR, HEADING_ERROR] = noise.start_heading**2
-    P[PSI, HEADING_ERROR] = P[HEADING_ERROR, PSI] = -(noise.start_heading**2)
     for i in range(2):
-        P[G + i, LEAN_ERROR + i] = P[LEAN_ERROR + i, G + i] = -(noise.lean_error**2)
+        P[S + i, S + i] = noise.start_speed**2
+        P[LEAN_ERROR + i, LEAN_ERROR + i] = noise.lean_error**2
+        P[G + i, G + i] = noise.attitude**2 + noise.lean_error**2
+    P[PSI, PSI] = noise.attitude**2 + noise.start_heading**2
+    P[SHOWN_PSI, SHOWN_PSI] = noise.attitude**2
     P[DRIFT, DRIFT] = noise.heading_drift**2
+    # g + a is known but for white noise: if one is too large the other is too small; and so is psi_a, of which psi is
+    # a part
+    together = (-(noise.lean_error**2), -(noise.lean_error**2), noise.attitude**2)
+    for (i, j), covariance in zip(SHOWN_TOGETHER, together, strict=True):
+        P[i, j] = P[j, i] = covariance
     return P

@@ -1,43 +1,52 @@
-"""The Kalman filter's model of robot and sensors, compiled, with the noise it assumes and its two linear steps.
+"""The Kalman filter's model of robot and sensors, with the noise it assumes and its two linear steps.
 
-    14 states     x y      place of the ball, world frame [m]
-                  psi      heading: R = Rz(psi) M(g), M the shortest turn that takes g upright [rad]
+    14 states     b        (3) gyro bias, body frame [rad/s]
+                  r        how fast the AHRS's heading runs away [rad/s]
+                  a        (2) slow error of the AHRS's g [-]
                   g        (2) x and y of the upward direction in the body's frame, its lean [-]
                   s        (2) momentum about the floor's contact as a speed, heading frame [m/s]
-                  b        (3) gyro bias, body frame [rad/s]
-                  d, r     the AHRS's heading error [rad] and its rate [rad/s]
-                  a        (2) slow error of the AHRS's g [-]
+                  psi      heading: R = Rz(psi) M(g), M the shortest turn that takes g upright [rad]
+                  psi_a    the AHRS's heading, psi and its error [rad]
+                  x y      place of the ball, world frame [m]
 
     motion        w = gyro - b                   g_dot = g x w
                   psi_dot = w . (g + e_z) / (1 + g_z)
                   v = s - C w                    s_dot = -Lambda g - psi_dot e_z x s
-                  (x, y)_dot = Rz(psi) v         a_dot = -a / tau,  d_dot = r
+                  (x, y)_dot = Rz(psi) v         a_dot = -a / tau,  psi_a_dot = psi_dot + r
 
     the wheels    Omega = M(g) (T_obw wheel_speed + w)      the ball's angular velocity, heading frame
                   v = r_b (Omega_y, -Omega_x)    Omega_z = 0
-    the AHRS      g + a,  psi + d
+    the AHRS      g + a,  psi_a
+    a fix         x, y, psi
 
 C and Lambda are those of `ballbot.mechanics.model.contact_momentum`. All but place and heading is in frames that turn
-with the robot, so that where and which way it stands enters nothing but a fix and psi + d. With velocity or lean in the
+with the robot, so that where and which way it stands enters nothing but a fix and psi_a. With velocity or lean in the
 world frame, each linearisation at another estimate would draw a little knowledge of the heading out of nothing
 (tried: after three minutes the filter was sure to 0.5 degrees and wrong by 3 to 6). This psi differs from the
 state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees where theta and phi are both 2 degrees.
 
+The AHRS's heading is a state, and not its error: the AHRS keeps psi_a known to a tenth of a degree, while the variances
+of psi and of the error grow without a fix, equal but for that tenth. With the error as a state, single precision had
+lost the difference within ten minutes at 200 Hz; as it is, nothing is lost in four hours. The lean's slow error is
+bounded, so that it may be a state itself.
+
 Seen numbers are taken in one after the other, each as a row h of the measurement matrix with a variance r of its own,
-so that no matrix is inverted (a fix, which is rare, is taken in at once). Joseph's form keeps the covariance positive
-whatever the gain's rounding (Bucy and Joseph, Filtering for Stochastic Processes with Applications to Guidance, 1968,
-chapter 16). Multiplied out, with q = P h and s = h^T q + r, it is
+so that no matrix is inverted. Joseph's form keeps the covariance positive whatever the gain's rounding (Bucy and
+Joseph, Filtering for Stochastic Processes with Applications to Guidance, 1968, chapter 16). Multiplied out, with
+q = P h and s = h^T q + r, it is
 
     k = q / s        P+ = P - k q^T - (q - s k) k^T
 
-The filter is written and compiled once, for robots side by side (`sample_code`): rows of a work array, a robot a
-column, as the engine has them (`ballbot.mechanics.engine.lanes`). A single filter is a block of one. Of P only the
-lower triangle is kept, and only the entries of F that are not those of the unit matrix.
+The filter is written once, here. For Python and the closed loop it is compiled for robots side by side (`sample_code`):
+rows of a work array, a robot a column, as the engine has them (`ballbot.mechanics.engine.lanes`). A single filter is a
+block of one. Of P only the lower triangle is kept, and of F only what it has besides the unit matrix. For the firmware,
+`ballbot.firmware.kalman_code` writes the same functions as C. A new sensor is an entry of `SENSORS` with its noise.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate
@@ -49,8 +58,8 @@ from numpy.typing import NDArray
 from ballbot.mechanics.engine.compiled import c_code, compiled
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.engine.lanes import entry, put, restored, stored
-from ballbot.mechanics.engine.tracing import both, greatest, lanes, outside, root, traced, where
-from ballbot.mechanics.engine.vector import add, dot, scale, summed
+from ballbot.mechanics.engine.tracing import both, either, greatest, lanes, outside, root, traced, where
+from ballbot.mechanics.engine.vector import add, dot, inner, scale, subtract, summed
 from ballbot.robot import Robot
 
 
@@ -94,9 +103,23 @@ class FilterNoise:
         )
 
 
-STATES = 14
+#: the states in their order. Those that nothing drives come first: they are what drives the others
+STATE_NAMES = (
+    *("B_X", "B_Y", "B_Z", "DRIFT", "A_X", "A_Y"),
+    *("G_X", "G_Y", "S_X", "S_Y", "PSI", "SHOWN_PSI", "X", "Y"),
+)
+STATES = len(STATE_NAMES)
 #: where each state, or the first of its numbers, lies
-X, PSI, G, S, BIAS, HEADING_ERROR, DRIFT, LEAN_ERROR = 0, 2, 3, 5, 7, 10, 11, 12
+BIAS, DRIFT, LEAN_ERROR, G, S, PSI, SHOWN_PSI, X = (
+    STATE_NAMES.index(name) for name in ("B_X", "DRIFT", "A_X", "G_X", "S_X", "PSI", "SHOWN_PSI", "X")
+)
+#: states that are known from the start only together: of the AHRS's values each shows both
+SHOWN_TOGETHER = ((LEAN_ERROR, G), (LEAN_ERROR + 1, G + 1), (PSI, SHOWN_PSI))
+#: states that nothing but a fix shows. Once the variance of one is above `FORGOTTEN_ABOVE` [rad^2, m^2], each sample
+#: multiplies their errors by `REMEMBERED`: without a fix they grow, until what a sample adds is lost in rounding
+UNSEEN = (PSI, X, X + 1)
+FORGOTTEN_ABOVE = 0.04
+REMEMBERED = 1.0 - 2.0**-18
 
 
 class FilterModel(NamedTuple):
@@ -106,86 +129,30 @@ class FilterModel(NamedTuple):
     radius: float  #: r_b [m]
     lever: NDArray[np.float64]  #: (2, 3) C [m]
     pull: NDArray[np.float64]  #: (2, 2) Lambda [m/s^2]
-    memory: float  #: exp(-h / tau) of the slow lean error
+    forgotten: float  #: 1 - exp(-h / tau) of the slow lean error
     gyro_variance: float  #: of a sample [rad^2/s^2]
     walk: NDArray[np.float64]  #: (14,) variance that each state gains in a sample by itself
-    wheel_variances: NDArray[np.float64]  #: (3,) of v [m^2/s^2] and Omega_z [rad^2/s^2]
-    attitude_variances: NDArray[np.float64]  #: (3,) of g and psi
+    variances: NDArray[np.float64]  #: (NUMBERS,) of each seen number; of a fix as it comes
 
     def row(self) -> NDArray[np.float64]:
         """Return the numbers as rows of the work array have them, (MODEL_SIZE,)."""
         return np.concatenate([np.ravel(one) for one in self])
 
 
-#: the entries of F besides the unit matrix's: row and column; of the last four the diagonal is not one
-_ENTRIES = (
-    *((X + i, j) for i in (0, 1) for j in (PSI, S, S + 1, BIAS, BIAS + 1, BIAS + 2)),
-    *((PSI, j) for j in (G, G + 1, BIAS, BIAS + 1, BIAS + 2)),
-    *((G, j) for j in (G + 1, BIAS + 1, BIAS + 2)),
-    *((G + 1, j) for j in (G, BIAS, BIAS + 2)),
-    *((S, j) for j in (S + 1, G, G + 1, BIAS + 2)),
-    *((S + 1, j) for j in (S, G, G + 1, BIAS + 2)),
-    (HEADING_ERROR, DRIFT),
-    *((i, i) for i in (G, G + 1, LEAN_ERROR, LEAN_ERROR + 1)),
-)
-#: the states that each seen number depends on: v_x, v_y and Omega_z by the wheels, g_x, g_y and psi by the AHRS
-_SEEN = (
-    (S, BIAS, BIAS + 1, BIAS + 2, G + 1),
-    (S + 1, BIAS, BIAS + 1, BIAS + 2, G),
-    (BIAS, BIAS + 1, BIAS + 2, G, G + 1),
-    (G, LEAN_ERROR),
-    (G + 1, LEAN_ERROR + 1),
-    (PSI, HEADING_ERROR),
-)
-_SEEN_FIRST = [0, *accumulate(len(states) for states in _SEEN)]
-_PIVOTING_SEEN = 2  # Omega_z, which is not zero where the ball pivots
-
-
-def _triangle(i: int, j: int) -> int:
-    """Return where an entry of a symmetric matrix is in its lower triangle, row by row."""
-    return max(i, j) * (max(i, j) + 1) // 2 + min(i, j)
-
-
-_TRIANGLE_SIZE = _triangle(STATES - 1, STATES - 1) + 1
-#: rows and columns of its entries, in their order
-LOWER_TRIANGLE = np.tril_indices(STATES)
-
-# Rows of a block's work array: a filter's model, its state and covariance, a sample's inputs, and results on the way
-MODEL_SIZE = 34
-STATE = MODEL_SIZE
-COVARIANCE = STATE + STATES
-GYRO_BEFORE = COVARIANCE + _TRIANGLE_SIZE  #: at the sample's start [rad/s]
-GYRO = GYRO_BEFORE + 3  #: at its end
-BALL_RATE = (
-    GYRO + 3
-)  #: mean turning of the ball relative to the body, T_obw wheel_speed; NaN if missing [rad/s]
-LEAN = BALL_RATE + 3  #: the AHRS's g at the sample's end; NaN if missing
-HEADING = LEAN + 2  #: its psi
-PIVOTS = HEADING + 1  #: 1 if the ball turns on the spot, so that Omega_z = 0 does not hold, else 0
-PIVOTING = PIVOTS + 1  #: result: Omega_z as the wheels have it [rad/s]
-_F = PIVOTING + 1
-_ROWS_SEEN = _F + len(_ENTRIES)  # h, the entries of `_SEEN`
-_RESIDUAL = _ROWS_SEEN + _SEEN_FIRST[-1]
-_CHANGE = _RESIDUAL + len(_SEEN)
-ROWS = _CHANGE + STATES
-
-
-class _Numbers(NamedTuple):
-    """A filter's model in compiled code: `FilterModel` as tuples."""
+class Numbers(NamedTuple):
+    """A filter's model in compiled code: `FilterModel` as tuples, without its noise."""
 
     sample_time: float
     radius: float
     lever: tuple
     pull: tuple
-    memory: float
-    gyro_variance: float
+    forgotten: float
 
 
 _THREE, _TWO = (0.0, 0.0, 0.0), (0.0, 0.0)
-_MODEL_SHAPE = _Numbers(0.0, 0.0, (_THREE, _THREE), (_TWO, _TWO), 0.0, 0.0)
-_WALK = 14  # rows of the model after `_Numbers`
-_VARIANCES = _WALK + STATES
-_STATE_SHAPE = (0.0,) * STATES
+MODEL_SHAPE = Numbers(0.0, 0.0, (_THREE, _THREE), (_TWO, _TWO), 0.0)
+
+# --- the motion ---
 
 
 @traced
@@ -213,14 +180,6 @@ def _momentum_rate(momentum, lean, turning, pull):
     )
 
 
-def _less(a, b):
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _mean(a, b):
-    return (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]))
-
-
 def _ahead(a, rate, h):
     return (a[0] + h * rate[0], a[1] + h * rate[1])
 
@@ -229,7 +188,7 @@ def _turned(rows, first, second):
     return add(scale(rows[0], first), scale(rows[1], second))
 
 
-def _tilt(g):
+def tilt(g):
     """Return M(g), the shortest turn that takes the direction g, given by x and y, upright, by its rows."""
     g_z = upright_part(g)
     share = 1.0 / (1.0 + g_z)
@@ -240,91 +199,198 @@ def _tilt(g):
     )
 
 
-def advanced_state(model, x, gyro_before, gyro):
-    """Return the state a sample later, and the mean of v (2) [m/s] over the sample."""
-    h, lever, b = model.sample_time, model.lever, (x[7], x[8], x[9])
-    at_start, at_end = _less(gyro_before, b), _less(gyro, b)
-    w, g, s = _mean(at_start, at_end), (x[3], x[4]), (x[5], x[6])
+def motion(model, x, gyro):
+    """Return what a sample adds to the states before the place, and the mean of v (2) [m/s] over it.
+
+    The change of the place follows: h v, turned by the heading at the sample's middle. `gyro` is its mean over the
+    sample [rad/s].
+    """
+    h, w = model.sample_time, subtract(gyro, x[BIAS : BIAS + 3])
+    g, s = x[G : G + 2], x[S : S + 2]
     # second order: the rates at the sample's middle
     lean = _ahead(g, lean_rate(g, w), 0.5 * h)
     turning = heading_rate(lean, w)
     momentum = _ahead(s, _momentum_rate(s, g, turning, model.pull), 0.5 * h)
-    g = _ahead(g, lean_rate(lean, w), h)
-    after = _ahead(s, _momentum_rate(momentum, lean, turning, model.pull), h)
-    v = (
-        0.5 * (s[0] - dot(lever[0], at_start) + after[0] - dot(lever[0], at_end)),
-        0.5 * (s[1] - dot(lever[1], at_start) + after[1] - dot(lever[1], at_end)),
-    )
-    s3, c3 = sine_cosine(x[2] + 0.5 * h * turning)
-    x_y = (x[0] + h * (c3 * v[0] - s3 * v[1]), x[1] + h * (s3 * v[0] + c3 * v[1]))
-    errors = (x[10] + h * x[11], x[11], model.memory * x[12], model.memory * x[13])
-    return x_y + (x[2] + h * turning,) + g + after + b + errors, v
+    by_g = scale(lean_rate(lean, w), h)
+    by_s = scale(_momentum_rate(momentum, lean, turning, model.pull), h)
+    v = tuple(s[i] + 0.5 * by_s[i] - dot(model.lever[i], w) for i in (0, 1))
+    by_a = scale(x[LEAN_ERROR : LEAN_ERROR + 2], -model.forgotten)
+    return (0.0, 0.0, 0.0, 0.0) + by_a + by_g + by_s + (h * turning, h * (turning + x[DRIFT])), v
 
 
-def transition(model, x, gyro):
-    """Return the `_ENTRIES` of F: `advanced_state` derived by the state, to first order in h."""
+#: the entries of F besides the unit matrix and what is forgotten: rows, which share it, and column
+ENTRIES = (
+    *(((G + i,), j) for i in (0, 1) for j in (G, G + 1)),
+    *(((G,), BIAS + 1), ((G,), BIAS + 2), ((G + 1,), BIAS), ((G + 1,), BIAS + 2)),
+    *(((S,), j) for j in (S + 1, G, G + 1, BIAS + 2)),
+    *(((S + 1,), j) for j in (S, G, G + 1, BIAS + 2)),
+    *(((PSI, SHOWN_PSI), j) for j in (G, G + 1, BIAS, BIAS + 1, BIAS + 2)),
+    ((SHOWN_PSI,), DRIFT),
+    *(((X + i,), j) for i in (0, 1) for j in (PSI, S, S + 1, BIAS, BIAS + 1, BIAS + 2)),
+)
+
+
+def transition(model, x, gyro, turn):
+    """Return the `ENTRIES` of F: `motion` derived by the state, to first order in h.
+
+    `turn` are sine and cosine of psi.
+    """
     h, lever, pull = model.sample_time, model.lever, model.pull
-    w, g, g_z = _less(gyro, (x[7], x[8], x[9])), (x[3], x[4]), upright_part((x[3], x[4]))
-    turning, over, rise = heading_rate(g, w), h / (1.0 + g_z), 1.0 / g_z
-    s3, c3 = sine_cosine(x[2])
-    v_x, v_y = x[5] - dot(lever[0], w), x[6] - dot(lever[1], w)
+    w, g = subtract(gyro, x[BIAS : BIAS + 3]), x[G : G + 2]
+    g_z = upright_part(g)
+    turning, over, rise = h * heading_rate(g, w), h / (1.0 + g_z), h / g_z
+    v_x, v_y = x[S] - dot(lever[0], w), x[S + 1] - dot(lever[1], w)
+    s3, c3 = scale(turn, h)
     along, across = _turned(lever, c3, -s3), _turned(lever, s3, c3)
     return (
-        (-h * (s3 * v_x + c3 * v_y), h * c3, -h * s3, h * along[0], h * along[1], h * along[2])
-        + (h * (c3 * v_x - s3 * v_y), h * s3, h * c3, h * across[0], h * across[1], h * across[2])
+        (rise * w[1] * g[0], h * w[2] + rise * w[1] * g[1])
+        + (-(h * w[2] + rise * w[0] * g[0]), -(rise * w[0] * g[1]))
+        + (h * g_z, -h * g[1], -h * g_z, h * g[0])
+        + (turning, -h * pull[0][0], -h * pull[0][1], -h * x[S + 1])
+        + (-turning, -h * pull[1][0], -h * pull[1][1], h * x[S])
         + (over * w[0], over * w[1], -over * g[0], -over * g[1], -h)
-        + (h * (w[2] + w[1] * g[1] * rise), h * g_z, -h * g[1])
-        + (-h * (w[2] + w[0] * g[0] * rise), -h * g_z, h * g[0])
-        + (h * turning, -h * pull[0][0], -h * pull[0][1], -h * x[6])
-        + (-h * turning, -h * pull[1][0], -h * pull[1][1], h * x[5])
         + (h,)
-        + (1.0 + h * w[1] * g[0] * rise, 1.0 - h * w[0] * g[1] * rise, model.memory, model.memory)
+        + (-(s3 * v_x + c3 * v_y), c3, -s3, *along)
+        + (c3 * v_x - s3 * v_y, s3, c3, *across)
     )
 
 
-def wheels_seen(model, x, ball_rate, gyro, velocity):
-    """Return residuals (3) and entries of h (15) of v_x - r_b Omega_y = 0, v_y + r_b Omega_x = 0, -Omega_z = 0.
+def carried(i: int, f: Sequence, column: Sequence):
+    """Return element i of F times a column; F has the entries `f`."""
+    row = [number * column[k] for number, (rows, k) in zip(f, ENTRIES, strict=True) if i in rows]
+    return column[i] + summed(row) if row else column[i]
 
-    To first order in the lean. `gyro` is its mean over the sample, and `velocity` that of v as the states have it.
+
+# --- what is seen ---
+
+
+class Sensor(NamedTuple):
+    """What one sensor shows: numbers that each have a row h of the measurement matrix."""
+
+    name: str
+    units: str  #: of its numbers
+    states: tuple[tuple[int, ...], ...]  #: of each number those that it depends on, where h has entries
+    #: (model, x, shown, gyro, v) -> residuals, and the entries of one row after the other. `shown` are the sensor's
+    #: numbers at the sample's end, `gyro` [rad/s] and v [m/s] are means over it
+    seen: Callable
+    variances: Callable[
+        [FilterNoise, float], tuple[float, ...]
+    ]  #: of each number, from noise and sample time [s]
+
+
+def wheels_seen(model, x, shown, gyro, v):
+    """Return residuals and entries of v_x - r_b Omega_y = 0, v_y + r_b Omega_x = 0, -Omega_z = 0.
+
+    To first order in the lean. `shown` is the ball's mean turning relative to the body, T_obw wheel_speed [rad/s].
     """
-    r_b, lever, M = model.radius, model.lever, _tilt((x[3], x[4]))
-    z = (ball_rate[0] + gyro[0] - x[7], ball_rate[1] + gyro[1] - x[8], ball_rate[2] + gyro[2] - x[9])
-    residuals = (r_b * dot(M[1], z) - velocity[0], -r_b * dot(M[0], z) - velocity[1], dot(M[2], z))
+    r_b, lever, M = model.radius, model.lever, tilt(x[G : G + 2])
+    z = add(shown, subtract(gyro, x[BIAS : BIAS + 3]))
+    residuals = (r_b * dot(M[1], z) - v[0], -r_b * dot(M[0], z) - v[1], dot(M[2], z))
     # Omega by the lean: [[-z_z, 0], [0, -z_z], [z_x, z_y]]
-    forward = (
-        1.0,
-        lever[0][0] + r_b * M[1][0],
-        lever[0][1] + r_b * M[1][1],
-        lever[0][2] + r_b * M[1][2],
-        r_b * z[2],
+    forward = (1.0, *add(lever[0], scale(M[1], r_b)), r_b * z[2])
+    left = (1.0, *subtract(lever[1], scale(M[0], r_b)), -(r_b * z[2]))
+    return residuals, forward + left + (*M[2], -z[0], -z[1])
+
+
+def _sums(name: str, units: str, states: tuple[tuple[int, ...], ...], variances: Callable) -> Sensor:
+    """Return a sensor each of whose numbers is the sum of some states."""
+
+    def seen(_model, x, shown, _gyro, _v):
+        expected = [summed([x[i] for i in those]) for those in states]
+        return subtract(shown, expected), (1.0,) * sum(map(len, states))
+
+    return Sensor(name, units, states, seen, variances)
+
+
+def _wheel_variances(noise: FilterNoise, h: float) -> tuple[float, ...]:
+    # a density over a sample: the mean speed of a way that walks
+    return noise.rolling**2 / h, noise.rolling**2 / h, noise.pivoting**2 / h
+
+
+_BY_WHEELS = (
+    (S, BIAS, BIAS + 1, BIAS + 2, G + 1),
+    (S + 1, BIAS, BIAS + 1, BIAS + 2, G),
+    (BIAS, BIAS + 1, BIAS + 2, G, G + 1),
+)
+_BY_AHRS = ((LEAN_ERROR, G), (LEAN_ERROR + 1, G + 1), (SHOWN_PSI,))
+_FIX = _sums("fix", "m, m, rad", ((X,), (X + 1,), (PSI,)), lambda *_: (0.0, 0.0, 0.0))
+#: sensors whose numbers come every sample
+_EVERY_SAMPLE = (
+    Sensor("wheels", "m/s, m/s, rad/s", _BY_WHEELS, wheels_seen, _wheel_variances),
+    _sums("attitude", "1, 1, rad", _BY_AHRS, lambda noise, _: (noise.attitude**2,) * 3),
+)
+#: all, and last the fix, whose variances come with it
+SENSORS = (*_EVERY_SAMPLE, _FIX)
+#: of each seen number the states that it depends on
+SEEN = tuple(states for sensor in SENSORS for states in sensor.states)
+NUMBERS = len(SEEN)
+#: place of each sensor's first number, by its name
+FIRST = dict(
+    zip(
+        (one.name for one in SENSORS),
+        accumulate((len(one.states) for one in SENSORS), initial=0),
+        strict=False,
     )
-    left = (
-        1.0,
-        lever[1][0] - r_b * M[0][0],
-        lever[1][1] - r_b * M[0][1],
-        lever[1][2] - r_b * M[0][2],
-        -r_b * z[2],
-    )
-    return residuals, forward + left + (M[2][0], M[2][1], M[2][2], -z[0], -z[1])
+)
+#: sensors whose numbers a `Reading` has under their name, and the firmware's
+DIRECT = tuple(sensor for sensor in SENSORS if sensor.name not in ("wheels", "attitude", "fix"))
+#: place of each number's first entry
+ENTRY_OF = tuple(accumulate((len(states) for states in SEEN), initial=0))
+#: Omega_z, which is not zero where the ball pivots
+PIVOTING_SEEN = FIRST["wheels"] + 2
+
+
+def _triangle(i: int, j: int) -> int:
+    """Return where an entry of a symmetric matrix is in its lower triangle, row by row."""
+    return max(i, j) * (max(i, j) + 1) // 2 + min(i, j)
+
+
+_TRIANGLE_SIZE = _triangle(STATES - 1, STATES - 1) + 1
+#: rows and columns of its entries, in their order
+LOWER_TRIANGLE = np.tril_indices(STATES)
+
+# Rows of a block's work array: a filter's model, its state and covariance, a sample's inputs, and results on the way
+LEVER = 2  #: C, of the model
+_FORGOTTEN = 12
+_GYRO_VARIANCE = 13
+_WALK = 14
+VARIANCES = _WALK + STATES
+MODEL_SIZE = VARIANCES + NUMBERS
+STATE = MODEL_SIZE
+COVARIANCE = STATE + STATES
+GYRO_BEFORE = COVARIANCE + _TRIANGLE_SIZE  #: at the sample's start [rad/s]
+GYRO = GYRO_BEFORE + 3  #: at its end
+SHOWN = GYRO + 3  #: what the sensors show, in the order of `SEEN`; NaN if missing
+PIVOTS = SHOWN + NUMBERS  #: 1 if the ball turns on the spot, so that Omega_z = 0 does not hold, else 0
+PIVOTING = PIVOTS + 1  #: result: Omega_z as the wheels have it [rad/s]
+_VELOCITY = PIVOTING + 1
+_F = _VELOCITY + 2
+_RESIDUAL = _F + len(ENTRIES)
+_ROWS_SEEN = _RESIDUAL + NUMBERS
+_CHANGE = _ROWS_SEEN + ENTRY_OF[-1]
+ROWS = _CHANGE + STATES
+
+_STATE_SHAPE = (0.0,) * STATES
+
+
+def _inputs(work, lane):
+    """Return a lane's model, its state, and the gyro's mean over the sample."""
+    before, gyro = restored(_THREE, work, GYRO_BEFORE, lane), restored(_THREE, work, GYRO, lane)
+    model, x = restored(MODEL_SHAPE, work, 0, lane), restored(_STATE_SHAPE, work, STATE, lane)
+    return model, x, scale(add(before, gyro), 0.5)
 
 
 @traced
-def _motion(work, width):
-    """Move the states on by a sample; leave F, and what the wheels show."""
+def _move(work, width):
+    """Move the states on by a sample; leave F and the mean velocity."""
     for lane in lanes(0, width):
-        model, x = restored(_MODEL_SHAPE, work, 0, lane), restored(_STATE_SHAPE, work, STATE, lane)
-        before, gyro = restored(_THREE, work, GYRO_BEFORE, lane), restored(_THREE, work, GYRO, lane)
-        middle = _mean(before, gyro)
-        stored(work, _F, lane, transition(model, x, middle))
-        x, velocity = advanced_state(model, x, before, gyro)
-        stored(work, STATE, lane, x)
-        rate = restored(_THREE, work, BALL_RATE, lane)
-        known = rate[0] + rate[1] + rate[2] < math.inf
-        residuals, entries = wheels_seen(model, x, where(known, rate, _THREE), middle, velocity)
-        residuals = where(known, residuals, (math.nan,) * 3)
-        stored(work, _RESIDUAL, lane, residuals)
-        stored(work, _ROWS_SEEN, lane, entries + (1.0, 1.0, 1.0, 1.0, 1.0, 1.0))
-        put(work, PIVOTING, lane, residuals[2])
+        model, x, gyro = _inputs(work, lane)
+        stored(work, _F, lane, transition(model, x, gyro, sine_cosine(x[PSI])))
+        change, v = motion(model, x, gyro)
+        s3, c3 = sine_cosine(x[PSI] + 0.5 * change[PSI])
+        way = scale((c3 * v[0] - s3 * v[1], s3 * v[0] + c3 * v[1]), model.sample_time)
+        stored(work, STATE, lane, add(x, change + way))
+        stored(work, _VELOCITY, lane, v)
 
 
 @traced
@@ -334,60 +400,91 @@ def _propagate(work, width):
     A sample's gyro noise does what a bias of one sample would, hence Q's part F_b F_b^T.
     """
     for lane in lanes(0, width):
-        f = restored((0.0,) * len(_ENTRIES), work, _F, lane)
+        f = restored((0.0,) * len(ENTRIES), work, _F, lane)
         p = restored((0.0,) * _TRIANGLE_SIZE, work, COVARIANCE, lane)
-        noise = entry(work, _GYRO_VARIANCE, lane)
-        rows = [{k: f[n] for n, (r, k) in enumerate(_ENTRIES) if r == i} for i in range(STATES)]
-        m = [
-            [_product_of(i, rows[i], [p[_triangle(k, j)] for k in range(STATES)]) for j in range(STATES)]
+        unknown = either(*(p[_triangle(i, i)] > FORGOTTEN_ABOVE for i in UNSEEN))
+        left = dict.fromkeys(UNSEEN, where(unknown, REMEMBERED, 1.0))
+        left |= dict.fromkeys((LEAN_ERROR, LEAN_ERROR + 1), 1.0 - entry(work, _FORGOTTEN, lane))
+        p = [
+            _product(p[_triangle(i, j)], left.get(i), left.get(j))
             for i in range(STATES)
+            for j in range(i + 1)
         ]
+        noise = entry(work, _GYRO_VARIANCE, lane)
+        by_bias = {(i, k): number for number, (rows, k) in zip(f, ENTRIES, strict=True) for i in rows}
+        columns = [[p[_triangle(k, j)] for k in range(STATES)] for j in range(STATES)]
         for i in range(STATES):
+            row = [carried(i, f, column) for column in columns]
             for j in range(i + 1):
-                found = _product_of(j, rows[j], m[i])
+                found = carried(j, f, row)
                 for b in range(BIAS, BIAS + 3):
-                    if i < BIAS and b in rows[i] and b in rows[j]:  # rows below have no gyro in them
-                        found = found + noise * (rows[i][b] * rows[j][b])
+                    if (i, b) in by_bias and (j, b) in by_bias:
+                        found = found + noise * (by_bias[i, b] * by_bias[j, b])
                 if i == j:
                     found = found + entry(work, _WALK + i, lane)
                 put(work, COVARIANCE + _triangle(i, j), lane, found)
 
 
-def _product_of(place: int, row: dict, column: list):
-    """Return the product of a row of F, one on the diagonal but for the entries given, with a column."""
-    own = [] if place in row else [column[place]]
-    return summed([*own, *(number * column[k] for k, number in row.items())])
+def _product(number, *factors):
+    """Return the product of a number and those factors that are not None."""
+    for factor in factors:
+        number = number if factor is None else number * factor
+    return number
 
 
-_GYRO_VARIANCE = 13
-
-
-def _absorb(work, width, numbers):
-    """Take in the seen numbers, known when compiling, one after another."""
+def _absorb(work, width, sensors: Sequence[Sensor]):
+    """Take in what sensors, known when compiling, show: one number after another."""
     for lane in lanes(0, width):
         stored(work, _CHANGE, lane, _STATE_SHAPE)
-    for number in numbers:
-        for lane in lanes(0, width):
-            _take_in(work, lane, number)
+        for sensor in sensors:
+            _compare(work, lane, sensor)
+    for sensor in sensors:
+        for number in range(FIRST[sensor.name], FIRST[sensor.name] + len(sensor.states)):
+            for lane in lanes(0, width):
+                _take_in(work, lane, number)
     for lane in lanes(0, width):
         x, change = restored(_STATE_SHAPE, work, STATE, lane), restored(_STATE_SHAPE, work, _CHANGE, lane)
         stored(work, STATE, lane, add(x, change))
 
 
+def _compare(work, lane, sensor: Sensor):
+    """Leave a sensor's residuals, NaN for what is missing, and its rows of H."""
+    first, v = FIRST[sensor.name], restored(_TWO, work, _VELOCITY, lane)
+    model, x, gyro = _inputs(work, lane)
+    shown = restored((0.0,) * len(sensor.states), work, SHOWN + first, lane)
+    there = tuple(number == number for number in shown)
+    complete = tuple(where(yes, number, 0.0) for yes, number in zip(there, shown, strict=True))
+    residuals, entries = sensor.seen(model, x, complete, gyro, v)
+    residuals = tuple(where(yes, number, math.nan) for yes, number in zip(there, residuals, strict=True))
+    stored(work, _RESIDUAL + first, lane, residuals)
+    stored(work, _ROWS_SEEN + ENTRY_OF[first], lane, entries)
+    if sensor.name == "wheels":
+        put(work, PIVOTING, lane, residuals[PIVOTING_SEEN - first])
+
+
+def projected(number: int, h: Sequence, p: Callable, change: Sequence):
+    """Return q = P h of a number, h^T q, and what h expects of the changes of the state.
+
+    `h` are its entries at the states of `SEEN`, p(i, j) an entry of the covariance's lower triangle.
+    """
+    states = SEEN[number]
+    q = tuple(
+        summed([p(max(i, j), min(i, j)) * one for j, one in zip(states, h, strict=True)])
+        for i in range(STATES)
+    )
+    return q, inner(h, [q[j] for j in states]), inner(h, [change[j] for j in states])
+
+
 def _take_in(work, lane, number):
     """Correct a lane's state and covariance by a seen number, unless it is missing or does not count."""
     p = restored((0.0,) * _TRIANGLE_SIZE, work, COVARIANCE, lane)
-    h = restored((0.0,) * len(_SEEN[number]), work, _ROWS_SEEN + _SEEN_FIRST[number], lane)
+    h = restored((0.0,) * len(SEEN[number]), work, _ROWS_SEEN + ENTRY_OF[number], lane)
     change = restored(_STATE_SHAPE, work, _CHANGE, lane)
-    q = tuple(
-        summed([p[_triangle(i, state)] * one for state, one in zip(_SEEN[number], h, strict=True)])
-        for i in range(STATES)
-    )
-    s, residual = entry(work, _VARIANCES + number, lane), entry(work, _RESIDUAL + number, lane)
-    for state, one in zip(_SEEN[number], h, strict=True):
-        s, residual = s + one * q[state], residual - one * change[state]
+    q, spread, expected = projected(number, h, lambda i, j: p[_triangle(i, j)], change)
+    s, residual = entry(work, VARIANCES + number, lane) + spread, entry(work, _RESIDUAL + number, lane)
+    residual = residual - expected
     taken = residual == residual
-    if number == _PIVOTING_SEEN:
+    if number == PIVOTING_SEEN:
         taken = both(taken, entry(work, PIVOTS, lane) == 0.0)
     k = scale(q, where(taken, 1.0 / s, 0.0))
     stored(work, _CHANGE, lane, add(change, scale(k, where(taken, residual, 0.0))))
@@ -399,18 +496,13 @@ def _take_in(work, lane, number):
 
 
 @traced
-def _see_wheels(work, width):
-    _absorb(work, width, range(3))
+def _see_every_sample(work, width):
+    _absorb(work, width, _EVERY_SAMPLE)
 
 
 @traced
-def _see_attitudes(work, width):
-    for lane in lanes(0, width):
-        x = restored(_STATE_SHAPE, work, STATE, lane)
-        seen = restored(_THREE, work, LEAN, lane)  # and the heading
-        expected = (x[G] + x[LEAN_ERROR], x[G + 1] + x[LEAN_ERROR + 1], x[PSI] + x[HEADING_ERROR])
-        stored(work, _RESIDUAL + 3, lane, _less(seen, expected))
-    _absorb(work, width, range(3, len(_SEEN)))
+def _see_fix(work, width):
+    _absorb(work, width, (_FIX,))
 
 
 @cache
@@ -419,17 +511,16 @@ def sample_code() -> int:
 
     @c_code("void(CPointer(float64), int64)")
     def address(work, width):
-        _motion(work, width)
+        _move(work, width)
         _propagate(work, width)
-        _see_wheels(work, width)
-        _see_attitudes(work, width)
+        _see_every_sample(work, width)
 
     return address
 
 
 @traced
 def sample_block(code, work, width):
-    """Take the filters of the first lanes over a sample; see the rows `GYRO_BEFORE` to `PIVOTING` for the inputs."""
+    """Take the filters of the first lanes over a sample; see the rows `GYRO_BEFORE` to `PIVOTS` for the inputs."""
     outside(code, work, width)
 
 
@@ -441,3 +532,9 @@ def _sample(code, work):
 def sample(work: NDArray[np.float64]) -> None:
     """Take a single filter, the first lane of a block's work array, over a sample."""
     _sample(sample_code(), work)
+
+
+@compiled
+def take_fix(work):
+    """Take a fix into a single filter; its numbers are in the rows `SHOWN`, their variances in `VARIANCES`."""
+    _see_fix(work, 1)

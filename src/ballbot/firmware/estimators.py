@@ -2,35 +2,28 @@
 
 The C sources are `c/estimation/onboard.c` and `kalman.c`. Their numbers come from the same robot, noise and model as
 those of `ballbot.estimation`; what they remember is zero at the start, which is a robot at (0, 0).
-
-The firmware's Kalman filter has two of the 14 states of `ballbot.estimation.kalman_model` in another form: instead of
-the errors d and a of the AHRS it has what the AHRS shows, psi + d and g + a. The filter is the same, because the change
-is linear. The covariance is not: the AHRS keeps psi + d known to a tenth of a degree, while the variances of psi and d
-grow without bound, opposite and equal but for that tenth. After hours a float32 would have lost the difference.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.control.records import MAX_WHEELS, converted, fill_record, number, schema_of, whole
+from ballbot.control.records import (
+    MAX_WHEELS,
+    Number,
+    Schema,
+    converted,
+    fill_record,
+    number,
+    schema_of,
+    whole,
+)
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.kalman import filter_model, first_covariance
-from ballbot.estimation.kalman_model import (
-    BIAS,
-    DRIFT,
-    HEADING_ERROR,
-    LEAN_ERROR,
-    PSI,
-    STATES,
-    FilterNoise,
-    G,
-    S,
-    X,
-)
+from ballbot.estimation.kalman_model import DIRECT, FIRST, SHOWN_TOGETHER, STATES, FilterNoise
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
@@ -51,6 +44,14 @@ class ReadingRecord:
     fix_heading: float = field(metadata=number("rad"))
     fix_position_deviation: float = field(metadata=number("m"))  #: standard deviation
     fix_heading_deviation: float = field(metadata=number("rad"))  #: standard deviation
+
+
+_READING = schema_of(ReadingRecord)
+_SHOWN: dict[str, Number | Schema] = {
+    one.name: Number(unit=one.units, shape=(len(one.states),)) for one in DIRECT
+}
+#: with what the Kalman filter's further sensors show
+READING = replace(_READING, fields={**_READING.fields, **_SHOWN})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,11 +89,11 @@ class KalmanRecord:
     forgotten: float = field(metadata=number("1"))  #: 1 - exp(-h / tau) of the slow lean error
     gyro_variance: float = field(metadata=number("rad^2/s^2"))
     walk: NDArray[np.float64] = field(metadata=number("square of the state", STATES))
-    wheel_variances: NDArray[np.float64] = field(metadata=number("m^2/s^2, rad^2/s^2", 3))
-    attitude_variances: NDArray[np.float64] = field(metadata=number("1, rad^2", 3))
+    #: of what the sensors show every sample
+    variances: NDArray[np.float64] = field(metadata=number("square of what is shown", FIRST["fix"]))
     start_variances: NDArray[np.float64] = field(metadata=number("square of the state", STATES))
-    #: of g with g + a, and of psi with psi + d
-    start_covariances: NDArray[np.float64] = field(metadata=number("1, rad^2", 3))
+    #: of a with g, and of psi with psi_a
+    start_covariances: NDArray[np.float64] = field(metadata=number("1, rad^2", len(SHOWN_TOGETHER)))
     pivoting_share: float = field(metadata=number("1"))  #: of a new sample in the mean of the pivoting
     pivoting_limit: float = field(metadata=number("rad/s"))
 
@@ -129,22 +130,19 @@ def kalman_record(
     """Return the numbers of the Kalman filter for a robot."""
     noise = noise if noise is not None else FilterNoise.of(robot)
     model = filter_model(robot, sample_time=sample_time, noise=noise)
-    T = firmware_states()
-    P, walk = (T @ covariance @ T.T for covariance in (first_covariance(noise), np.diag(model.walk)))
-    pairs = [(_ORDER.index(one), _ORDER.index(other)) for one, other in _SHOWN_WITH]
+    P = first_covariance(noise)
     return KalmanRecord(
         sample_time=sample_time,
         radius=model.radius,
         ball_turn=transforms(robot).T_obw * step_of(robot),
         lever=model.lever,
         pull=model.pull,
-        forgotten=-np.expm1(-sample_time / noise.lean_error_time),
+        forgotten=model.forgotten,
         gyro_variance=model.gyro_variance,
-        walk=np.diagonal(walk),
-        wheel_variances=model.wheel_variances,
-        attitude_variances=model.attitude_variances,
+        walk=model.walk,
+        variances=model.variances[: FIRST["fix"]],
         start_variances=np.diagonal(P),
-        start_covariances=np.array([P[pair] for pair in pairs]),
+        start_covariances=np.array([P[pair] for pair in SHOWN_TOGETHER]),
         pivoting_share=min(1.0, sample_time / noise.pivoting_time),
         pivoting_limit=noise.pivoting_limit,
     )
@@ -161,46 +159,20 @@ def whole_counts(angles: ArrayLike, *, robot: Robot) -> NDArray[np.int32]:
     return counts.astype(np.uint64).astype(np.uint32).view(np.int32)
 
 
-#: states of `ballbot.estimation.kalman_model` in the order of the firmware's (`kalman.c`)
-_ORDER = (
-    *range(BIAS, BIAS + 3),
-    DRIFT,
-    G,
-    G + 1,
-    LEAN_ERROR,
-    LEAN_ERROR + 1,
-    S,
-    S + 1,
-    PSI,
-    HEADING_ERROR,
-    X,
-    X + 1,
-)
-
-
-#: each state that the AHRS shows, in the place of its error, with the state that it shows
-_SHOWN_WITH = ((G, LEAN_ERROR), (G + 1, LEAN_ERROR + 1), (PSI, HEADING_ERROR))
-
-
-def firmware_states() -> NDArray[np.float64]:
-    """Return T (14, 14): T x are the firmware's states, x those of `ballbot.estimation.kalman_model`."""
-    T = np.eye(STATES)
-    T[HEADING_ERROR, PSI] = T[LEAN_ERROR, G] = T[LEAN_ERROR + 1, G + 1] = 1.0
-    return T[list(_ORDER)]
-
-
 def reading_record(reading: Reading, *, robot: Robot) -> NDArray[np.void]:
     """Return a reading as a record (1,) in single precision.
 
     Wheel angles become whole counts (`whole_counts`).
     """
-    record = np.zeros(1, schema_of(ReadingRecord).dtype("single"))
+    record = np.zeros(1, READING.dtype("single"))
     n = robot.wheel_count
     if np.isfinite(reading.wheel_angles).all():
         record["wheel_counts"][0, :n] = whole_counts(reading.wheel_angles, robot=robot)
         record["encoders_valid"] = 1
     record["wheel_speeds"][0, :n] = reading.wheel_speeds
     record["gyro"], record["attitude"] = reading.gyro, reading.attitude
+    for sensor in DIRECT:
+        record[sensor.name] = getattr(reading, sensor.name)
     record["fix_position"], record["fix_heading"] = np.nan, np.nan
     if (fix := reading.fix) is not None:
         if fix.position is not None:

@@ -1,16 +1,17 @@
-"""The two generated headers of the firmware: the structs of every record, and the numbers of one controller.
+"""The generated headers of the firmware: the structs of every record, and the numbers of one controller.
 
     c/ballbot_types.h       a struct for each schema: same names, order, units and array lengths; the same for every
-                            controller, so it is kept beside the C sources that are written for it
+                            controller, so it is kept beside the C sources that are written for it, as is
+                            c/estimation/kalman_model.h (`ballbot.firmware.kalman_code`)
     ballbot_parameters.h    the numbers of a controller in single precision, written by `ballbot export`
 
 A member is 4 bytes wide, `float` or `int32_t`. A struct therefore has no padding, and the bytes of a NumPy record of
 `Schema.dtype("single")` are those of the struct. The header states each struct's size in a declaration that
 compiles only if it is right, and so are the offsets then.
 
-Both headers hold the digest of all schemas. `ballbot_init` refuses parameters with another one.
+Structs and numbers hold the digest of all schemas. `ballbot_init` refuses parameters with another one.
 
-If a record changes, the C code that reads it must change too. Then write the header anew:
+If a record changes, the C code that reads it must change too. Then write the headers anew:
 
     python -m ballbot.firmware.header
 """
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 from ballbot.control.parts.part import MAX_PAST
 from ballbot.control.records import MAX_WHEELS, Number, Schema
 from ballbot.files import write_text
+from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
 from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, schema_words
 
 #: the C sources
@@ -182,3 +184,4 @@ def _literal(value: object, one: Number) -> str:
 
 if __name__ == "__main__":
     write_text(SOURCES / TYPES_HEADER, types_header())
+    write_text(SOURCES / KALMAN_HEADER, kalman_header())

@@ -27,11 +27,11 @@ from ballbot.control.records import (
 from ballbot.control.safety import SafetyLimits
 from ballbot.estimation.interface import EstimatorName
 from ballbot.firmware.estimators import (
+    READING,
     KalmanMemory,
     KalmanRecord,
     OnboardMemory,
     OnboardRecord,
-    ReadingRecord,
     kalman_record,
     onboard_record,
     step_of,
@@ -170,7 +170,6 @@ STATE = Schema(
         "kalman": schema_of(KalmanMemory),
     },
 )
-READING = schema_of(ReadingRecord)
 FIRMWARE = Schema(name="firmware", fields={"parameters": PARAMETERS, "state": STATE, "reading": READING})
 
 

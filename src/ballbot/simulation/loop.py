@@ -21,17 +21,19 @@ from numpy.typing import NDArray
 
 from ballbot.control.law import MEMORY_TYPE, decide_torques
 from ballbot.estimation.kalman_model import (
-    BALL_RATE,
     BIAS,
     COVARIANCE,
+    FIRST,
     GYRO,
     GYRO_BEFORE,
-    HEADING,
-    LEAN,
+    LEVER,
     MODEL_SIZE,
+    NUMBERS,
     PIVOTING,
     PIVOTS,
     PSI,
+    SHOWN,
+    SHOWN_PSI,
     G,
     S,
     X,
@@ -71,6 +73,8 @@ from ballbot.simulation.model_plant import friction_needed, sinking, wheel_force
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
 _DRY = WHEEL_PLACES["c"]
+#: rows of a Kalman filter's work array with what these sensors show
+_WHEELS, _AHRS = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"]
 
 
 class Inputs(NamedTuple):
@@ -327,11 +331,13 @@ def _begin_filter(filters, robot, row, state, gyro, angles):
     for i in range(2):
         lever = 0.0
         for k in range(3):
-            lever += row[2 + 3 * i + k] * gyro[k]
+            lever += row[LEVER + 3 * i + k] * gyro[k]
         filters[_slot(FILTER_STATE + X + i, robot)] = state[i]
         filters[_slot(FILTER_STATE + G + i, robot)] = g[i]
         filters[_slot(FILTER_STATE + S + i, robot)] = lever  # v = 0
-    filters[_slot(FILTER_STATE + PSI, robot)] = heading
+    filters[_slot(FILTER_STATE + PSI, robot)] = filters[_slot(FILTER_STATE + SHOWN_PSI, robot)] = heading
+    for i in range(NUMBERS):
+        filters[_slot(SHOWN + i, robot)] = np.nan
 
 
 @inlined
@@ -342,10 +348,10 @@ def _show_filter(own, block, robot, limit, turned, gyro, angles):
     g, heading = _lean_and_heading(attitude((angles[0], angles[1], angles[2])), angles[2])
     for i in range(3):
         filters[_slot(GYRO + i, robot)] = gyro[i]
-        filters[_slot(BALL_RATE + i, robot)] = rate[i]
+        filters[_slot(_WHEELS + i, robot)] = rate[i]
     for i in range(2):
-        filters[_slot(LEAN + i, robot)] = g[i]
-    filters[_slot(HEADING, robot)] = heading
+        filters[_slot(_AHRS + i, robot)] = g[i]
+    filters[_slot(_AHRS + 2, robot)] = heading
     filters[_slot(PIVOTS, robot)] = 1.0 if abs(block.pivoting[robot]) > limit else 0.0
 
 
@@ -363,7 +369,7 @@ def _filtered(filters, robot, gyro, state):
     for i in range(2):
         velocity = filters[_slot(x + S + i, robot)]
         for k in range(3):
-            velocity -= filters[_slot(2 + 3 * i + k, robot)] * w[k]
+            velocity -= filters[_slot(LEVER + 3 * i + k, robot)] * w[k]
         state[i], state[5 + i] = filters[_slot(x + X + i, robot)], velocity
     heading = filters[_slot(x + PSI, robot)]
     s3, c3 = math.sin(heading), math.cos(heading)

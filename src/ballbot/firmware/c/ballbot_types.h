@@ -14,9 +14,9 @@
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "c097c4b2e6b48e2382b101ccf43c0f854de130246f1811e3ea7b57092e774f6d"
+#define BALLBOT_SCHEMA_DIGEST "fe484c8587500afec94d3a720ab57bd644c49ab1b943119cb5e36751c0ce1eed"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1083688114, 1723108899, 45154764, 1950093189, 1306603556, 1863848419, 1786468105, 779571053 }
+#define BALLBOT_SCHEMA_WORDS { 2118667397, 122686206, 1229798002, 179665878, 1153735345, 960696732, 904095569, 1087250157 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -170,8 +170,7 @@ struct ballbot_kalman_record {
     float forgotten; /* [1] */
     float gyro_variance; /* [rad^2/s^2] */
     float walk[14]; /* [square of the state] */
-    float wheel_variances[3]; /* [m^2/s^2, rad^2/s^2] */
-    float attitude_variances[3]; /* [1, rad^2] */
+    float variances[6]; /* [square of what is shown] */
     float start_variances[14]; /* [square of the state] */
     float start_covariances[3]; /* [1, rad^2] */
     float pivoting_share; /* [1] */

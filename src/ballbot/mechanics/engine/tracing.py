@@ -29,8 +29,8 @@ from numba.extending import lower_builtin, type_callable
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 _IN_ORDER = {"contract"}
 
-_REAL, _WHOLE, _TRUTH = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
-_NUMBA_TYPES = {_REAL: types.float64, _WHOLE: types.int64, _TRUTH: types.boolean}
+REAL, _WHOLE, _TRUTH = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
+_NUMBA_TYPES = {REAL: types.float64, _WHOLE: types.int64, _TRUTH: types.boolean}
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable)
@@ -48,7 +48,7 @@ def _real(operation: str) -> Callable:
 
     def operator(self: Number, other: Number | float) -> Number:
         one, two = _alike(self, other)
-        if one.type == _REAL:
+        if one.type == REAL:
             return Number(getattr(_Place.builder, f"f{operation}")(one, two, flags=tuple(_Place.flags)))
         return Number(getattr(_Place.builder, operation)(one, two, flags=("nsw",)))
 
@@ -62,7 +62,7 @@ def _swapped(operator: Callable) -> Callable:
 def _comparison(sign: str) -> Callable:
     def operator(self: Number, other: Number | float) -> Number:
         one, two = _alike(self, other)
-        if one.type != _REAL:
+        if one.type != REAL:
             return Number(_Place.builder.icmp_signed(sign, one, two))
         ordered = _Place.builder.fcmp_unordered if sign == "!=" else _Place.builder.fcmp_ordered
         return Number(ordered(sign, one, two))
@@ -94,7 +94,7 @@ class Number:
     __rand__, __ror__ = __and__, __or__
 
     def __neg__(self) -> Number:
-        if self.value.type == _REAL:
+        if self.value.type == REAL:
             return Number(_Place.builder.fneg(self.value, flags=tuple(_Place.flags)))
         return 0 - self
 
@@ -121,34 +121,34 @@ class Rows:
         return Number(_Place.builder.load(self._at(index)))
 
     def __setitem__(self, index: Number | int, value: Number | float) -> None:
-        _Place.builder.store(_value(value, like=_REAL), self._at(index))
+        _Place.builder.store(_value(value, like=REAL), self._at(index))
 
 
 def _value(number: Number | float, *, like: Any) -> Any:
     """Return LLVM's value of a stand-in, or of a number that is known; integers become floats where asked for."""
     if not isinstance(number, Number):
-        return ir.Constant(like, float(number) if like == _REAL else int(number))
-    if like == _REAL and number.value.type == _WHOLE:
-        return _Place.builder.sitofp(number.value, _REAL)
+        return ir.Constant(like, float(number) if like == REAL else int(number))
+    if like == REAL and number.value.type == _WHOLE:
+        return _Place.builder.sitofp(number.value, REAL)
     return number.value
 
 
 def _alike(a: Number | float, b: Number | float) -> tuple[Any, Any]:
     """Return the values of two numbers as one type: the float's, if there is one."""
     kinds = [one.value.type if isinstance(one, Number) else _kind_of(one) for one in (a, b)]
-    kind = _REAL if _REAL in kinds else _WHOLE if _WHOLE in kinds else _TRUTH
+    kind = REAL if REAL in kinds else _WHOLE if _WHOLE in kinds else _TRUTH
     return _value(a, like=kind), _value(b, like=kind)
 
 
 def _kind_of(number: float) -> Any:
     if isinstance(number, bool):
         return _TRUTH
-    return _WHOLE if isinstance(number, int) else _REAL
+    return _WHOLE if isinstance(number, int) else REAL
 
 
 def _called(name: str, *numbers: Number) -> Number:
-    function = _Place.builder.module.declare_intrinsic(name, [_REAL])
-    return Number(_Place.builder.call(function, [_value(one, like=_REAL) for one in numbers]))
+    function = _Place.builder.module.declare_intrinsic(name, [REAL])
+    return Number(_Place.builder.call(function, [_value(one, like=REAL) for one in numbers]))
 
 
 # --- what stands for Python's own, on numbers of either kind ---
@@ -209,7 +209,7 @@ def bits_of(x):
 def float_of(bits):
     """Return the float64 that has these 64 bits."""
     if isinstance(bits, Number):
-        return Number(_Place.builder.bitcast(bits.value, _REAL))
+        return Number(_Place.builder.bitcast(bits.value, REAL))
     return np.int64(bits).view(np.float64)
 
 
@@ -253,7 +253,7 @@ def traced(function: F) -> F:
 
     @lower_builtin(function, types.VarArg(types.Any))
     def _lower(context, builder, signature, arguments):
-        with _at(builder):
+        with written_by(builder):
             values = zip(signature.args, arguments, strict=True)
             found = function(*(_stand_in(context, kind, value) for kind, value in values))
             return _packed(context, signature.return_type, found)
@@ -307,8 +307,8 @@ def in_order(function: F) -> F:
 
 
 @contextmanager
-def _at(builder: ir.IRBuilder) -> Iterator[None]:
-    """Add instructions there; Numba compiles in one thread at a time."""
+def written_by(builder: ir.IRBuilder) -> Iterator[None]:
+    """Add instructions there; Numba compiles in one thread at a time. What has a builder's methods will do."""
     before = _Place.__dict__.get("builder"), _Place.flags
     _Place.builder, _Place.flags = builder, FAST
     try:
@@ -321,7 +321,7 @@ def _at(builder: ir.IRBuilder) -> Iterator[None]:
 def _result_type(function: Callable, arguments: tuple[types.Type, ...]) -> types.Type:
     """Return the type of a function's result, found by writing it where it is thrown away."""
     scratch = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), ()), "scratch")
-    with _at(ir.IRBuilder(scratch.append_basic_block())):
+    with written_by(ir.IRBuilder(scratch.append_basic_block())):
         return _type_of(function(*(_stand_in(None, kind, None) for kind in arguments)))
 
 
@@ -345,17 +345,17 @@ def _stand_in(context: Any, kind: types.Type, value: Any | None) -> Any:
         return kind.instance_class(*parts) if isinstance(kind, types.BaseNamedTuple) else tuple(parts)  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(kind, types.Array):
         if value is None:
-            return Rows(ir.Constant(ir.PointerType(_REAL), None))
+            return Rows(ir.Constant(ir.PointerType(REAL), None))
         return Rows(cgutils.create_struct_proxy(kind)(context, _Place.builder, value=value).data)
     if isinstance(kind, types.CPointer):
-        return Rows(ir.Constant(ir.PointerType(_REAL), None) if value is None else value)
+        return Rows(ir.Constant(ir.PointerType(REAL), None) if value is None else value)
     if isinstance(kind, types.Function):
         return kind.typing_key
     if isinstance(kind, types.Dispatcher):
         return kind.dispatcher.py_func
     if isinstance(kind, types.NoneType):
         return None
-    plain = _REAL if isinstance(kind, types.Float) else _TRUTH if isinstance(kind, types.Boolean) else _WHOLE
+    plain = REAL if isinstance(kind, types.Float) else _TRUTH if isinstance(kind, types.Boolean) else _WHOLE
     return Number(ir.Constant(plain, ir.Undefined) if value is None else value)
 
 

@@ -1,33 +1,13 @@
 /*
  * The on-board state by a Kalman filter of 14 states: IMU, encoders and, where there is one, a fix from outside.
  *
- *     x y      place of the ball, world frame [m]
- *     psi      heading: R = Rz(psi) M(g), M the shortest turn that takes g upright [rad]
- *     g        (2) x and y of the upward direction in the body's frame, its lean [-]
- *     s        (2) momentum about the floor's contact as a speed, heading frame [m/s]
- *     b        (3) gyro bias, body frame [rad/s]
- *     psi + d  the AHRS's heading [rad], and r, the rate of its error d [rad/s]
- *     g + a    (2) the AHRS's lean [-], a its slow error
+ * States, equations and sensors are those of ballbot/estimation/kalman_model.py, which explains them; kalman_model.h is
+ * made from it. The filter of the Python package is the same, in double precision.
  *
- *     motion        w = gyro - b                   g_dot = g x w
- *                   psi_dot = w . (g + e_z) / (1 + g_z)
- *                   v = s - C w                    s_dot = -Lambda g - psi_dot e_z x s
- *                   (x, y)_dot = Rz(psi) v         a_dot = -a / tau,  d_dot = r
- *
- *     the wheels    Omega = M(g) (T_obw wheel_speed + w)      the ball's angular velocity, heading frame [rad/s]
- *                   v = r_b (Omega_y, -Omega_x)    Omega_z = 0
- *
- * ballbot/estimation/kalman_model.py has the reasons. There, d and a are states; here, the values that the AHRS shows are.
- * So each of its values is a state, and no difference of two large and nearly equal covariances is taken.
- *
- * Numbers that are seen at the same time are taken in together, as rows of H with variances R:
- *
- *     H P H^T + R = L D L^T    V = P H^T L^-T    P+ = P - V D^-1 V^T    x+ = x + V D^-1 L^-1 (seen - expected)
- *
- * No matrix is inverted. P is symmetric to the bit; of x and y, what lies below its diagonal is not kept. A variance is
- * never let below the part of it that the numbers must leave by the inequality of Cauchy and Schwarz, so that rounding
- * makes none negative. Once heading or place is unknown by 0.2 rad or 0.2 m, without a fix, that grows no more: it would
- * outgrow a float.
+ * Numbers that are seen are taken in one after the other. What lies below the diagonal of the covariance P is not kept.
+ * A variance is never let below the part of it that the numbers must leave by the inequality of Cauchy and Schwarz, so
+ * that rounding makes none negative. A state is a compensated sum. Once heading or place is unknown by 0.2 rad or 0.2 m,
+ * without a fix, that grows no more: it would outgrow a float.
  */
 #ifndef BALLBOT_ESTIMATION_KALMAN_H
 #define BALLBOT_ESTIMATION_KALMAN_H

@@ -1,0 +1,341 @@
+"""The Kalman filter's equations as C: `ballbot.estimation.kalman_model` called with a builder that writes C.
+
+Its functions are traced as for compiled code (`ballbot.mechanics.engine.tracing`), where each operation calls a method
+of LLVM's builder. Here it becomes an expression of C in single precision, with the operations in the same order. What
+is used once is written where it is used, what is used more than once gets a name. So the firmware has every state,
+sensor and noise of Python's filter; what they need of linear algebra is in `c/estimation/kalman.c`.
+
+If the model changes, write the header anew:
+
+    python -m ballbot.firmware.header
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import count
+from typing import TypeAlias
+
+import numpy as np
+from llvmlite import ir
+
+from ballbot.estimation.kalman_model import (
+    DIRECT,
+    DRIFT,
+    ENTRIES,
+    ENTRY_OF,
+    FIRST,
+    FORGOTTEN_ABOVE,
+    MODEL_SHAPE,
+    NUMBERS,
+    PIVOTING_SEEN,
+    REMEMBERED,
+    SENSORS,
+    SHOWN_TOGETHER,
+    STATE_NAMES,
+    STATES,
+    Numbers,
+    carried,
+    motion,
+    projected,
+    transition,
+)
+from ballbot.mechanics.engine.tracing import REAL, Number, written_by
+
+KALMAN_HEADER = "estimation/kalman_model.h"
+_INTRINSICS = {"llvm.sqrt": "ballbot_square_root"}
+_COLUMNS = 118
+
+_Operand: TypeAlias = "_Expression | ir.Constant"
+#: numbers of C by what they are assigned to
+Results: TypeAlias = "dict[str, Number | float]"
+
+
+@dataclass(eq=False)
+class _Expression:
+    """A number of the code that is written: a name or a literal, or an operation on others."""
+
+    form: str  #: text with a place for each operand
+    operands: tuple[_Expression, ...] = ()
+    type: ir.Type = field(default=REAL)
+    uses: int = 0
+    name: str = ""  #: of an operation that is used more than once
+
+    @property
+    def text(self) -> str:
+        return self.name or self.form.format(*(operand.text for operand in self.operands))
+
+
+def _binary(sign: str) -> Callable[..., _Expression]:
+    def operation(self: _Writer, left: _Operand, right: _Operand, flags: Sequence[str] = ()) -> _Expression:  # noqa: ARG001
+        return self.operation(f"({{}} {sign} {{}})", left, right)
+
+    return operation
+
+
+class _Writer:
+    """Has those methods of LLVM's builder that the filter's equations call; equal operations are written once."""
+
+    def __init__(self) -> None:
+        self.module = self
+        self._made: dict[tuple, _Expression] = {}
+
+    def operation(self, form: str, *numbers: _Operand) -> _Expression:
+        operands = tuple(
+            self.operation(_literal(number.constant)) if isinstance(number, ir.Constant) else number  # pyright: ignore[reportAttributeAccessIssue]
+            for number in numbers
+        )
+        made = self._made.setdefault((form, *map(id, operands)), _Expression(form, operands))
+        if made.operands is operands:
+            for operand in operands:
+                operand.uses += 1
+        return made
+
+    fadd, fsub, fdiv, _product = _binary("+"), _binary("-"), _binary("/"), _binary("*")
+
+    def fmul(self, left: _Operand, right: _Operand, flags: Sequence[str] = ()) -> _Operand:
+        for factor, rest in ((left, right), (right, left)):
+            if isinstance(factor, ir.Constant) and factor.constant == 1.0:  # pyright: ignore[reportAttributeAccessIssue]
+                return rest
+        return self._product(left, right, flags)
+
+    def fneg(self, number: _Operand, flags: Sequence[str] = ()) -> _Expression:  # noqa: ARG002
+        return self.operation("(-{})", number)
+
+    def fcmp_ordered(self, sign: str, left: _Operand, right: _Operand) -> _Expression:
+        return self.operation(f"({{}} {sign} {{}})", left, right)
+
+    def select(self, condition: _Expression, left: _Operand, right: _Operand) -> _Expression:
+        return self.operation("({} ? {} : {})", condition, left, right)
+
+    def declare_intrinsic(self, name: str, _: Sequence[ir.Type]) -> str:
+        return _INTRINSICS[name]
+
+    def call(self, function: str, arguments: Sequence[_Operand]) -> _Expression:
+        return self.operation(f"{function}({', '.join('{}' for _ in arguments)})", *arguments)
+
+    def statements(self, results: Results) -> Iterator[str]:
+        """Yield the statements that give the results."""
+        values = {
+            target: self.operation(
+                "{}", number.value if isinstance(number, Number) else ir.Constant(REAL, number)
+            )
+            for target, number in results.items()
+        }
+        names = (f"t{number}" for number in count())
+        for operation in self._made.values():
+            if operation.operands and operation.uses > 1:
+                text, operation.name = operation.text, next(names)
+                yield f"const float {operation.name} = {_bare(text)};"
+        for target, value in values.items():
+            yield f"{target} = {_bare(value.text)};"
+
+
+def _literal(number: float) -> str:
+    return f"{np.float32(number)!s}f"
+
+
+def _bare(text: str) -> str:
+    """Return an expression without the brackets around the whole."""
+    depth = 0
+    for place, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0 and place < len(text) - 1:
+            return text
+    return text[1:-1] if text.startswith("(") else text
+
+
+def _lines(make: Callable[[], Results], *, indent: int = 1) -> list[str]:
+    """Return the lines of the statements that give what a function makes of stand-ins."""
+    writer = _Writer()
+    with written_by(writer):  # pyright: ignore[reportArgumentType] (it has the methods that are called)
+        results = make()
+    first, more = "    " * indent, "    " * (indent + 1)
+    wrapped = (
+        textwrap.wrap(text, _COLUMNS, initial_indent=first, subsequent_indent=more, break_long_words=False)
+        for text in writer.statements(results)
+    )
+    return [line for lines in wrapped for line in lines]
+
+
+def _function(comment: str, head: str, body: Iterable[str]) -> str:
+    lines = list(body)
+    names = re.findall(r"(\w+)(?:\[\w+\])*(?:, |\))", head)
+    lines += [f"    (void){name};" for name in names if not re.search(rf"\b{name}\b", "\n".join(lines))]
+    opening = textwrap.wrap(f"static inline void {head}", _COLUMNS, subsequent_indent=" " * 8)
+    return "\n".join([*textwrap.wrap(f"/* {comment} */", _COLUMNS), *opening, "{", *lines, "}", ""])
+
+
+def _named(text: str) -> Number:
+    """Return what stands for a number of C."""
+    return Number(_Expression(text))
+
+
+def _array(text: str, *shape: int) -> tuple:
+    """Return what stands for the numbers of an array of C, as tuples."""
+    inner = shape[1:]
+    return tuple(_array(f"{text}[{i}]", *inner) if inner else _named(f"{text}[{i}]") for i in range(shape[0]))
+
+
+def _numbered(target: str, numbers: Iterable[Number | float], first: int = 0) -> Results:
+    return {f"{target}[{i}]": number for i, number in enumerate(numbers, first)}
+
+
+_MODEL = Numbers._make(
+    _array(f"record->{name}", *np.shape(like)) if isinstance(like, tuple) else _named(f"record->{name}")
+    for name, like in MODEL_SHAPE._asdict().items()
+)
+_X = tuple(_named(f"x[{name}]") for name in STATE_NAMES)
+_GYRO, _VELOCITY, _F = _array("gyro", 3), _array("velocity", 2), _array("f", len(ENTRIES))
+_GIVEN = "const struct ballbot_kalman_record *record, const float x[STATES], const float gyro[3]"
+_DRIVEN = min(row for rows, _ in ENTRIES for row in rows)
+
+
+def _moved() -> Results:
+    change, velocity = motion(_MODEL, _X, _GYRO)
+    return _numbered("change", change) | _numbered("velocity", velocity)
+
+
+def _linearized() -> Results:
+    return _numbered("f", transition(_MODEL, _X, _GYRO, _array("turn", 2)))
+
+
+def _carried() -> Results:
+    column = tuple(_named(f"column[{name}]") for name in STATE_NAMES)
+    return {f"result[{STATE_NAMES[i]} * apart]": carried(i, _F, column) for i in range(_DRIVEN, STATES)}
+
+
+def _shaken() -> Results:
+    by_bias = {
+        f"FP[{STATE_NAMES[row]}][{STATE_NAMES[column]}]": number
+        for number, (rows, column) in zip(_F, ENTRIES, strict=True)
+        for row in rows
+        if column < DRIFT
+    }
+    return {target: _named(target) + _named("gyro_variance") * number for target, number in by_bias.items()}
+
+
+def _shown() -> tuple[Results, list[Number | float]]:
+    """Return the residuals, and the entries of H in their order."""
+    residuals: Results = {}
+    entries: list[Number | float] = []
+    for sensor in SENSORS:
+        source = f"reading->{sensor.name}" if sensor in DIRECT else sensor.name
+        numbers, h = sensor.seen(_MODEL, _X, _array(source, len(sensor.states)), _GYRO, _VELOCITY)
+        residuals |= _numbered("residual", numbers, FIRST[sensor.name])
+        entries += h
+    return residuals, entries
+
+
+def _expected() -> Results:
+    residuals, entries = _shown()
+    return residuals | _numbered("h", (entry for entry in entries if isinstance(entry, Number)))
+
+
+def _projected(number: int, h: Sequence[Number | float]) -> Results:
+    change = [_named(f"change[{name}]") for name in STATE_NAMES]
+    mine = h[ENTRY_OF[number] : ENTRY_OF[number + 1]]
+    q, spread, known = projected(
+        number, mine, lambda i, j: _named(f"P[{STATE_NAMES[j]}][{STATE_NAMES[i]}]"), change
+    )
+    return {f"q[{name}]": number for name, number in zip(STATE_NAMES, q, strict=True)} | {
+        "*spread": spread,
+        "*known": known,
+    }
+
+
+def _cases(h: Sequence[Number | float]) -> Iterator[str]:
+    """Yield a case for each seen number; the last one is the default, so that the compiler sees a result for all."""
+    yield "    switch (number) {"
+    for number in range(NUMBERS):
+        yield f"    case {number}: {{" if number < NUMBERS - 1 else "    default: {"
+        yield from _lines(lambda number=number: _projected(number, h), indent=2)
+        yield from ("        break;", "    }")
+    yield "    }"
+
+
+def _functions(h: Sequence[Number | float]) -> Iterator[str]:
+    yield _function(
+        "Give what a sample adds to the states before the place, and the mean of v (2) [m/s] over it.",
+        f"moved({_GIVEN}, float change[X], float velocity[2])",
+        _lines(_moved),
+    )
+    yield _function(
+        "Give the entries of F; `turn` are sine and cosine of the heading.",
+        f"linearized({_GIVEN}, const float turn[2], float f[F_ENTRIES])",
+        _lines(_linearized),
+    )
+    yield _function(
+        "Give the elements from DRIVEN on of F times a column; the result's lie `apart`.",
+        "carried(const float f[F_ENTRIES], const float column[STATES], float *result, int32_t apart)",
+        _lines(_carried),
+    )
+    yield _function(
+        "Add to F P, in the columns of the bias, what a sample's noise of the gyro adds as if it were bias.",
+        "shaken(const float f[F_ENTRIES], float gyro_variance, float FP[STATES][STATES])",
+        _lines(_shaken),
+    )
+    yield _function(
+        "Give the residuals of all that the sensors show, and the entries of H that vary; wrong where it is missing.",
+        f"expected({_GIVEN}, const float velocity[2], const struct ballbot_reading_record *reading, "
+        "const float wheels[3], const float attitude[3], const float fix[3], "
+        "float residual[NUMBERS], float h[H_ENTRIES])",
+        _lines(_expected),
+    )
+    yield _function(
+        "Give q = P h of a number, h^T q, and what h expects of the known changes of the state. Of P nothing below the "
+        "diagonal is read.",
+        "projected(int32_t number, float P[STATES][STATES], const float h[H_ENTRIES], const float change[STATES], "
+        "float q[STATES], float *spread, float *known)",
+        _cases(h),
+    )
+
+
+def kalman_header() -> str:
+    """Return the text of `KALMAN_HEADER`."""
+    with written_by(_Writer()):  # pyright: ignore[reportArgumentType]
+        entries = _shown()[1]
+    places = count()
+    h = [_named(f"h[{next(places)}]") if isinstance(entry, Number) else entry for entry in entries]
+    sensors = ", ".join(f"{name.upper()} = {first}" for name, first in FIRST.items())
+    together = ", ".join(f"{{{STATE_NAMES[i]}, {STATE_NAMES[j]}}}" for i, j in SHOWN_TOGETHER)
+    return f"""\
+/* The equations of the Kalman filter: its states, its sensors, and the entries of its matrices.
+ *
+ * Generated from ballbot/estimation/kalman_model.py, which explains them, by `python -m ballbot.firmware.header`; do
+ * not edit.
+ */
+#ifndef BALLBOT_ESTIMATION_KALMAN_MODEL_H
+#define BALLBOT_ESTIMATION_KALMAN_MODEL_H
+
+#include "ballbot_math.h"
+#include "ballbot_types.h"
+
+/* The states; those before DRIVEN drive the others, and nothing drives them. */
+enum {{
+    {", ".join(STATE_NAMES)}, STATES,
+    DRIVEN = {STATE_NAMES[_DRIVEN]}
+}};
+
+/* Place of each sensor's first number. */
+enum {{ {sensors}, NUMBERS = {NUMBERS} }};
+
+/* Entries of F besides the unit matrix, and those of H that vary. */
+enum {{ F_ENTRIES = {len(ENTRIES)}, H_ENTRIES = {next(places)} }};
+
+/* Omega_z, which does not count while the ball pivots. */
+enum {{ PIVOTING_SEEN = {PIVOTING_SEEN} }};
+
+/* Variance of psi [rad^2], x or y [m^2] above which a sample multiplies the errors of all three by REMEMBERED */
+#define FORGOTTEN_ABOVE {_literal(FORGOTTEN_ABOVE)}
+#define REMEMBERED {_literal(REMEMBERED)}
+
+/* Pairs of states that are known from the start only together. */
+static const int32_t TOGETHER[{len(SHOWN_TOGETHER)}][2] = {{{together}}};
+
+{chr(10).join(_functions(h))}
+#endif
+"""
