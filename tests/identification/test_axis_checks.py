@@ -128,10 +128,6 @@ def test_a_record_without_the_rows_at_the_limit_passes() -> None:
     assert {one.code for one in record_findings(rest)} <= {"gap"}
 
 
-def test_a_wheel_below_its_limit_passes() -> None:
-    assert record_findings(swept_wheel(100.0)) == ()
-
-
 @pytest.mark.parametrize("gravity", [0.0, 30.0])
 def test_a_constant_speed_under_a_loop_is_no_limit(gravity: float) -> None:
     """An arm that goes to and fro at one speed most of the time; gravity changes its force meanwhile."""

@@ -55,13 +55,6 @@ def test_blocks_are_neighbours_of_one_log():
     assert found == [[3, 1, 2, 0], [4], [8, 6, 7, 5], [9]]
 
 
-def test_every_law_but_the_first_has_another_within_it():
-    assert LAWS[0].within is None
-    for place, law in enumerate(LAWS[1:], start=1):
-        (within,) = [one for one in LAWS[:place] if one.name == law.within]
-        assert set(within.free) < set(law.free)
-
-
 def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
     given = Bounds({"viscous": (0.0, 0.02), "stribeck": (0.0, 0.3)})
     bounds = bounds_of(law_named("coulomb"), given)

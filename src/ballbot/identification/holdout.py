@@ -28,6 +28,7 @@ from ballbot.fitting.comparison import HorizonErrors
 from ballbot.identification.excitation import Chatter, chatter, chatter_finding
 from ballbot.identification.prediction import Predictor, chunks
 from ballbot.identification.result import Identification, WindowErrors
+from ballbot.identification.result_findings import prediction_findings
 from ballbot.identification.stages import errors, windows_for
 from ballbot.identification.windows import COMPARISONS, Windows, measured_wheel_speeds, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
@@ -218,18 +219,12 @@ def cross_validate(
     if not len(windows):
         raise InputError(f"{name} has no window of {found.window:g} s without gaps or missing values.")
     found_errors = errors(predictor, windows, found.values)
-    worse = [state for state, ratio in found_errors.with_over_without.items() if not ratio < 1.0]
     moved = chatter(log, predictor.robot)
     horizons = friction_by_horizon(horizon_errors(predictor, found.values, log, starts=starts))
     findings = [
-        warning(
-            "not-predicted",
-            f"In {name}, {state} is not predicted better with friction than without "
-            f"({found_errors.with_over_without[state]:.2f} times the error).",
-        )
-        for state in worse
+        *prediction_findings(found_errors.with_over_without, of=name),
+        *_share_findings(name, horizons),
     ]
-    findings += _share_findings(name, horizons)
     if moved.matters:
         findings.append(chatter_finding(moved, predictor.robot, name))
     return HoldoutResult(

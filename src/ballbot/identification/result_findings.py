@@ -211,13 +211,13 @@ def _experiment(one: str, other: str) -> str:
     return next((text for pair, text in _EXPERIMENTS if symbols <= pair), "")
 
 
-def prediction_findings(ratios: Mapping[str, float]) -> list[Finding]:
+def prediction_findings(ratios: Mapping[str, float], *, of: str = "held-out windows") -> list[Finding]:
     """Return a finding on the states that friction does not help to predict, from errors with over errors without."""
     worse = {state: f"{ratio:.2f}" for state, ratio in ratios.items() if not ratio < 1.0}
     if not worse:
         return []
     text = (
         f"{every(worse)} {'is' if len(worse) == 1 else 'are'} not predicted better with friction than without "
-        f"({every(worse.values())} times the error on held-out windows)."
+        f"({every(worse.values())} times the error on {of})."
     )
     return [warning("not-predicted", text)]

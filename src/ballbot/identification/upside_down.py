@@ -356,16 +356,15 @@ def fit_pieces(pieces: BallPieces, *, stribeck: bool) -> BallFit:
 def _breaks_away(pieces: BallPieces) -> bool:
     """Return whether s lowers the error on windows that the fit did not see, each third in turn."""
     tiles, number = np.unique(pieces.tile, return_inverse=True)
-    squares = np.empty((2, len(tiles), 1))
+    squares = np.zeros((2, len(tiles)))
     for fold in range(_FOLDS):
         out = number // BLOCK % _FOLDS == fold
-        rest, left = pieces.take(~out), pieces.take(out)
         for place, stribeck in enumerate((False, True)):
-            errors = fit_pieces(rest, stribeck=stribeck).residuals(left) ** 2
-            sums = np.bincount(number[out], weights=errors.reshape(-1, 3).sum(axis=1), minlength=len(tiles))
-            mine = np.unique(number[out])
-            squares[place, mine, 0] = sums[mine]
-    without, ours = squares
+            errors = fit_pieces(pieces.take(~out), stribeck=stribeck).residuals(pieces.take(out)) ** 2
+            squares[place] += np.bincount(
+                number[out], weights=errors.reshape(-1, 3).sum(axis=1), minlength=len(tiles)
+            )
+    without, ours = squares[..., None]
     return gain_between(ours, without, neighbours(range(len(tiles)), block=BLOCK)).significant
 
 
