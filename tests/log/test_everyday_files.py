@@ -20,7 +20,21 @@ from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
 CASES = ROOT.parent / "shared" / "cases"
-RAMP = ["n", "t", "theta_x", "theta_y", "T1", "T2", "T3", "phi_x", "phi_y", "phi_z", "psi_1", "psi_2", "psi_3"]
+RAMP = [
+    "n",
+    "t",
+    "theta_x",
+    "theta_y",
+    "T1",
+    "T2",
+    "T3",
+    "phi_x",
+    "phi_y",
+    "phi_z",
+    "psi_1",
+    "psi_2",
+    "psi_3",
+]
 NAMES = ("t", "u1", "u2", "u3", "theta", "phi", "psi")
 
 
