@@ -7,7 +7,7 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.log.mapping import LogMapping, parse_mapping
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import mapping_text, propose
-from ballbot.log.pose import causal_states, with_odometry
+from ballbot.log.pose import causal_states
 from tests.support.foreign_log_examples import (
     SENSOR_DELAY,
     foreign_columns,
@@ -67,14 +67,6 @@ def test_causal_states_are_near_the_truth(file, mapping, moments):
     # what a line's middle, 20 ms ago, lags behind: the lean's acceleration is some 2 rad/s^2, the ball's 0.5 m/s^2
     assert np.sqrt(np.mean(errors["theta_dot"] ** 2)) < 0.5 * np.std(truth["theta_dot"])
     assert np.sqrt(np.mean(errors["x_dot"] ** 2)) < 0.1 * np.std(truth["x_dot"])
-
-
-def test_a_row_of_the_log_has_seen_what_comes_after(file, mapping, moments):
-    log = with_odometry(Log.read(file, mapping=mapping), small_robot())
-    states = causal_states(file, mapping=mapping, robot=small_robot(), moments=moments)
-    rows = np.searchsorted(log.t, moments - 1e-6)
-    rate = STATE_NAMES.index("theta_dot")
-    assert np.abs(states[:, rate] - log["theta_dot"][rows]).max() > 1e-3
 
 
 def test_too_little_past_gives_no_state(file, mapping):

@@ -32,13 +32,6 @@ def test_lists_of_objects_and_objects_of_lists_are_one_table(tmp_path, tree):
     np.testing.assert_array_equal(columns["roll"], [0.1, np.nan, 0.3])
 
 
-def test_inner_objects_and_lists_become_columns_of_their_own(tmp_path):
-    rows = [{"t": t, "imu": {"roll": 0.1}, "psi": [1, 2, 3]} for t in T]
-    columns = read_json_table(written(tmp_path, rows))
-    assert list(columns) == ["t", "imu.roll", "psi_1", "psi_2", "psi_3"]
-    np.testing.assert_array_equal(columns["psi_3"], [3.0, 3.0, 3.0])
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

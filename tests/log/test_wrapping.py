@@ -59,11 +59,6 @@ def test_headings_that_are_whole_stay_as_they_are(heading):
     assert not rows.size
 
 
-def test_a_reference_at_the_other_end_of_the_turn_than_the_robot_is_beside_it():
-    log = Log({"t": [0.0, 1.0], "psi": [3.1, 3.12], "ref_psi": [-3.1, -3.1]})
-    np.testing.assert_allclose(log["ref_psi"], TURN - 3.1)
-
-
 def test_missing_values_and_spikes_do_not_hide_a_jump():
     heading = np.linspace(2.0, 5.0, 400)
     wrapped = to_pi(heading)

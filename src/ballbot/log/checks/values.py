@@ -121,10 +121,6 @@ def _jumps(log: Log, name: str, _: float) -> Bools:
     return np.concatenate(([False], far & ~spiked[1:] & ~spiked[:-1]))
 
 
-def _beyond(log: Log, name: str, limit: float) -> Bools:
-    return np.abs(log[name]) > limit
-
-
 @dataclass(frozen=True, kw_only=True)
 class RowFault:
     """A fault that single rows of a column show."""
@@ -179,7 +175,7 @@ ROW_FAULTS = (
         code="torque-limit",
         severity="warning",
         columns=_TORQUES,
-        rows=lambda log, name, limit: _beyond(log, name, 1.01 * limit),  # 1 %: rounding in the file
+        rows=lambda log, name, limit: np.abs(log[name]) > 1.01 * limit,  # 1 %: rounding in the file
         limit=lambda robot: robot.drive.torque_limit,
         text="{name} is above the robot's limit of {limit:.4g} N m in {rows}, first " + _WHERE + ": the input may not "
         "be a torque, or the limit in the robot file is too low.",
@@ -188,7 +184,7 @@ ROW_FAULTS = (
         code="speed-limit",
         severity="warning",
         columns=wheel_speed_names(MAX_WHEELS),
-        rows=_beyond,
+        rows=lambda log, name, limit: np.abs(log[name]) > limit,
         limit=fastest,
         text="{name} is above {limit:.4g} rad/s, the limit of the robot's supply and motors, in {rows}, first "
         + _WHERE + ": the commanded torque is not the torque that acted.",
