@@ -90,7 +90,7 @@ def test_wiring_passes_and_writes_what_it_measured(tmp_path):
     found = results(tmp_path / "wiring")
     assert found["passed"] is True
     assert len(found["turns"]) == 3
-    assert "the self-test passed" in (tmp_path / "wiring" / "report.html").read_text(encoding="utf-8")
+    assert "The wiring is right." in (tmp_path / "wiring" / "report.html").read_text(encoding="utf-8")
 
 
 def test_controller_is_sent(tmp_path, capsys):

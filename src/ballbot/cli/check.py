@@ -109,7 +109,9 @@ def check(
         if figure is not None:
             save_robot_figure(checked.robot, figure)
             found.append(Text(f"Wrote {figure}."))
-        result.write(checked.results(), page, printed=[page.title, *found, *page.parts()], named=[RESULTS])
+        printed = [page.title, *page.parts(), *found]
+        step = f"`ballbot check-log LOG --robot {robot}`"
+        result.write(checked.results(), page, printed=printed, named=[RESULTS], next_step=step)
 
 
 def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:

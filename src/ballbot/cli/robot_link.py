@@ -79,10 +79,14 @@ class LinkOptions:
     """Random seed of an emulated robot. The same seed gives the same run."""
 
     @property
+    def name(self) -> str:
+        """The robot's name or file, as a command line has it."""
+        return self.robot or (_EMULATED_ROBOT if self.emulated else "ROBOT")
+
+    @property
     def described(self) -> Robot | None:
         """The robot's description; None if it is not known."""
-        name = self.robot or (_EMULATED_ROBOT if self.emulated else None)
-        return Robot.load(name) if name else None
+        return Robot.load(self.name) if self.robot or self.emulated else None
 
 
 @Parameter(name="*")

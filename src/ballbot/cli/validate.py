@@ -77,7 +77,7 @@ def _validate_prediction(
         findings=found,
     )
     with open_result(out, command="validate", inputs=[results, log_path, controller, mapping]) as result:
-        result.write({"prediction": stated}, page, findings=found)
+        result.write({"prediction": stated}, page, findings=found, next_step=steps[0])
     show_findings(found)
 
 
@@ -190,4 +190,5 @@ def validate(
             title=title,
             lead=f"Validated on {logs_words(named)}.",
         )
-        result.write({"validation": results}, page, findings=found)
+        step = f"`ballbot design {robot} --kind precise --out designed`"
+        result.write({"validation": results}, page, findings=found, next_step=step)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.log import Log
-from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, details, section
 from ballbot.report.palette import INK, SHADE
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import (
@@ -37,7 +37,6 @@ from ballbot.workflows.league import (
     METRICS,
     RATIOS,
     League,
-    Overall,
     Standing,
     overall,
     standing,
@@ -63,7 +62,7 @@ RUN_LABELS: Mapping[str, str] = {
 
 def paths_figure(runs: Mapping[str, Log]) -> Figure:
     """Return each controller's path over the floor beside the reference."""
-    figure = Figure(figsize=(7.4, 2.8), layout="constrained")
+    figure = Figure(figsize=(7.4, min(2.8, 0.7 + 6.5 / len(runs))), layout="constrained")
     panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (name, log) in zip(panels, runs.items(), strict=True):
         place = true_place(log)
@@ -71,7 +70,7 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
         x, y = thinned(place["x"], place["y"])
         axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
         axes.plot(place["x"][:1], place["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none")
-        axes.set_title(RUN_LABELS[name] + (" (fell)" if log.ended else ""))
+        axes.set_title(RUN_LABELS[name] + (" (fell)" if log.ended else ""), fontsize=7.5)
         axes.set_aspect("equal")
         axes.set_xlabel("$x$ [m]")
     panels[0].set_ylabel("$y$ [m]")
@@ -261,7 +260,7 @@ def league_report(league: League) -> Report:
     return Report(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
-        verdict=[(name, _sentence(overall(league, name), first)) for name in league.controllers],
+        verdict=[("", _verdict(league))],
         sections=[
             section(
                 "Over all courses",
@@ -282,7 +281,7 @@ def _course_section(league: League, course: Course, place: int) -> Section:
     first, count = league.seeds[0], len(league.seeds)
     shown = f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
     floor = f"The path over the floor of one run of each controller, {shown}. Broad: the reference."
-    return section(
+    return details(
         course.name.replace("_", " ").capitalize(),
         Paragraph(text=f"{course.about} A run lasts {course.duration:g} s."),
         Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
@@ -303,19 +302,22 @@ def _open_sentence(name: str, league: League) -> str:
     return f"Whether {name} differs from {league.controllers[0]} in {', '.join(open_ones)}: no interval leaves one out."
 
 
-def _sentence(found: Overall, first: str) -> str:
-    """Return a controller over all courses in a sentence or two."""
-    falls = (
-        f"No fall in {counted(found.runs, 'run')}: the probability of a fall is below "
-        f"{100 * found.fall_interval[1]:.2g} %."
-        if not found.falls
-        else f"{found.falls} of {found.runs} runs ended in a fall."
-    )
-    if not found.ratios:
-        return f"The reference for the others. {falls}"
-    words = ", ".join(
-        f"{METRIC_BY_KEY[key].words} {digits(one.mean)} times that of {first}{_interval(one)}"
-        for key, one in found.ratios.items()
-        if key in _SHOWN_METRICS and not math.isnan(one.mean)
-    )
-    return f"{capital(words)}. {falls}" if words else falls
+def _verdict(league: League) -> str:
+    """Return which controller is the most accurate of those that never fell, and by how much."""
+    found = {name: overall(league, name) for name in league.controllers}
+    first, runs = league.controllers[0], counted(found[league.controllers[0]].runs, "run")
+    falls = [f"{name} in {one.falls}" for name, one in found.items() if one.falls]
+    fell = f"Falls in {runs} each: {', '.join(falls)}." if falls else f"No fall in {runs} each."
+    peaks = {
+        name: one.ratios["peak_position_error"]
+        for name, one in found.items()
+        if one.ratios and not one.falls and not math.isnan(one.ratios["peak_position_error"].mean)
+    }
+    best = min(peaks, key=lambda name: peaks[name].mean, default=first)
+    if best == first or peaks[best].mean >= 1.0:
+        return f"No controller that never fell has a smaller peak error than {first}. {fell}"
+    equal = [name for name, one in peaks.items() if name != best and one.low <= peaks[best].high]
+    others = f" {capital(', '.join(equal))} cannot be told from it." if equal else ""
+    if peaks[best].high >= 1.0:
+        others += f" Nor can {first}." if equal else f" {capital(first)} cannot be told from it."
+    return f"{capital(best)} is the most accurate: peak error {_estimate(peaks[best])} times {first}'s.{others} {fell}"

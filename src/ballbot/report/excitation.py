@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.identification.quantities import BY_NAME
-from ballbot.report.blocks import Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Paragraph, Report, Sheet, details, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits, unit_heading
@@ -97,7 +97,7 @@ def excitation_report(result: Excitation) -> Report:
         verdict=[("", _verdict(result))],
         sections=[
             section("The run", _limits_table(result), _followed_series(result), Paragraph(text=_HOW_TO_RUN)),
-            section("Expected errors", _errors_table(result)),
+            details("Expected errors", _errors_table(result)),
         ],
         undecided=[
             "How much the real robot's friction differs from the file's, with which the errors are computed.",

@@ -23,14 +23,14 @@ from ballbot.findings import Finding, texts
 from ballbot.fitting.intervals import Interval
 from ballbot.fitting.model_selection import Gain, ModelSelection
 from ballbot.identification import HoldoutResult, Identification
-from ballbot.identification.coulomb import SHARE, coulomb_sentence
+from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, torque_names
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, details, section
 from ballbot.report.palette import BLUE, MUTED
 from ballbot.report.run import pose_panels
 from ballbot.report.series import Panel, TimeSeries, wheel_lines
@@ -62,12 +62,12 @@ def identification_report(
         sections=[
             section("Parameters", *parameter_blocks(found, studied)),
             *([section("Friction laws", _selection_sheet(selection))] if selection else []),
-            section(
+            details(
                 "Errors on held-out windows",
                 _error_sheet(found, holdouts),
                 *(_horizon_sheet(one) for one in holdouts if one.horizons),
             ),
-            section("The logs", *log_blocks(studied)),
+            details("The logs", *log_blocks(studied)),
         ],
         undecided=[*undecided, "The friction at speeds, loads and temperatures that the logs do not have."],
         findings=findings,
@@ -290,15 +290,14 @@ def _draw_curve(axes: Axes, found: Identification, wheel: int, fastest: float) -
 def friction_sentence(found: Identification) -> str:
     """Return the friction in words: of a wheel at rest and in motion, by direction and load, and of rolling."""
     friction, unlimited = found.robot.friction, open_labels(found.intervals)
-    words = [_wheel_words(friction, float(found.coulomb.speeds.max()))]
+    rolling = f"the ball's rolling friction is {digits(found.robot.rolling_force, 2)} N"
+    words = [f"{_wheel_words(friction, float(found.coulomb.speeds.max()))}; {rolling}."]
     for name, values in (("Coulomb", friction.coulomb_asymmetry), ("Stribeck", friction.stribeck_asymmetry)):
         if any(values):
             differs = f"differs by {_range(np.array(values))} N m from this mean of both directions"
             words.append(f"Forward, the {name} torque {differs}.")
     if any(friction.load):
         words.append(f"Each N m of motor torque adds {_range(np.array(friction.load))} N m of dry friction.")
-    rolling = f"{digits(found.robot.rolling_force, 2)} N (C_rr = {digits(friction.rolling, 2)})"
-    words.append(f"The rolling friction of the ball is {rolling}.")
     if unlimited:
         words.append(f"The logs do not limit {', '.join(unlimited)}: any value fits.")
     return " ".join(words)
@@ -310,21 +309,19 @@ def open_labels(intervals: Mapping[str, Interval]) -> list[str]:
 
 
 def _wheel_words(friction: Friction, fastest: float) -> str:
-    """Return a wheel's friction, in the mean of both directions; `SHARE` of the logs' speeds are below `fastest`."""
+    """Return a wheel's friction, in the mean of both directions, at rest and at the fastest speed of the logs."""
     coulomb, viscous = np.array(friction.coulomb), np.array(friction.viscous)
     if not any(friction.stribeck):
         if not coulomb.any():
-            return f"The friction of a wheel is viscous only: {_range(viscous)} N m per rad/s."
-        return f"The friction of a wheel is {_range(coulomb)} N m at any speed plus {_range(viscous)} N m per rad/s."
-    wheels = len(coulomb)
-    shown = {text: float(text) for one in (1.0, fastest) if one <= fastest and (text := digits(one, 2))}
-    at_speeds = []
-    for text, speed in shown.items():
-        forward, backward = (wheel_friction(np.full(wheels, side * speed), friction) for side in (1.0, -1.0))
-        at_speeds.append(f"{_range(0.5 * (forward - backward))} N m at {text} rad/s")
+            return f"The friction of a wheel is viscous only: {_range(viscous)} N m per rad/s"
+        return f"The friction of a wheel is {_range(coulomb)} N m at any speed plus {_range(viscous)} N m per rad/s"
+    shown = digits(fastest, 2)
+    forward, backward = (
+        wheel_friction(np.full(len(coulomb), side * float(shown)), friction) for side in (1.0, -1.0)
+    )
     return (
-        f"The break-away torque of a wheel is {_range(coulomb + np.array(friction.stribeck))} N m. In motion its "
-        f"friction is {' and '.join(at_speeds)}, which {100 * SHARE:.0f} % of the logs' speeds stay below."
+        f"A wheel breaks away at {_range(coulomb + np.array(friction.stribeck))} N m and needs "
+        f"{_range(0.5 * (forward - backward))} N m at {shown} rad/s"
     )
 
 

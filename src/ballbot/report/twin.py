@@ -10,7 +10,7 @@ import numpy as np
 
 from ballbot.control.references import is_reference_file
 from ballbot.file_formats import read_results
-from ballbot.report.blocks import Report, Sheet, section
+from ballbot.report.blocks import Report, Sheet, details, section
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.run import run_report
 from ballbot.report.words import millimetres
@@ -48,7 +48,7 @@ def recording_report(job: RecordJob, seed: int, recording: Recording) -> Report:
     files = Sheet(headings=("file", "what is in it"), rows=_files(job, recording))
     # the command that stands in record.toml: it does not depend on the folder that the run was written into
     origin = provenance(command=_command(job, seed), files=(), seed=seed)
-    return replace(made, sections=[*made.sections, section("Files", files)], made=origin)
+    return replace(made, sections=[*made.sections, details("Files", files)], made=origin)
 
 
 def _command(job: RecordJob, seed: int) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ballbot.findings import finding_results
 from ballbot.fitting.comparison import LEAST_RUNS, verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Section, Sheet, details, section
 from ballbot.report.series import Line, TimeSeries
 from ballbot.report.style import STATE_UNITS, drawn_picture, state_panels
 from ballbot.report.validation_figures import (
@@ -163,14 +163,15 @@ def _prediction_results(
 def validation_report(validation: Validation, *, title: str, lead: str) -> Report:
     """Return a validation's own page."""
     verdict, *others = (finding.text for finding in model_findings(validation))
-    found = (
-        [section("What was found", Bullets(items=[with_symbols(one) for one in others]))] if others else []
-    )
+    sections = validation_sections(validation)
+    if others:
+        found = details("What else was found", Bullets(items=[with_symbols(one) for one in others]))
+        sections.insert(1, found)
     return Report(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
-        sections=[*found, *validation_sections(validation)],
+        sections=sections,
         undecided=undecided_by(validation),
         findings=validation.log_findings,
     )
@@ -217,9 +218,9 @@ def validation_sections(validation: Validation) -> list[Section]:
     draw = partial(horizon_figure, validation.horizon, names)
     return [
         section("Open loop", *_open_loop_blocks(validation)),
-        section("Closed loop", *_closed_loop_blocks(validation)),
-        section("Error against horizon", drawn_picture("horizon", draw, horizon)),
-        section("Residuals of the next sample", *_residual_blocks(validation)),
+        details("Closed loop", *_closed_loop_blocks(validation)),
+        details("Error against horizon", drawn_picture("horizon", draw, horizon)),
+        details("Residuals of the next sample", *_residual_blocks(validation)),
     ]
 
 
