@@ -8,8 +8,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from ballbot.fitting.intervals import Interval
@@ -27,26 +25,11 @@ from ballbot.report.identification import (
     friction_curve,
     friction_sentence,
 )
-from ballbot.report.style import drawn, thinned
+from ballbot.report.style import drawn
 from ballbot.report.words import interval_text, state_mark, with_error, with_powers, with_symbols
 from ballbot.robot import Friction
-from ballbot.rounding import between, digits
+from ballbot.rounding import between
 from tests.support.validation_examples import true_robot
-
-
-@given(st.floats(1e-6, 1e6), st.integers(1, 5))
-def test_digits_round_to_significant_digits_without_an_exponent(value, count):
-    text = digits(value, count)
-    assert "e" not in text
-    assert float(text) == pytest.approx(value, rel=0.5001 * 10.0 ** (1 - count))
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.33, "0.330"), (17.0, "17.0"), (0.0, "0"), (1234.5, "1230"), (-0.02, "-0.0200"), (float("nan"), "–")],
-)
-def test_digits_keep_what_was_asked_for(value, text):
-    assert digits(value) == text
 
 
 @pytest.mark.parametrize(
@@ -265,13 +248,6 @@ def test_a_figure_is_one_svg_element_whose_names_are_its_own():
     assert not ids[0] & ids[1]
     # what is referred to is there
     assert set(re.findall(r'href="#([^"]+)"', first)) <= ids[0]
-
-
-def test_a_long_line_is_thinned():
-    t = np.arange(20_000.0)
-    shown, same = thinned(t, 2.0 * t)
-    assert 400 < len(shown) <= 900
-    np.testing.assert_array_equal(same, 2.0 * shown)
 
 
 def test_powers_of_ten_are_raised():

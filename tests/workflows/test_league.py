@@ -130,7 +130,7 @@ def test_compensation_helps_on_the_model(league):
 
 def test_page_names_falls_and_the_better_controller(league):
     page = page_of(league_report(league))
-    assert figure_count(page) == 5  # the overview, and path and error of each course
+    assert figure_count(page) == 4  # path and error of each course
     assert len(page) < LARGEST_PAGE
     assert re.search(r"Falls in 4 runs each: \w+ in 4\.", page)
     assert "2 courses on the compiled loop, 2 seeds, the same for all." in page

@@ -21,7 +21,6 @@ from ballbot.cli.context import WholeNumber
 from ballbot.cli.output import notice_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
-from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs
 from ballbot.fitting.run import check_seed
@@ -101,9 +100,6 @@ class ControllerOnRobot:
     lean: float = 0.35
     """Largest tilt [rad] at which the robot gives torques, sent with the controller; beyond it the robot stops."""
 
-    on_host: Annotated[bool, Parameter(negative="")] = False
-    """Run the controller on this computer. The robot's safety layer checks its torques."""
-
     def read(self, link: LinkOptions) -> Controller | None:
         """Return the controller; None if the robot's own runs there."""
         described = link.described
@@ -112,9 +108,7 @@ class ControllerOnRobot:
                 raise InputError("--controller needs the robot that it is for: give --robot.")
             check_belongs(self.controller, described)
             return read_controller(self.controller, described)
-        if self.on_host and not (link.emulated and described):
-            raise InputError("--on-host needs the controller to run: give --controller and --robot.")
-        return nominal_controller(described) if self.on_host and described else None
+        return None
 
 
 @dataclass(frozen=True, kw_only=True)

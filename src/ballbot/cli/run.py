@@ -28,7 +28,6 @@ from ballbot.firmware.export import export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
 from ballbot.link.live import (
     Commander,
-    ControlFromHost,
     FollowReference,
     LiveRun,
     Sample,
@@ -114,9 +113,7 @@ def balance(
         if controller is not None:
             robot.use_parameters(export_controller(controller, lean=chosen.lean).parameters)
         check_balancing_parameters(robot.parameters)
-        commander: Commander = FollowReference(driven, sample_time=robot.sample_time)
-        if chosen.on_host and controller is not None:
-            commander = ControlFromHost(controller, driven)
+        commander = FollowReference(driven, sample_time=robot.sample_time)
         if out is None:
             made = _made(connection, commander, duration=duration, ramp=ramp)
             emit({"ended": made.ending.kind, "reason": made.ending.text})

@@ -15,16 +15,14 @@ from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, details, section
-from ballbot.report.palette import INK, SHADE
+from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import (
     LOOKS,
-    MARKS,
     REFERENCE,
     LineStyle,
     drawn_picture,
     label_of,
-    plain_log_ticks,
     thinned,
 )
 from ballbot.report.words import capital
@@ -152,39 +150,6 @@ def _interval(found: Estimate, shown: Callable[[float], str] = digits) -> str:
 #: of controllers in turn; of the first three as in the study's report
 _TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
 
-#: an interval that reaches zero has no end on a logarithmic scale: its bar is cut at this share of the mean
-_SHORTEST = 0.25
-#: what the overview shows
-_SHOWN_METRICS = ("peak_position_error", "high_frequency_torque")
-
-
-def overview_figure(league: League) -> Figure:
-    """Draw peak position error and rough torque of each controller on each course, with 95 % intervals."""
-    rows, count = len(league.courses), len(league.controllers)
-    height = 0.7 + rows * (0.16 + 0.1 * count) + 0.17 * -(-count // 2)
-    figure = Figure(figsize=(7.4, height), layout="constrained")
-    panels = figure.subplots(1, len(_SHOWN_METRICS), sharey=True, squeeze=False)[0]
-    for axes, key in zip(panels, _SHOWN_METRICS, strict=True):
-        metric = METRIC_BY_KEY[key]
-        for place in range(1, rows, 2):
-            axes.axhspan(place - 0.5, place + 0.5, color=SHADE, linewidth=0)
-        for index, name in enumerate(league.controllers):
-            found = [standing(league, course.name, name).means[key] for course in league.courses]
-            low, mean, high = metric.scale * np.array([(one.low, one.mean, one.high) for one in found]).T
-            places = np.arange(rows) + 0.7 * ((index + 0.5) / count - 0.5)
-            color = line_of(index)["color"]
-            axes.hlines(places, np.maximum(low, _SHORTEST * mean), high, color=color, linewidth=1.4)
-            mark = MARKS[index % len(MARKS)]
-            axes.plot(mean, places, mark, color=color, markersize=4, label=label_of(name))
-        axes.set_xscale("log")
-        plain_log_ticks(axes.xaxis)
-        axes.set_xlabel(unit_heading(metric.words, metric.unit))
-        axes.grid(visible=False, axis="y")
-    panels[0].set_yticks(range(rows), [label_of(course.name.replace("_", " ")) for course in league.courses])
-    panels[0].set_ylim(rows - 0.5, -0.5)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
-    return figure
-
 
 def course_figure(league: League, course: Course) -> Figure:
     """Draw each controller's path over the floor, of one run each, with the first seed."""
@@ -249,10 +214,6 @@ def league_report(league: League) -> Report:
         f"Each number over {first}'s on the same course with the same seed: geometric means over the courses, with "
         "95 % intervals over the seeds."
     )
-    overview = (
-        "Means over the seeds with their 95 % intervals, on logarithmic scales; a bar ends at a quarter of its mean "
-        "at the least. Of runs that fell there is no mark."
-    )
     undecided = [_open_sentence(name, league) for name in league.controllers[1:]]
     beyond = (
         "How the controllers compare on a real robot: these are simulated runs of the robot as described."
@@ -265,7 +226,6 @@ def league_report(league: League) -> Report:
             section(
                 "Over all courses",
                 Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption),
-                drawn_picture("overview", partial(overview_figure, league), overview),
             ),
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],

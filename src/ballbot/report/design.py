@@ -149,7 +149,6 @@ def gain_sheet(
 
 def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Report:
     """Return the page of a design by search."""
-    robust, nominal = (found.compared[name] for name in ("robust", "nominal"))
     headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
     rows = [
         (
@@ -165,19 +164,10 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
     )
     spread = {name: getattr(found.spread, name) for name in ("mass", "height", "friction")}
     ranges = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in spread.items())
-    ratio = nominal.worst_tenth / robust.worst_tenth
-    compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
-    text = (
-        f"On the worst tenth of {found.fresh} robots the cost is {robust.worst_tenth:.2f}, {compared} that of the "
-        f"nominal weights, {nominal.worst_tenth:.2f}."
-    )
     return Report(
         title=f"{found.controller.robot.name}: a robust controller",
         lead=f"Perturbed robots: {ranges}; --perturb changes a range.",
-        verdict=[
-            ("", text),
-            ("Falls", f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."),
-        ],
+        verdict=robust_verdict(found),
         sections=[
             section("Compared with other weights", Sheet(headings=headings, rows=rows, caption=caption)),
             section(
@@ -193,3 +183,16 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
         ],
         findings=findings,
     )
+
+
+def robust_verdict(found: RobustDesign) -> list[tuple[str, str]]:
+    """Return how the gain compares with the nominal one on robots that the search did not use."""
+    robust, nominal = (found.compared[name] for name in ("robust", "nominal"))
+    ratio = nominal.worst_tenth / robust.worst_tenth
+    compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
+    text = (
+        f"On the worst tenth of {found.fresh} robots the cost is {robust.worst_tenth:.2f}, {compared} that of the "
+        f"nominal weights, {nominal.worst_tenth:.2f}."
+    )
+    falls = f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."
+    return [("Cost", text), ("Falls", falls)]

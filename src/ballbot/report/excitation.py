@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.identification.quantities import BY_NAME
-from ballbot.report.blocks import Paragraph, Report, Sheet, details, section
+from ballbot.report.blocks import Report, Sheet, details, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits, unit_heading
@@ -96,7 +96,7 @@ def excitation_report(result: Excitation) -> Report:
         ),
         verdict=[("", _verdict(result))],
         sections=[
-            section("The run", _limits_table(result), _followed_series(result), Paragraph(text=_HOW_TO_RUN)),
+            section("The run", _limits_table(result), _followed_series(result)),
             details("Expected errors", _errors_table(result)),
         ],
         undecided=[
@@ -104,13 +104,6 @@ def excitation_report(result: Excitation) -> Report:
             "Whether the real robot stays within the limits: the simulation is not the robot. Have a hand near it.",
         ],
     )
-
-
-_HOW_TO_RUN = (
-    "Let the robot follow reference.csv of this folder: `ballbot run --reference reference.csv --controller "
-    "controller.toml`; any other controller that follows positions will do. Then give the log of the run to "
-    "`ballbot identify`."
-)
 
 
 def _followed_series(result: Excitation) -> TimeSeries:

@@ -27,7 +27,7 @@ from ballbot.report.blocks import (
 )
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
 from ballbot.report.design import gain_sheet
-from ballbot.report.identification import friction_sentence, log_blocks, parameter_blocks
+from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.style import drawn_picture, plain_log_ticks
@@ -180,17 +180,6 @@ def _reached(trial: Trial) -> str:
     return f"{peak} with {counted(trial.falls, 'fall')}" if trial.falls else peak
 
 
-def _doubt(study: Study) -> str:
-    """Return what is least certain of a friction without findings."""
-    correlation = np.nan_to_num(np.triu(study.found.correlation, 1))
-    first, second = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
-    labels = study.found.labels
-    return (
-        f"{labels[first]} and {labels[second]}: of all pairs the logs separate them least (correlation "
-        f"{correlation[first, second]:+.2f})."
-    )
-
-
 def too_few(robots: int) -> str:
     """Return that these are too few for an interval of 95 %."""
     return f"{counted(robots, 'robot')} {'is' if robots == 1 else 'are'} too few to show"
@@ -204,8 +193,6 @@ def interval_words(estimate: MedianEstimate) -> str:
 
 def study_report(study: Study) -> Report:
     """Return the page of a study."""
-    undecided = texts(study.found.findings) or [_doubt(study)]
-    held = sum(end - start for one in study.logs for start, end in one.held_out)
     return Report(
         title=f"{study.robot.name}: friction, model and controller",
         lead=f"{capital(logs_words({one.name: one.log for one in study.logs}))}.",
@@ -215,17 +202,10 @@ def study_report(study: Study) -> Report:
             details("Why this controller", Bullets(items=_reasons(study)), *_gain_blocks(study)),
             *_stiffness_sections(study.stiffness),
             details("What the next log should show", *_prediction_blocks(study)),
-            details("Friction found", *parameter_blocks(study.found, study.logs)),
+            details("Friction found", *parameter_blocks(study.found, [one.log for one in study.logs])),
             *_validation(study),
-            details(
-                "The logs",
-                Paragraph(
-                    text=f"Shaded: the {held:.0f} s that the friction was not fitted to, for validation."
-                ),
-                *log_blocks(study.logs),
-            ),
         ],
-        undecided=[*undecided, *undecided_by(study.validation), _PREDICTION],
+        undecided=[*texts(study.found.findings), *undecided_by(study.validation), _PREDICTION],
         findings=study.log_findings,
     )
 
@@ -308,37 +288,24 @@ def _step_sheet(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> Sheet
     rows = []
     for step, (before, after) in steps.items():
         ratio = before.ratio_to(after)
+        interval = f" ({digits(ratio.low)} – {digits(ratio.high)})" if ratio.runs >= MIN_RUNS else ""
         rows.append(
             (
                 *(step.adds, step.to, step.course.name if step.course else course),
                 *(millimetres(one.peak.median) for one in (before, after)),
-                f"{digits(ratio.median)} ({digits(ratio.low)} – {digits(ratio.high)})" if ratio.runs else "–",
+                f"{digits(ratio.median)}{interval}",
                 f"{digits(before.roughness.median)} and {digits(after.roughness.median)}",
                 f"{before.falls} and {after.falls} of {len(before.scores)}",
-                effect_of(before, after),
             )
         )
     headings = (
         *("added", "to", "course", "before [mm]", "after [mm]", "before / after", "roughness [N m]", "falls"),
-        "reading",
     )
     caption = (
         "Each row compares two controllers that differ in one thing; what it gains depends on what else the controller "
         "has. Medians over the simulated robots, and of the ratio of the peak errors with its 95 % interval."
     )
     return Sheet(headings=headings, rows=rows, caption=caption)
-
-
-def effect_of(before: Trial, after: Trial) -> str:
-    """Return what a change does on the same plants, by its falls and the 95 % interval of the ratio of peak errors."""
-    ratio = before.ratio_to(after)
-    if before.falls != after.falls:
-        return "needed: falls without" if before.falls > after.falls else "falls with it"
-    if ratio.runs < MIN_RUNS:
-        return "too few robots"
-    if ratio.low > 1.0:
-        return "lowers the error"
-    return "raises the error" if ratio.high < 1.0 else "no clear difference"
 
 
 def _replay(study: Study) -> Film | None:

@@ -23,7 +23,6 @@ from ballbot.report.validation_figures import (
     horizon_figure,
     symbols,
     wheels_figure,
-    whole_log_figure,
 )
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.results import to_results
@@ -252,17 +251,10 @@ def _closed_loop_blocks(validation: Validation) -> Iterator[Block]:
         f"measured state every {closed.restart_every:.2g} s."
     )
     yield error_sheet(validation, closed.restarted, caption)
-    for place, whole in enumerate(closed.whole, start=1):
+    for whole in closed.whole:
         yield Paragraph(text=whole_log_verdict(whole, validation.models))
-        caption = (
-            f"{RUNS} runs of each model over the {whole.duration:.3g} s of log {place}, with the noise of a measured "
-            "state drawn: RMS of the deviation from the reference, mean amplitude and period of its swings, over the "
-            "log's own. Dot: the median, bar: 95 % of the runs. A bar that contains one contains the log."
-        )
-        draw = partial(whole_log_figure, whole, validation.models.names)
-        yield drawn_picture(f"whole_log_{place}", draw, caption)
-        if place == 1:
-            yield _trajectories(whole.example, validation, "The first seconds without a restart.")
+    for whole in closed.whole[:1]:
+        yield _trajectories(whole.example, validation, "The first seconds without a restart.")
 
 
 def _residual_blocks(validation: Validation) -> Iterator[Block]:
@@ -285,7 +277,7 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with what they lack."""
     both = validation.models.names
     lower, upper = pair.ratio_interval()
-    verdicts_of, normalised = pair.verdicts(), pair.normalised_rmse
+    verdicts_of = pair.verdicts()
 
     def shown(errors: StateErrors, place: int) -> tuple[str, str]:
         """Return 1000 times the error, and the RMSE; no digits of what is only rounding."""
@@ -306,12 +298,12 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
             (
                 unit_heading(state_mark(name), STATE_UNITS[name]),
                 *(first, second, digits(pair.ratio[i]), interval, verdict),
-                *(rmse_first, rmse_second, digits(normalised[0, i], 2), digits(normalised[1, i], 2)),
+                *(rmse_first, rmse_second),
             )
         )
     return Sheet(
-        groups=(("", 1), ("1000 |x−x̂|/n", 2), ("ratio", 3), ("RMSE", 2), ("RMSE/std.", 2)),
-        headings=("state", *both, "", "95 %", "verdict", *both, *both),
+        groups=(("", 1), ("1000 |x−x̂|/n", 2), ("ratio", 3), ("RMSE", 2)),
+        headings=("state", *both, "", "95 %", "verdict", *both),
         rows=rows,
         caption=caption,
         shaded=frozenset(shaded),
