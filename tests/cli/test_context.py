@@ -8,6 +8,7 @@ from rich.console import Console
 
 from ballbot.cli import output
 from ballbot.cli.output import progress_bar
+from ballbot.cli.waiting import Waiting
 from ballbot.progress import Progress
 
 
@@ -47,3 +48,16 @@ def test_a_long_stage_gets_lines_in_the_middle_of_it(piped, capsys, monkeypatch)
             report(Progress(stage="descent", done=done, total=2))
             time.sleep(0.15 if done else 0.0)
     assert capsys.readouterr().err.splitlines() == ["ballbot: descent, 0 %", "ballbot: descent, 100 %"]
+
+
+@pytest.mark.parametrize("watched", [True, False])
+def test_terminal_shows_that_a_command_starts_until_it_prints(watched, capsys, monkeypatch):
+    for stream in ("stdout", "stderr"):
+        monkeypatch.setattr(f"sys.{stream}.isatty", lambda: watched)
+    monkeypatch.setattr("ballbot.cli.waiting._BETWEEN", 0.01)
+    waiting = Waiting("starting study")
+    time.sleep(0.1)
+    waiting.end()
+    written = capsys.readouterr().err
+    assert written.startswith("\rstarting study, 0 s") == watched
+    assert written.endswith("\r\x1b[K") == watched

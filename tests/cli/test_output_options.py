@@ -65,7 +65,7 @@ def test_help_prints_what_the_option_prints(
     ("line", "nearest"),
     [
         ("studdy alten", "'study'"),
-        ("check alten --figur a.svg", "--figure"),
+        ("check alten --referense circle", "--reference"),
         ("check altn", "'alten'"),
         ("validate alten log.csv --against thessis --out out", "'thesis'"),
         ("twin exprt", "'export'"),

@@ -75,7 +75,7 @@ class LinkOptions:
     """The true friction, sensors and play of an emulated robot: a scenario of the twin (name or file)."""
 
     seed: WholeNumber = 1
-    """Random seed of an emulated robot. The same seed gives the same run."""
+    """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
 
     @property
     def name(self) -> str:

@@ -219,7 +219,6 @@ def upside_down(
     *,
     link: LinkOptions = _LINK,
     duration: Seconds = 60.0,
-    torque_seed: WholeNumber = 1,
     out: OutFolder,
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
@@ -235,12 +234,10 @@ def upside_down(
     ----------
     duration
         Length of the run [s].
-    torque_seed
-        Random seed of the torques' phases.
     """
     with connected(port, link, hold="upside_down") as connection:
         then = f"identify-upside-down {link.name} --out found"
-        _bench(connection, stir(connection.robot, torque_seed), duration, out, then)
+        _bench(connection, stir(connection.robot, link.seed), duration, out, then)
 
 
 def _bench(
@@ -299,7 +296,6 @@ def compare(
     *,
     link: LinkOptions = _LINK,
     prediction: Path,
-    before: Path | None = None,
     rounds: WholeNumber = MIN_RUNS // 2,
     lean: float = 0.35,
     out: OutFolder,
@@ -318,8 +314,6 @@ def compare(
     ----------
     prediction
         The results.json of a study, with controller.toml, previous_controller.toml and robot.toml beside it.
-    before
-        The controller file to compare with; previous_controller.toml beside the results if not given.
     rounds
         Runs of each controller, two or more.
     lean
@@ -329,10 +323,7 @@ def compare(
         raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
     predicted = read_prediction(prediction)
     described = Robot.load(prediction.with_name("robot.toml"))
-    files = (
-        before or prediction.with_name("previous_controller.toml"),
-        prediction.with_name("controller.toml"),
-    )
+    files = [prediction.with_name(name) for name in ("previous_controller.toml", "controller.toml")]
     controllers = [read_controller(path, described) for path in files]
     check_controller(predicted, controllers[1])
     names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.log import Log
-from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, details, section
+from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, section
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import (
@@ -241,13 +242,14 @@ def _course_section(league: League, course: Course, place: int) -> Section:
     first, count = league.seeds[0], len(league.seeds)
     shown = f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
     floor = f"The path over the floor of one run of each controller, {shown}. Broad: the reference."
-    return details(
+    made = section(
         course.name.replace("_", " ").capitalize(),
         Paragraph(text=f"{course.about} A run lasts {course.duration:g} s."),
         Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
         drawn_picture(f"course-{place}", partial(course_figure, league, course), floor),
         course_series(league, course),
     )
+    return replace(made, folded=place > 0)
 
 
 def _open_sentence(name: str, league: League) -> str:

@@ -80,6 +80,9 @@ _POINTS_ON_PAGE = 552.0 / (7.4 * 72.0)
 #: most points of a line: more than a page's width in printed dots adds bytes and shows no more
 _MOST_POINTS = 900
 
+#: most points of a line in the table that a reader saves
+_MOST_SAVED = 400
+
 #: characters of a name in a figure
 _LONGEST_NAME = 40
 
@@ -171,7 +174,7 @@ def _data_rows(figure: Figure) -> list[str]:
                 continue
             label = str(line.get_label())
             words = str(count) if label.startswith("_") else _plain(label)
-            known = points[np.isfinite(points).all(axis=1)]
+            known = points[np.isfinite(points).all(axis=1)][:: 1 + len(points) // _MOST_SAVED]
             rows += [f"{panel},{words},{x:.5g},{y:.5g}" for x, y in known.tolist()]
     return rows
 
