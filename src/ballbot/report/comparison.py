@@ -215,7 +215,6 @@ def league_report(league: League) -> Report:
         f"Each number over {first}'s on the same course with the same seed: geometric means over the courses, with "
         "95 % intervals over the seeds."
     )
-    undecided = [_open_sentence(name, league) for name in league.controllers[1:]]
     beyond = (
         "How the controllers compare on a real robot: these are simulated runs of the robot as described."
     )
@@ -230,7 +229,7 @@ def league_report(league: League) -> Report:
             ),
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
-        undecided=[*(words for words in undecided if words), beyond],
+        undecided=[beyond],
     )
 
 
@@ -250,18 +249,6 @@ def _course_section(league: League, course: Course, place: int) -> Section:
         course_series(league, course),
     )
     return replace(made, folded=place > 0)
-
-
-def _open_sentence(name: str, league: League) -> str:
-    """Return in which of the ratios a controller may equal the first; empty if in none."""
-    open_ones = [
-        METRIC_BY_KEY[key].words
-        for key, one in overall(league, name).ratios.items()
-        if math.isnan(one.low) or one.low <= 1.0 <= one.high
-    ]
-    if not open_ones:
-        return ""
-    return f"Whether {name} differs from {league.controllers[0]} in {', '.join(open_ones)}: no interval leaves one out."
 
 
 def _verdict(league: League) -> str:

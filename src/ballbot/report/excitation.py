@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.identification.quantities import BY_NAME
 from ballbot.report.blocks import Report, Sheet, details, section
@@ -30,7 +29,7 @@ def _limits_table(result: Excitation) -> Sheet:
 
 
 def _errors_table(result: Excitation) -> Sheet:
-    """Return the standard errors expected, the worst of each run last."""
+    """Return the standard errors expected."""
     task = result.task
     quantities = {label: one for one in BY_NAME.values() for label in one.labels(task.robot.wheel_count)}
     columns = [task.in_units(errors).tolist() for errors in result.errors.values()]
@@ -41,7 +40,6 @@ def _errors_table(result: Excitation) -> Sheet:
         )
         for label, believed, *errors in zip(task.labels, task.believed.tolist(), *columns, strict=True)
     ]
-    rows.append(("worst, % of bounds", "", "", *map(_worst, result.errors.values())))
     headings = ("parameter", "unit", "assumed", *result.errors)
     caption = (
         "Standard errors expected of a square and of the design: the least that are possible with the noise assumed, "
@@ -74,15 +72,6 @@ def gain_sentence(gain: float) -> str:
             "square is more informative. Drive that."
         )
     return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
-
-
-def _worst(errors: NDArray[np.float64]) -> str:
-    """Return the worst of scaled errors, and how many parameters got none where some did."""
-    none = int(np.count_nonzero(~np.isfinite(errors)))
-    if none == len(errors):
-        return "none identified"
-    text = f"{100.0 * float(errors[np.isfinite(errors)].max()):.1f}"
-    return f"{text} ({none} not identified)" if none else text
 
 
 def excitation_report(result: Excitation) -> Report:

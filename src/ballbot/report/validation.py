@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import finding_results
-from ballbot.fitting.comparison import LEAST_RUNS, verdicts
+from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Section, Sheet, details, section
 from ballbot.report.series import Line, TimeSeries
@@ -178,26 +178,10 @@ def validation_report(validation: Validation, *, title: str, lead: str) -> Repor
 
 def undecided_by(validation: Validation) -> list[str]:
     """Return what the logs cannot show of the two models."""
-    first, second = validation.models.names
     if validation.no_evidence is not None:
         return [validation.no_evidence]
-    sentences = []
-    loop, closed = validation.open_loop, validation.closed_loop
-    for where, refused, errors in (
-        ("open loop", validation.no_open_loop, loop and loop.errors),
-        ("closed loop", validation.no_closed_loop, closed and closed.restarted),
-    ):
-        if errors is None:
-            sentences.append(f"Which model is better in {where}: {refused}")
-            continue
-        verdicts_of = zip(STATE_NAMES, errors.verdicts(), strict=True)
-        open_ones = ", ".join(state_mark(name) for name, verdict in verdicts_of if verdict == "undecided")
-        few = f" or there are fewer than {LEAST_RUNS} runs" if errors.runs < LEAST_RUNS else ""
-        if open_ones:
-            sentences.append(
-                f"Whether the model {first} predicts {open_ones} better than the one {second} in {where}: the interval "
-                f"of the ratio of errors contains one{few}."
-            )
+    refused = {"open loop": validation.no_open_loop, "closed loop": validation.no_closed_loop}
+    sentences = [f"Which model is better in {where}: {why}" for where, why in refused.items() if why]
     found = validation.residuals
     if found.no_wheels:
         sentences.append(f"Whether the wheels' residual torques depend on their speeds: {found.no_wheels}.")
