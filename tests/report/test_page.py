@@ -225,18 +225,22 @@ def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
         title="a title",
         lead="a lead",
         verdict=[("It", "works."), ("", "Indeed.")],
-        sections=[section("Numbers", figure, shown, Verbatim(text="K = 1")), section("None", figure)],
+        sections=[
+            section("Numbers", figure, shown, Bullets(items=["So."]), Verbatim(text="K = 1")),
+            section("None", figure),
+        ],
         undecided=["everything else"],
         made=MADE,
     )
     assert printed(report.parts()) == [
-        *("Numbers", "One.", "state with RMSE", "y 21.25", "K = 1"),
+        *("Numbers", "One.", "state with RMSE", "y 21.25", "- So.", "K = 1"),
         *("What the data cannot decide", "- everything else", "It: works.", "Indeed."),
     ]
     assert printed(report.parts(brief=True)) == [
         "One.",
         "state with RMSE",
         "y 21.25",
+        "- So.",
         "It: works.",
         "Indeed.",
     ]

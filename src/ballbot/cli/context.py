@@ -158,7 +158,7 @@ class CommandResult:
     ) -> None:
         """Write results.json, report.html and other files by their names, all of them or none; then print the page.
 
-        Of a result in a folder, a terminal shows the first table and the verdict; of another, everything.
+        Of a result in a folder, a terminal shows `Report.parts` in brief; of another, everything.
         """
         page, whole = replace(page, made=self.origin, next_step=next_step), dict(results)
         if findings is not None:

@@ -121,9 +121,9 @@ def balance(
             standard_output().print(made.ending.text, soft_wrap=True)
             suggest_page()
             return
-        file, then = chosen.controller, f"identify {link.name} --out found"
+        file, then = chosen.controller, f"identify {link.name} LOG --out identified"
         if file is not None and (study := file.with_name("results.json")).exists():
-            then = f"validate --prediction {study}"
+            then = f"validate --prediction {study} LOG"
         _record(connection, commander, duration=duration, ramp=ramp, out=out, then=then, controller=file)
 
 
@@ -208,7 +208,7 @@ def sweep(
         Its largest torque [N m].
     """
     with connected(port, link, hold="in_air") as connection:
-        then = f"identify-driveline {link.name} --out found"
+        then = f"identify-driveline {link.name} LOG --out driveline"
         _bench(connection, sweep_of(connection.robot, torque), duration, out, then)
 
 
@@ -236,7 +236,7 @@ def upside_down(
         Length of the run [s].
     """
     with connected(port, link, hold="upside_down") as connection:
-        then = f"identify-upside-down {link.name} --out found"
+        then = f"identify-upside-down {link.name} LOG --out identified"
         _bench(connection, stir(connection.robot, link.seed), duration, out, then)
 
 
@@ -386,7 +386,7 @@ def _record(
 ) -> None:
     """Make a run, and write its log and results into a folder; the log until then if the link is lost.
 
-    `then` is the command that takes the log next.
+    `then` is the command that takes the log, LOG, next.
     """
     recording, link = out / f"log{SUFFIX}", connection.link
     check_no_recording(recording)
@@ -415,7 +415,7 @@ def _record(
             ending=made.ending.text,
             about=connection.words,
         )
-        step = f"`ballbot {then} {result.path('log.csv')}`"
+        step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`"
         result.write(results, page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
         recording.unlink(missing_ok=True)
     _finish(connection, made)

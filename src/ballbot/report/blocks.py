@@ -164,11 +164,15 @@ class Report:
     def parts(self, *, brief: bool = False) -> Iterator[RenderableType]:
         """Yield what a terminal shows: tables, texts and lists of the page, and the doubts; then the verdict.
 
-        The last lines of a terminal are those that are read. A `brief` one shows the first table and the verdict.
+        The last lines of a terminal are those that are read. A `brief` one shows the verdict, and of the first section
+        its first table and its sentences.
         """
         if brief:
-            blocks = (block for one in self.sections[:1] for block in one.blocks)
+            blocks = [block for one in self.sections[:1] for block in one.blocks]
             yield from [block for block in blocks if isinstance(block, Sheet)][:1]
+            yield from (
+                Text(f"- {item}") for block in blocks if isinstance(block, Bullets) for item in block.items
+            )
         else:
             yield from self._whole()
         yield from verdict_lines(self.verdict)

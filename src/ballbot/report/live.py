@@ -196,8 +196,8 @@ def alternation_report(
         sections=[
             section(
                 "Compared",
-                Sheet(headings=("quantity", *runs), rows=performances, caption="Runs in turn."),
                 Sheet(headings=headings, rows=gains, caption="After over before, the drift removed."),
+                Sheet(headings=("quantity", *runs), rows=performances, caption="Runs in turn."),
                 Bullets(items=verdicts),
             ),
             section(
