@@ -169,9 +169,8 @@ class CommandResult:
             self.report(Progress(stage=WRITING))
             written = {RESULTS: text, **files}
             if paged:
-                from ballbot.report.page import (
-                    page_of,
-                )  # with templates and scripts, which a refusal does without
+                # with templates and scripts, which a refusal does without
+                from ballbot.report.page import page_of
 
                 written[PAGE] = page_of(page)
             with self.folder.replaced() as new:
