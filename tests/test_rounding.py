@@ -42,3 +42,11 @@ def test_nearly_nothing_beside_a_number_is_zero(value: float, beside: float, tex
 
 def test_a_quantity_without_a_unit_has_its_name_alone() -> None:
     assert [unit_heading("lean", unit) for unit in ("deg", "1", "")] == ["lean [deg]", "lean", "lean"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.33, "0.330"), (17.0, "17.0"), (0.0, "0"), (1234.5, "1230"), (-0.02, "-0.0200"), (float("nan"), "–")],
+)
+def test_digits_keep_what_was_asked_for(value: float, text: str) -> None:
+    assert digits(value) == text

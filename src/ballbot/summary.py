@@ -131,6 +131,11 @@ def plotted(value: object) -> Figure:
     return import_module("ballbot.report.style").plotted(draw, value)
 
 
+def report_summary(value: object) -> Summary:
+    """Return the summary of a value whose report has its sentences, as `plotted` returns its figure."""
+    return import_module("ballbot.report.plots").SUMMARIES[type(value).__name__](value)
+
+
 def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, digits: int = 3) -> str:
     """Return numbers with that many significant digits, and their unit: 0.014, 0.016, 0.013 N m."""
     numbers = ", ".join(f"{value + 0.0:.{digits}g}" for value in np.atleast_1d(values).tolist())

@@ -48,18 +48,6 @@ def test_an_error_ends_in_one_sentence_after_the_table(tmp_path, capsys):
     assert results["findings"][0]["code"] == "degrees"
 
 
-def test_a_column_without_any_value_is_still_valid_json(tmp_path):
-    log = smooth_log()
-    log.with_columns({"x": np.full(len(log), np.nan)}).write(tmp_path / "log.csv")
-    check_log(tmp_path / "log.csv", out=tmp_path)
-
-    def refuse(word: str) -> float:
-        raise AssertionError(f"{word} is not JSON")
-
-    results = json.loads((tmp_path / "results.json").read_text(), parse_constant=refuse)
-    assert [c["least"] for c in results["columns"] if c["name"] == "x"] == [None]
-
-
 @pytest.mark.parametrize(
     ("log", "mapping", "sentence"),
     [

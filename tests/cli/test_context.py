@@ -10,6 +10,7 @@ from ballbot.cli import output
 from ballbot.cli.context import changed_robot
 from ballbot.cli.main import main
 from ballbot.cli.output import progress_bar
+from ballbot.cli.waiting import Waiting
 from ballbot.errors import InputError
 from ballbot.progress import Progress
 
@@ -73,3 +74,16 @@ def test_what_is_no_change_of_a_robot_is_refused(change):
 def test_commands_that_take_a_robot_take_changes(name, capsys):
     assert main([name, "--help"]) == 0
     assert "--set" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("watched", [True, False])
+def test_terminal_shows_that_a_command_starts_until_it_prints(watched, capsys, monkeypatch):
+    for stream in ("stdout", "stderr"):
+        monkeypatch.setattr(f"sys.{stream}.isatty", lambda: watched)
+    monkeypatch.setattr("ballbot.cli.waiting._BETWEEN", 0.01)
+    waiting = Waiting("starting study")
+    time.sleep(0.1)
+    waiting.end()
+    written = capsys.readouterr().err
+    assert written.startswith("\rstarting study, 0 s") == watched
+    assert written.endswith("\r\x1b[K") == watched

@@ -57,23 +57,22 @@ def test_identify_writes_its_files_and_tables_and_exits_zero(tmp_path, log_file,
     assert results["standard_errors"]["C_rr"] is None
     robot = Robot.load(tmp_path / "out" / "robot.toml")
     assert list(robot.friction.coulomb) == results["parameters"]["c"]
-    shown = capsys.readouterr().out
-    assert "standard error" in shown
-    assert "held-out windows" in shown
+    shown = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("Verdict: Usable") for line in shown)
+    assert shown[-1].startswith("Next: `ballbot validate")
     page = (tmp_path / "out" / "report.html").read_text()
     assert "held at 0.00700" in page
     assert len(page) < LARGEST_PAGE
 
 
 @pytest.mark.slow
-def test_friction_that_does_not_help_to_predict_is_said_first_and_not_written(tmp_path, capsys):
+def test_friction_that_does_not_help_to_predict_is_not_written(tmp_path, capsys):
     path, out = tmp_path / "log.csv", tmp_path / "out"
     noisy(balancing_log(friction=Friction.none(3), duration=10.0), seed=6).write(path)
     command = ["identify", "alten", str(path), "--out", str(out), "--window", "0.1", "--law", "coulomb"]
     assert main(command) == 2
     shown = capsys.readouterr()
-    # after warnings of the log's checks, before any number
-    assert 0 <= shown.out.find("Not usable: ") < shown.out.find("standard error")
+    assert "Not usable: " in shown.out
     assert "No robot.toml was written." in shown.err
     assert not (out / "robot.toml").exists()
     results = json.loads((out / "results.json").read_text())
@@ -83,23 +82,15 @@ def test_friction_that_does_not_help_to_predict_is_said_first_and_not_written(tm
 
 
 @pytest.mark.sample
-def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, capsys):
+def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file):
     other = tmp_path / "other.csv"
     noisy(balancing_log(), seed=7).between(10.0, 13.0).write(other)
     bounds = tmp_path / "bounds.toml"
     # for time's sake parameters that are not tested are held: no profile is computed for them
     held = ("stribeck_speed = [0.6, 0.6]", "stribeck_exponent = [1.1, 1.1]", "rolling = [0.007, 0.007]")
     bounds.write_text("\n".join(["delay = [0.0, 0.0]", *held]))
-    options = [
-        "--estimate",
-        "friction, torque_gain",
-        "--law",
-        "best",
-        "--holdout",
-        str(other),
-        "--exclude-states",
-        "psi,psi_dot",
-    ]
+    options = ["--estimate", "friction, torque_gain", "--law", "best", "--holdout", str(other)]
+    options += ["--exclude-states", "psi,psi_dot"]
     words = ["identify", "alten", str(log_file), "--out", str(tmp_path / "out"), "--bounds", str(bounds)]
     assert main([*words, *options, "--window", "0.05"]) == 0
     results = json.loads((tmp_path / "out" / "results.json").read_text())
@@ -108,9 +99,7 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
     assert results["parameters"]["delay"] == 0.0
     assert results["excluded_states"] == ["psi", "psi_dot"]
     assert results["judged_on"]["other"]["with_over_without"]["phi"] < 1.0
-    shown = capsys.readouterr().out
-    assert "Friction laws on held-out windows" in shown
-    assert "other" in shown
+    assert "Friction laws on held-out windows" in (tmp_path / "out" / "report.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -55,10 +55,10 @@ def test_log_has_its_provenance_and_every_column(circle):
     assert not (circle / "log.recording.csv").exists()
 
 
-def test_controller_on_the_host_and_ramp(tmp_path, capsys):
+def test_torque_limit_rises_with_the_ramp(tmp_path, capsys):
     robot = Robot.load("alten")
     write_controller(nominal_controller(robot, compensation="none"), tmp_path / "controller.toml")
-    words = f"--robot alten --controller {tmp_path / 'controller.toml'} --on-host --ramp 0.3 --duration 0.6"
+    words = f"--robot alten --controller {tmp_path / 'controller.toml'} --ramp 0.3 --duration 0.6"
     assert run(words, tmp_path / "run") == 0
     assert "ballbot: 0.0 s" in capsys.readouterr().err  # the monitor, in lines
     log = Log.read(tmp_path / "run" / "log.csv")
@@ -90,7 +90,7 @@ def test_wiring_passes_and_writes_what_it_measured(tmp_path):
     found = results(tmp_path / "wiring")
     assert found["passed"] is True
     assert len(found["turns"]) == 3
-    assert "the self-test passed" in (tmp_path / "wiring" / "report.html").read_text(encoding="utf-8")
+    assert "The wiring is right." in (tmp_path / "wiring" / "report.html").read_text(encoding="utf-8")
 
 
 def test_controller_is_sent(tmp_path, capsys):
@@ -113,7 +113,6 @@ def test_controller_is_sent(tmp_path, capsys):
         ("run /dev/ttyACM9 --plant twin", "--plant is of an emulated robot"),
         ("run --emulated --reference sqare", "There is no reference 'sqare'"),
         ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
-        ("run /dev/ttyACM9 --on-host", "--on-host needs the controller"),
         ("run --emulated --ramp -1", "torque ramp"),
         ("run sweep --emulated --torque 99 --out out", "torque limit"),
         ("run compare --emulated --prediction none.json --out out", "none.json"),

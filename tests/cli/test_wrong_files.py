@@ -53,12 +53,6 @@ def test_file_that_is_not_a_log_is_refused(tmp_path, capsys, command, content, w
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
 
 
-def test_log_without_columns_needed_by_study_is_refused(tmp_path, capsys):
-    path = tmp_path / "log.csv"
-    path.write_text(GOOD_LOG)
-    assert "phi" in sentence_of(capsys, "study", "alten", str(path), "--out", str(tmp_path / "out"))
-
-
 @pytest.mark.parametrize("content", ["", "[columns", 'columns = "u1"\n', "[colums]\nt = 'time'\n"])
 def test_file_that_is_not_a_mapping_is_refused(tmp_path, capsys, content):
     log, mapping = tmp_path / "log.csv", tmp_path / "mapping.toml"
@@ -76,15 +70,6 @@ def test_file_that_is_not_a_controller_is_refused(tmp_path, capsys, content):
         printed = sentence_of(capsys, *command, "--controller", str(path), *out)
         assert "controller.toml" in printed
     assert "controller.toml" in sentence_of(capsys, "compare", "alten", str(path), *out)
-
-
-def test_output_folder_that_is_a_file_is_refused(tmp_path, capsys):
-    path = tmp_path / "out"
-    path.write_text("in the way")
-    log = tmp_path / "log.csv"
-    log.write_text(GOOD_LOG)
-    for command in (["simulate", "alten"], ["check-log", str(log)], ["record", "ideal"]):
-        assert "out" in sentence_of(capsys, *command, "--out", str(path))
 
 
 @pytest.mark.parametrize(

@@ -8,19 +8,32 @@ import io
 import json
 import re
 from html.parser import HTMLParser
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
 from ballbot.findings import Finding, Place
-from ballbot.report.blocks import Bullets, Cell, Paragraph, Picture, Report, Sheet, Verbatim, section
+from ballbot.report.blocks import (
+    Bullets,
+    Cell,
+    Paragraph,
+    Picture,
+    Report,
+    Sheet,
+    Verbatim,
+    details,
+    section,
+)
 from ballbot.report.console import PlainConsole
 from ballbot.report.page import page_of
 from ballbot.report.palette import BLUE, INK, themed
 from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries, together, true_spans
+from ballbot.report.style import drawn_picture
 from ballbot.report.words import signed_with_error
 from tests.support.packing import unpacked
 from tests.support.report_pages import LARGEST_PAGE, shown_text
@@ -212,15 +225,59 @@ def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
         title="a title",
         lead="a lead",
         verdict=[("It", "works."), ("", "Indeed.")],
-        sections=[section("Numbers", figure, shown, Verbatim(text="K = 1")), section("None", figure)],
+        sections=[
+            section("Numbers", figure, shown, Bullets(items=["So."]), Verbatim(text="K = 1")),
+            section("None", figure),
+        ],
         undecided=["everything else"],
         made=MADE,
     )
+    assert printed(report.parts()) == [
+        *("Numbers", "One.", "state with RMSE", "y 21.25", "- So.", "K = 1"),
+        *("What the data cannot decide", "- everything else", "It: works.", "Indeed."),
+    ]
+    assert printed(report.parts(brief=True)) == [
+        "One.",
+        "state with RMSE",
+        "y 21.25",
+        "- So.",
+        "It: works.",
+        "Indeed.",
+    ]
+
+
+def printed(parts) -> list[str]:
+    """Return the lines that a terminal shows, without their spaces."""
     out = io.StringIO()
-    for part in report.parts():
+    for part in parts:
         PlainConsole(file=out, width=60).print(part)
-    lines = [line.strip() for line in out.getvalue().splitlines() if line.strip()]
-    assert lines[:4] == ["It: works.", "Indeed.", "Numbers", "One."]
-    assert lines[4].split() == ["state", "with", "RMSE"]
-    assert lines[5].split() == ["y", "21.25"]
-    assert lines[6:] == ["K = 1", "What the data cannot decide", "- everything else"]
+    return [" ".join(line.split()) for line in out.getvalue().splitlines() if line.strip()]
+
+
+def test_a_page_folds_details_states_the_next_step_and_has_the_data_of_figures():
+    figure = drawn_picture("one", _line, "a figure")
+    report = Report(
+        title="a title",
+        lead="a lead",
+        verdict=[("It", "works.")],
+        sections=[section("First", figure), details("Second", Paragraph(text="folded"))],
+        undecided=[],
+        next_step="`ballbot check`",
+        made=MADE,
+    )
+    text = page_of(report)
+    assert "<dt>Next</dt><dd><code>ballbot check</code></dd>" in text
+    assert re.search(r"<details><summary><h2>Second</h2></summary>.*folded", text, re.DOTALL)
+    assert unquote(re.search(r'href="data:text/csv,([^"]+)"', text)[1]).splitlines() == [
+        "panel,line,x,y",
+        "1,a line,0,1",
+        "1,a line,2,3",
+    ]
+
+
+def _line() -> Figure:
+    made = Figure()
+    axes = made.subplots()
+    axes.plot([0.0, 2.0], [1.0, 3.0], label="a line")
+    axes.axhline(0.0)
+    return made

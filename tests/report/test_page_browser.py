@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from ballbot.report.blocks import Cell, Paragraph, Report, Sheet, Verbatim, section
+from ballbot.report.blocks import Cell, Paragraph, Report, Sheet, Verbatim, details, section
 from ballbot.report.page import page_of
 from ballbot.report.provenance import Provenance, SourceFile
 from ballbot.report.series import Line, Panel, TimeSeries
@@ -89,7 +89,10 @@ def path(tmp_path_factory):
                     shade="held out",
                     level="limit",
                 ),
-            )
+            ),
+            details(
+                "Folded", TimeSeries(t=t, panels=[Panel(label="x [m]", lines=lines[:1])], caption="More.")
+            ),
         ],
         undecided=["Much."],
         made=made,
@@ -117,7 +120,7 @@ def test_nothing_is_wider_than_a_phone_and_plots_can_be_read(browser, path, dark
     with new_tab(browser) as tab:
         tab.screen(390, 844, dark=dark, phone=True)
         tab.open(path)
-        tab.wait("document.querySelectorAll('.uplot').length === 2")
+        tab.wait("document.querySelectorAll('.uplot').length === 3")
         assert tab.run("document.documentElement.scrollWidth") == 390
         assert tab.run(TOO_WIDE) == []
         ground = tab.run("getComputedStyle(document.body).backgroundColor")
@@ -130,14 +133,14 @@ def test_plots_zoom_together_and_show_values(browser, path):
     with new_tab(browser) as tab:
         tab.screen(1280, 900)
         tab.open(path)
-        tab.wait("document.querySelectorAll('.uplot').length === 2")
+        tab.wait("document.querySelectorAll('.uplot').length === 3")
         tab.run("document.querySelector('.u-over').scrollIntoView({block: 'center'})")
         x, y, width, height = tab.run(
             "(() => { const b = document.querySelector('.u-over').getBoundingClientRect(); "
             "return [b.x, b.y, b.width, b.height]; })()"
         )
         tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + width / 2, y=y + height / 2)
-        reading = "[...document.querySelectorAll('.reading')].map((one) => one.innerText)"
+        reading = "[...document.querySelectorAll('.reading')].slice(0, 2).map((one) => one.innerText)"
         tab.wait(f"({reading}).every((one) => one.includes('s'))")
         first, second = tab.run(reading)
         # the middle of 20 s; a dot of the screen is a fiftieth of a second
@@ -158,3 +161,19 @@ def test_plots_zoom_together_and_show_values(browser, path):
         keep(tab, "report-wide")
         assert [one for one in tab.requests() if not one.startswith(("file:", "data:"))] == []
         assert tab.complaints() == []
+
+
+def test_heading_sorts_its_table_and_a_folded_plot_is_as_wide_as_the_page(browser, path):
+    with new_tab(browser) as tab:
+        tab.screen(420, 900, phone=True)
+        tab.open(path)
+        tab.wait("document.querySelectorAll('.uplot').length === 3")
+        table = "document.querySelectorAll('table')[2]"
+        column = f"[...{table}.tBodies[0].rows].map((row) => row.cells[1].textContent.trim())"
+        assert tab.run(column) == ["1.5", "2.5"]
+        for expected in (["1.5", "2.5"], ["2.5", "1.5"]):
+            tab.run(f"{table}.querySelectorAll('th')[1].click()")
+            assert tab.run(column) == expected
+        tab.run("document.querySelector('details').open = true")
+        tab.wait("[...document.querySelectorAll('.uplot')].every((one) => one.clientWidth > 300)")
+        assert tab.run("document.documentElement.scrollWidth") == 420

@@ -2,16 +2,14 @@
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.patches import Circle
 
-from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot
 from ballbot.robot.drawing import body_shape, wheel_shapes
-from ballbot.robot.figure import robot_figure, save_robot_figure
+from ballbot.robot.figure import robot_figure
 
 ALTEN = Robot.load("alten")
 
@@ -59,15 +57,3 @@ def test_figure_is_to_scale_in_both_views() -> None:
         assert box.width == pytest.approx(box.height, rel=1e-6)
         widths.append(box.width)
     assert widths[0] == pytest.approx(widths[1], rel=1e-6)
-
-
-@pytest.mark.parametrize(("ending", "begins"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")])
-def test_figures_are_saved(ending: str, begins: bytes, tmp_path: Path) -> None:
-    path = tmp_path / f"robot.{ending}"
-    save_robot_figure(four_wheeled(), path)
-    assert path.read_bytes().startswith(begins)
-
-
-def test_unknown_figure_suffix_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"use \.svg, \.pdf or \.png"):
-        save_robot_figure(ALTEN, tmp_path / "robot.bmp")

@@ -14,7 +14,6 @@ from scipy import stats
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.log import Log
-from ballbot.report.study import effect_of
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import ComparedRun, median_with_interval, run_comparison
 from ballbot.workflows.controller_choice import (
@@ -151,26 +150,6 @@ def test_each_step_changes_what_it_names_and_leaves_the_rest(step):
         "full compensation": (before.compensation, after.compensation) == ("none", "full"),
     }
     assert {name for name, has in changed.items() if has} == {name for name in changed if name in step.adds}
-
-
-def effect(ratio: float, low: float, high: float, draws: int) -> str:
-    """Return what a step does that makes a peak error so many times smaller, on so many robots."""
-    ratios = np.interp(np.linspace(0.0, 1.0, draws), [0.0, 0.5, 1.0], [low, ratio, high])
-    return effect_of(trial(*(run(0.01 * one) for one in ratios)), trial(*(run(0.01) for _ in ratios)))
-
-
-def test_four_robots_are_too_few_and_twenty_are_not():
-    assert effect(3.75, 3.0, 4.59, 4) == "too few robots"
-    assert effect(3.75, 3.0, 4.59, 20) == "lowers the error"
-    assert effect(1.0, 0.8, 1.3, 20) == "no clear difference"
-    assert effect(0.75, 0.65, 0.85, 20) == "raises the error"
-
-
-def test_falls_that_a_step_prevents_are_counted_before_any_ratio():
-    standing, falling = around(0.02, 0.05), around(0.666, 0.7)
-    fallen = replace(falling, scores=(*falling.scores[:-3], *(run(0.9, ended="fallen") for _ in range(3))))
-    assert effect_of(fallen, standing) == "needed: falls without"
-    assert effect_of(standing, fallen) == "falls with it"
 
 
 @given(st.floats(0.002, 0.02))

@@ -194,7 +194,6 @@ def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
     peaks = results["on_loop"]["designed"]["peaks"], results["peaks_on_model"]["designed"]
     assert peaks[0]["torque"] > 0.5 * peaks[1]["torque"]
     told = capsys.readouterr().out
-    assert "worst, % of bounds" in told
     assert "The loop with sensors stayed within all limits." in told
     out = tmp_path / "out"
     follow = ["--reference", str(out / "reference.csv"), "--controller", str(out / "controller.toml")]

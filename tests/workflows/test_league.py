@@ -114,11 +114,11 @@ def test_differences_are_seed_by_seed(league):
 
 def test_page_names_falls_and_the_better_controller(league):
     page = page_of(league_report(league))
-    assert figure_count(page) == 5  # the overview, and path and error of each course
+    assert figure_count(page) == 4  # path and error of each course
     assert len(page) < LARGEST_PAGE
-    assert "4 of 4 runs ended in a fall." in page
+    assert re.search(r"Falls in 4 runs each: \w+ in 4\.", page)
     assert "2 courses on the compiled loop, 2 seeds, the same for all." in page
-    assert re.search(r"Peak position error 0\.\d+ times that of none", page)
+    assert re.search(r"is the most accurate: peak error 0\.\d+ \(.*\) times none", page)
     assert "A step of 0.2 m. A run lasts 4 s." in page
     assert page.count("one run of each controller, seed 4, the first of 2.") == 2
 

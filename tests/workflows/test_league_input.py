@@ -1,7 +1,6 @@
 """What enters the league: courses, controllers of one's own, and the refusals of wrong ones."""
 
 import re
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from ballbot.robot import Robot
 from ballbot.twin import Twin
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.comparison import LoopRobot
-from ballbot.workflows.courses import ModelMismatch, choose_courses
+from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import run_league
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
@@ -72,15 +71,6 @@ def test_mismatch_changes_the_true_robot_on_either_plant(tmp_path):
     assert isinstance(twin, Twin)
     assert twin.robot.body == true.body
     assert twin.scenario.friction.rolling == pytest.approx(0.5 * 0.007)
-
-
-def test_the_robots_of_the_set_mismatch_are_all_corners():
-    courses = choose_courses("mismatch", alten(), "model")
-    corners = {(one.mismatch.mass, one.mismatch.height, one.mismatch.friction) for one in courses}
-    assert corners == set(product((0.8, 1.2), repeat=3))
-    assert choose_courses("light_low_smooth", alten(), "model")[0].mismatch == ModelMismatch(
-        mass=0.8, height=0.8, friction=0.8
-    )
 
 
 @pytest.mark.parametrize(

@@ -81,15 +81,6 @@ def test_a_file_that_is_changed_while_it_runs_is_noticed(tmp_path):
         copy.deepcopy(one)
 
 
-def test_two_controllers_do_not_share_a_name_for_two_modules(tmp_path):
-    for folder in ("a", "b"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "helper.py").write_text(f"name = {folder!r}")
-    controller(tmp_path / "a", "import helper")
-    with pytest.raises(InputError, match=r"helper beside .*b/mine\.py has the name of .*a/helper\.py"):
-        controller(tmp_path / "b", "import helper")
-
-
 COURSE = '[league.stand]\nabout = "Stand."\nreference = "hold"\nduration = 0.5\nsettle = 0.2\n'
 
 

@@ -3,6 +3,8 @@
 from contextvars import ContextVar
 from dataclasses import dataclass
 
+from ballbot.cli.waiting import Waiting
+
 
 @dataclass(kw_only=True)
 class Output:
@@ -11,6 +13,12 @@ class Output:
     json: bool = False  #: results as JSON on standard output, and nothing else there
     quiet: bool = False  #: no results and no progress
     results: str = ""  #: JSON text, for standard output
+    waiting: Waiting | None = None  #: the line until the command prints something
+
+    def begin(self) -> None:
+        """Make room for what the command prints."""
+        if self.waiting is not None:
+            self.waiting.end()
 
 
 #: the words of the command line that runs, after `ballbot`; set by `ballbot.cli.main`

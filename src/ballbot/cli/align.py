@@ -52,4 +52,5 @@ def align(
             log_findings=findings,
         )
         results = alignment_results(alignment, log_findings=findings)
-        result.write(results, page, files={"aligned.csv": alignment.log.write})
+        step = f"`ballbot identify-geometry ROBOT --balancing {log} --motion-capture {mocap} --out geometry`"
+        result.write(results, page, files={"aligned.csv": alignment.log.write}, next_step=step)

@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
-from rich.text import Text
 
 from ballbot.cli.context import RESULTS, RobotName, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
-from ballbot.files import check_file
 from ballbot.findings import check_codes
 from ballbot.report.console import finding_line
 from ballbot.robot import Robot
@@ -52,7 +50,6 @@ def check(
     robot: RobotName,
     /,
     *,
-    figure: Path | None = None,
     reference: str | None = None,
     controller: str = "nominal",
     swinging: SwingOptions = _SWING,
@@ -65,7 +62,7 @@ def check(
     model about upright, and the stability margins with a controller. Standard deviations in the file are propagated to
     the unstable pole.
 
-    Example: `ballbot check alten --figure alten.svg`
+    Example: `ballbot check alten`
 
     Example: `ballbot check mine.toml --reference circle --controller controller.toml`
 
@@ -73,8 +70,6 @@ def check(
 
     Parameters
     ----------
-    figure : Path
-        File to save a drawing to scale to: .svg, .pdf or .png.
     reference : str
         A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it and
         how much of each limit that takes.
@@ -86,11 +81,8 @@ def check(
     """
     hung = Robot.load(robot)
     of_robot = stop_or_show(robot_findings(hung), accept=accept, show=False)
-    if figure is not None:
-        check_file(figure)
     # compiled code, once the robot has passed its checks
     from ballbot.report.robot_check import robot_check_report
-    from ballbot.robot.figure import save_robot_figure
     from ballbot.twin.recording import twin_findings
     from ballbot.workflows.robot_check import check_robot, follow_reference
 
@@ -106,10 +98,9 @@ def check(
         )
         page = robot_check_report(checked)
         found = [finding_line(one, accepted=True) for one in checked.findings]
-        if figure is not None:
-            save_robot_figure(checked.robot, figure)
-            found.append(Text(f"Wrote {figure}."))
-        result.write(checked.results(), page, printed=[page.title, *found, *page.parts()], named=[RESULTS])
+        printed = [page.title, *page.parts(), *found]
+        step = f"`ballbot check-log LOG --robot {robot}`"
+        result.write(checked.results(), page, printed=printed, named=[RESULTS], next_step=step)
 
 
 def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:

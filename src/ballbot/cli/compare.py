@@ -97,4 +97,5 @@ def compare(
             run=Run(progress=result.report),
         )
         page = league_report(league)
-        result.write(league_results(league), page)
+        step = f"`ballbot limits {robot} CONTROLLER --out limits` of the one that you choose."
+        result.write(league_results(league), page, next_step=step)

@@ -173,19 +173,9 @@ class CommandResult:
     console: Console
     report: ProgressCallback
 
-    @contextmanager
-    def replaced(self) -> Iterator[Path]:
-        """Give a folder to write the new files into; see `ballbot.result_folder.ResultFolder.replaced`.
-
-        The results.json among them is what --json prints.
-        """
-        assert self.folder is not None
-        self.report(Progress(stage=WRITING))
-        with self.folder.replaced() as new:
-            yield new
-        written = self.folder.path / RESULTS
-        if OUTPUT.get().json and written.exists():
-            OUTPUT.get().results = written.read_text(encoding="utf-8")
+    def path(self, name: str) -> str:
+        """Return where a file of the result is; its name alone without a folder."""
+        return str(self.folder.path / name) if self.folder else name
 
     def write(
         self,
@@ -196,37 +186,44 @@ class CommandResult:
         files: Mapping[str, Content] = MappingProxyType({}),
         printed: Iterable[RenderableType] | None = None,  # what a terminal shows, if not the page's parts
         named: Sequence[str] = (),  # files whose places are printed before the page's
+        next_step: str = "",  # what to do next, with its commands
+        paged: bool = True,  # whether the page is written
     ) -> None:
-        """Write results.json, report.html and other files by their names, all of them or none; then print the page."""
-        whole = dict(results)
+        """Write results.json, report.html and other files by their names, all of them or none; then print the page.
+
+        Of a result in a folder, a terminal shows `Report.parts` in brief; of another, everything.
+        """
+        page, whole = replace(page, made=self.origin, next_step=next_step), dict(results)
         if findings is not None:
             whole["findings"] = finding_results(findings)
         whole.setdefault("provenance", self.origin)
         text = results_text(whole)
-        if self.folder is None:
-            OUTPUT.get().results = text
-        else:
-            self._write_files(text, page, files)
-        self.show(page.parts() if printed is None else printed, *named, PAGE)
+        if self.folder is not None:
+            self.report(Progress(stage=WRITING))
+            written = {RESULTS: text, **files}
+            if paged:
+                # with templates and scripts, which a refusal does without
+                from ballbot.report.page import page_of
 
-    def _write_files(self, results: str, page: Report, files: Mapping[str, Content]) -> None:
-        from ballbot.report.page import page_of  # with templates and scripts, which a refusal does without
-
-        with self.replaced() as new:
-            own = {RESULTS: results, PAGE: page_of(replace(page, made=self.origin))}
-            for name, content in (own | dict(files)).items():
-                path = new / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                if callable(content):
-                    content(path)
-                else:
-                    write_bytes(path, content) if isinstance(content, bytes) else write_text(path, content)
-
-    def show(self, parts: Iterable[RenderableType], *names: str) -> None:
-        """Print tables and lines, and then where files of the result are."""
+                written[PAGE] = page_of(page)
+            with self.folder.replaced() as new:
+                for name, content in written.items():
+                    _write(new / name, content)
+        OUTPUT.get().results = text
+        parts = page.parts(brief=self.folder is not None) if printed is None else printed
         print_parts(parts, self.console)
         if self.folder is not None:
-            print_parts([str(self.folder.path / name) for name in names], self.console)
+            print_parts(map(self.path, (*named, PAGE if paged else RESULTS)), self.console)
+        if next_step:
+            print_parts([f"Next: {next_step}"], self.console)
+
+
+def _write(path: Path, content: Content) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if callable(content):
+        content(path)
+    else:
+        write_bytes(path, content) if isinstance(content, bytes) else write_text(path, content)
 
 
 @contextmanager

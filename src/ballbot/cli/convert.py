@@ -40,4 +40,5 @@ def convert(
     check_new_file(out, force=force)
     read = Log.read(log, mapping=mapping)
     read.write(out)
-    show_written(out, results={"rows": len(read), "columns": read.names})
+    results = {"rows": len(read), "columns": read.names}
+    show_written(out, results=results, next_step=f"`ballbot check-log {out}`")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.output import emit, open_page, progress_bar, show_written, standard_output
+from ballbot.cli.output import emit, open_page, print_parts, progress_bar, show_written, standard_output
 from ballbot.files import check_folder, write_text
 from ballbot.log import Log
 from ballbot.progress import Progress
@@ -19,13 +19,10 @@ from ballbot.workflows.metrics import SETTLE, position_error, settled
 _PAGE, _RESULT, _REPORT = "demo.html", "demo_result.js", "report.html"
 _HEADING = "Meanwhile: the friction in the first run's log"
 _DOING = "identifying the friction"
-_LIVE_COMMAND = "ballbot view alten --controller none --controller precise"
-_NEXT = """
-Next:
-  ballbot new mine --from alten             a robot file to fill in for your robot
-  ballbot check-log LOG --robot mine.toml   whether your log can be used, and for what
-  ballbot study mine.toml LOG --out found   friction, validation and a controller from your log
-"""
+_NEXT = (
+    "Next: push the robot yourself, `ballbot view alten --controller none --controller precise` (needs: pip install "
+    "'ballbot[view]'), or describe your own: `ballbot new mine --from alten`"
+)
 
 
 def demo(
@@ -83,14 +80,7 @@ def demo(
     finally:
         write_text(folder / _RESULT, result_text(shown))
     emit({"files": [folder / _PAGE, folder / _REPORT], "friction": found.robot.friction})
-    console.print(str(folder / _REPORT), markup=False, soft_wrap=True)
-    console.print(_NEXT, markup=False, highlight=False, soft_wrap=True)
-    console.print(
-        f"Push the robot yourself: {_LIVE_COMMAND}   (needs: pip install 'ballbot[view]')",
-        markup=False,
-        highlight=False,
-        soft_wrap=True,
-    )
+    print_parts([str(folder / _REPORT), _NEXT], console)
 
 
 def _lead(runs: dict[str, Log]) -> str:

@@ -9,7 +9,15 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
-from ballbot.cli.context import Changes, OutFolder, Seed, WholeNumber, changed_robot, open_result
+from ballbot.cli.context import (
+    Changes,
+    CommandResult,
+    OutFolder,
+    Seed,
+    WholeNumber,
+    changed_robot,
+    open_result,
+)
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
@@ -158,7 +166,7 @@ def design(
         found = design_controller(described, gain=gain, parts=parts)
         page = controller_design_report(found, findings)
         files = {"controller.toml": controller_text(found.controller)}
-        result.write(found.results(), page, files=files, named=_WRITTEN)
+        result.write(found.results(), page, files=files, named=_WRITTEN, next_step=_next(robot, result))
     warn_of_idle_compensation({"controller.toml": found.controller})
 
 
@@ -204,4 +212,9 @@ def _search(
         }
         page = robust_design_report(found, findings)
         text = search_comment(found, result.origin.command) + controller_text(found.controller)
-        result.write(results, page, files={"controller.toml": text}, named=_WRITTEN)
+        files = {"controller.toml": text}
+        result.write(results, page, files=files, named=_WRITTEN, next_step=_next(inputs[0], result))
+
+
+def _next(robot: str, result: CommandResult) -> str:
+    return f"`ballbot compare {robot} none {result.path('controller.toml')} --out compared`"

@@ -112,4 +112,8 @@ def excite(
             "reference.csv": partial(write_reference, found.design.sines.times, found.design.sines.poses()),
             "controller.toml": controller_text(chosen),
         }
-        result.write(found.results(), page, files=files, named=["reference.csv"])
+        step = (
+            f"`ballbot run PORT --reference {result.path('reference.csv')} --controller "
+            f"{result.path('controller.toml')} --robot {robot} --out run`, then `ballbot identify {robot} run/log.csv`"
+        )
+        result.write(found.results(), page, files=files, named=["reference.csv"], next_step=step)

@@ -77,5 +77,6 @@ def export(
             "processor": None if load is None else load.to_dict(),
         }
         page = export_report(exported, read, load, to_install=to_install, findings=findings)
-        result.write(results, page, files=exported.files, named=["README.md"])
+        step = f"build it as {result.path('README.md')} says; on the robot, `ballbot run wiring PORT --robot {robot}`"
+        result.write(results, page, files=exported.files, named=["README.md"], next_step=step)
     warn_of_idle_compensation({controller.name: read})

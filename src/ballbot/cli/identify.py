@@ -113,7 +113,7 @@ def identify(
     parameters.
 
     Writes report.html, robot.toml (the robot with the identified values) and results.json.
-    The first sentence says whether the result is usable. If not, there is no robot.toml and the exit code is 2.
+    The verdict says whether the result is usable. If not, there is no robot.toml and the exit code is 2.
 
     Example: ballbot identify alten square.csv hold.csv --out found
 
@@ -170,7 +170,8 @@ def identify(
             holdouts=holdouts,
         )
         files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
-        result.write(results, page, files=files, named=[*files])
+        step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
+        result.write(results, page, files=files, named=[*files], next_step=step if files else "")
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
 

@@ -88,7 +88,10 @@ def limits(
             },
         }
         page = limits_report(described, models, twins, grip=grip, scenario=truth.name)
-        result.write(results, page)
+        step = (
+            "`ballbot export CONTROLLER --robot ROBOT --lean RADIANS --out firmware`, below the tilt found."
+        )
+        result.write(results, page, next_step=step)
 
 
 def _law(name: str, controller: object) -> Controller:

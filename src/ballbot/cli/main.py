@@ -13,6 +13,7 @@ from cyclopts import CycloptsError
 
 from ballbot.cli import ARGV, OUTPUT, Output
 from ballbot.cli.app import COMMANDS, OUTPUT_OPTIONS, START, build_app
+from ballbot.cli.waiting import Waiting
 from ballbot.errors import InputError, missing_package
 from ballbot.printable import printable_line
 
@@ -80,12 +81,14 @@ def _run(tokens: list[str]) -> int:
         return 0
     if named[0] == "help":
         tokens = named = [*named[1:], "--help"]
-    app = build_app(named)
-    output = Output()
+    quiet = len(named) < len(tokens)
+    output = Output(waiting=None if quiet else Waiting(f"starting {named[0]}"))
     running, printing = ARGV.set(tuple(tokens)), OUTPUT.set(output)
     try:
+        app = build_app(named)
         app.meta(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     finally:
+        output.begin()
         ARGV.reset(running)
         OUTPUT.reset(printing)
         if output.json:
@@ -97,6 +100,7 @@ def _run(tokens: list[str]) -> int:
 
 def _show_warning(message: Warning | str, *_: object) -> None:
     """Print a warning as one line, without the place in our code that it comes from."""
+    OUTPUT.get().begin()
     print(f"ballbot: warning: {message}", file=sys.stderr)
 
 

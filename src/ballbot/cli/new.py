@@ -68,6 +68,6 @@ def new(
     else:
         robot = Robot.load(from_).replace(name=name)
     write_robot(robot, path)
-    hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
+    hint = f"Wrote {path}. Change its values.\nNext: `{shell_line(['ballbot', 'check', path])}`"
     console.print(hint, soft_wrap=True, markup=False)
     emit({"files": [path]})

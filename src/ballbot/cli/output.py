@@ -16,9 +16,10 @@ from pathlib import Path
 from time import monotonic
 from types import MappingProxyType
 
-from rich.console import Console, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
+from rich.segment import Segment
 
 from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
@@ -33,17 +34,25 @@ WRITING = "writing the report"
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
 
+class _Console(PlainConsole):
+    """A console whose first output takes the place of the line that was shown until then."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        OUTPUT.get().begin()
+        return super().render(renderable, options)
+
+
 def standard_output() -> PlainConsole:
     """Return the console that commands print results to: plain where it is no terminal, silent if so asked."""
     if _is_silent():
         return PlainConsole(file=io.StringIO(), width=PLAIN_WIDTH)
-    console = PlainConsole()
-    return console if console.is_terminal else PlainConsole(width=PLAIN_WIDTH)
+    console = _Console()
+    return console if console.is_terminal else _Console(width=PLAIN_WIDTH)
 
 
 def notice_output() -> PlainConsole:
     """Return the console of warnings and questions, which neither --json nor --quiet hides."""
-    return PlainConsole(file=sys.stderr) if _is_silent() else standard_output()
+    return _Console(file=sys.stderr) if _is_silent() else standard_output()
 
 
 def _is_silent() -> bool:
@@ -55,11 +64,12 @@ def emit(results: Mapping[str, object]) -> None:
     OUTPUT.get().results = results_text(results)
 
 
-def show_written(*paths: Path, results: Mapping[str, object] = MappingProxyType({})) -> None:
+def show_written(
+    *paths: Path, results: Mapping[str, object] = MappingProxyType({}), next_step: str = ""
+) -> None:
     """Print where files are that a command without a folder of results wrote; --json has them, and results."""
-    console = standard_output()
-    for path in paths:
-        console.print(str(path), markup=False, soft_wrap=True)
+    steps = [f"Next: {next_step}"] if next_step else []
+    print_parts([*map(str, paths), *steps], standard_output())
     emit({"files": paths, **results})
 
 
@@ -139,5 +149,6 @@ def progress_bar(
         TimeElapsedColumn(),
         TimeRemainingColumn(),  # of the stage
     )
+    OUTPUT.get().begin()
     with RichProgress(*columns, console=console, transient=True) as bar:
         yield _drawn(bar, bar.add_task(printable_line(doing), total=None, note=""))

@@ -155,11 +155,19 @@ def _one(job: RecordJob, seed: int, out: Path) -> RecordOutcome:
             return page_of(made)
 
         outcome = record_run(job, seed, out, page=page, progress=in_stage(report, doing))
-    print_parts(verdict_lines(verdict), console)
-    print_parts((str(path) for path in sorted(out.iterdir()) if not path.name.startswith(".")), console)
-    if outcome.ended and not verdict:
-        console.print(f"The run ended early: {outcome.ended}.", soft_wrap=True)
+    named = (str(out / one.name) for one in sorted(out.iterdir()) if not one.name.startswith("."))
+    print_parts([*verdict_lines(verdict), *named, f"Next: {_next(job, out)}"], console)
     return outcome
+
+
+def _next(job: RecordJob, folder: Path) -> str:
+    log, robot = folder / f"log.{job.log_format}", folder / "robot.toml"
+    command = {
+        "balance": "identify",
+        "driveline_sweep": "identify-driveline",
+        "upside_down": "identify-upside-down",
+    }
+    return f"`ballbot {command[job.experiment]} {robot} {log} --out found`"
 
 
 def _many(job: RecordJob, seeds: list[int], out: Path, *, cluster: str | None) -> list[RecordOutcome]:
@@ -180,5 +188,6 @@ def _many(job: RecordJob, seeds: list[int], out: Path, *, cluster: str | None) -
     kept = f", {before} of them kept from before" if before else ""
     lines = [f"{counted(len(outcomes), 'run')} in {out}{kept}; {len(early)} ended early."]
     lines += [f"{outcome.folder}: ended early, {outcome.ended}." for outcome in early]
+    lines.append(f"Next: {_next(job, outcomes[0].folder)}")
     print_parts(lines, console)
     return outcomes

@@ -21,7 +21,6 @@ from ballbot.cli.context import WholeNumber
 from ballbot.cli.output import notice_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
-from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs
 from ballbot.fitting.run import check_seed
@@ -76,13 +75,17 @@ class LinkOptions:
     """The true friction, sensors and play of an emulated robot: a scenario of the twin (name or file)."""
 
     seed: WholeNumber = 1
-    """Random seed of an emulated robot. The same seed gives the same run."""
+    """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
+
+    @property
+    def name(self) -> str:
+        """The robot's name or file, as a command line has it."""
+        return self.robot or (_EMULATED_ROBOT if self.emulated else "ROBOT")
 
     @property
     def described(self) -> Robot | None:
         """The robot's description; None if it is not known."""
-        name = self.robot or (_EMULATED_ROBOT if self.emulated else None)
-        return Robot.load(name) if name else None
+        return Robot.load(self.name) if self.robot or self.emulated else None
 
 
 @Parameter(name="*")
@@ -97,9 +100,6 @@ class ControllerOnRobot:
     lean: float = 0.35
     """Largest tilt [rad] at which the robot gives torques, sent with the controller; beyond it the robot stops."""
 
-    on_host: Annotated[bool, Parameter(negative="")] = False
-    """Run the controller on this computer. The robot's safety layer checks its torques."""
-
     def read(self, link: LinkOptions) -> Controller | None:
         """Return the controller; None if the robot's own runs there."""
         described = link.described
@@ -108,9 +108,7 @@ class ControllerOnRobot:
                 raise InputError("--controller needs the robot that it is for: give --robot.")
             check_belongs(self.controller, described)
             return read_controller(self.controller, described)
-        if self.on_host and not (link.emulated and described):
-            raise InputError("--on-host needs the controller to run: give --controller and --robot.")
-        return nominal_controller(described) if self.on_host and described else None
+        return None
 
 
 @dataclass(frozen=True, kw_only=True)

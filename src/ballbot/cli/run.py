@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
-from rich.text import Text
 
 from ballbot.cli.context import CommandResult, Content, OutFolder, WholeNumber, open_result
 from ballbot.cli.output import emit, notice_output, standard_output, suggest_page
@@ -29,7 +28,6 @@ from ballbot.firmware.export import export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
 from ballbot.link.live import (
     Commander,
-    ControlFromHost,
     FollowReference,
     LiveRun,
     Sample,
@@ -49,7 +47,6 @@ from ballbot.report.live import (
     sample_line,
     wiring_report,
     wiring_results,
-    wiring_sheet,
 )
 from ballbot.results import to_results
 from ballbot.robot import Robot
@@ -116,17 +113,18 @@ def balance(
         if controller is not None:
             robot.use_parameters(export_controller(controller, lean=chosen.lean).parameters)
         check_balancing_parameters(robot.parameters)
-        commander: Commander = FollowReference(driven, sample_time=robot.sample_time)
-        if chosen.on_host and controller is not None:
-            commander = ControlFromHost(controller, driven)
+        commander = FollowReference(driven, sample_time=robot.sample_time)
         if out is None:
             made = _made(connection, commander, duration=duration, ramp=ramp)
             emit({"ended": made.ending.kind, "reason": made.ending.text})
             _finish(connection, made)
+            standard_output().print(made.ending.text, soft_wrap=True)
             suggest_page()
             return
-        file = chosen.controller
-        _record(connection, commander, duration=duration, ramp=ramp, out=out, controller=file)
+        file, then = chosen.controller, f"identify {link.name} LOG --out identified"
+        if file is not None and (study := file.with_name("results.json")).exists():
+            then = f"validate --prediction {study} LOG"
+        _record(connection, commander, duration=duration, ramp=ramp, out=out, then=then, controller=file)
 
 
 @run.command
@@ -172,14 +170,14 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
         with Monitor(console) as shown:
             turns = measure_turns(robot, connection.operator, watch=shown.states_of(robot))
         check = check_turns(turns, robot.ball_from_wheels)
-        verdict = "The wiring is right." if check.passed else "The wiring is not right."
-        printed = [Text(verdict), wiring_sheet(check), *map(finding_line, check.findings)]
+        page = wiring_report(check, about=connection.words)
+        printed = [*page.parts(), *map(finding_line, check.findings)]
         with open_result(out, command="run wiring", inputs=[link.robot, link.scenario]) as result:
-            page = wiring_report(check, about=connection.words)
             result.write(wiring_results(check), page, findings=check.findings, printed=printed)
         if check.passed:
             robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
+            console.print("Next: `ballbot run PORT --duration 30 --out run`")
     if not check.passed:
         raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
 
@@ -210,7 +208,8 @@ def sweep(
         Its largest torque [N m].
     """
     with connected(port, link, hold="in_air") as connection:
-        _bench(connection, sweep_of(connection.robot, torque), duration, out)
+        then = f"identify-driveline {link.name} LOG --out driveline"
+        _bench(connection, sweep_of(connection.robot, torque), duration, out, then)
 
 
 @run.command
@@ -220,7 +219,6 @@ def upside_down(
     *,
     link: LinkOptions = _LINK,
     duration: Seconds = 60.0,
-    torque_seed: WholeNumber = 1,
     out: OutFolder,
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
@@ -236,22 +234,25 @@ def upside_down(
     ----------
     duration
         Length of the run [s].
-    torque_seed
-        Random seed of the torques' phases.
     """
     with connected(port, link, hold="upside_down") as connection:
-        _bench(connection, stir(connection.robot, torque_seed), duration, out)
+        then = f"identify-upside-down {link.name} LOG --out identified"
+        _bench(connection, stir(connection.robot, link.seed), duration, out, then)
 
 
 def _bench(
-    connection: Connection, torques: Callable[[float], NDArray[np.float64]], duration: float, out: Path
+    connection: Connection,
+    torques: Callable[[float], NDArray[np.float64]],
+    duration: float,
+    out: Path,
+    then: str,
 ) -> None:
     """Record given torques of a robot that is held, without a limit of its lean; then restore the limit."""
     robot, own = connection.robot, connection.robot.parameters
     robot.use_parameters(bench_parameters(own))
     try:
         commander = TorqueProgram(torques, sample_time=robot.sample_time)
-        _record(connection, commander, duration=duration, out=out)
+        _record(connection, commander, duration=duration, out=out, then=then)
     finally:
         if robot.session.connected:
             robot.use_parameters(own)
@@ -282,7 +283,9 @@ def send(
     with connected(port, link) as connection:
         sent = connection.robot.use_parameters(export_controller(read, lean=lean).parameters)
     text = "was sent; the self-test must pass before the robot arms" if sent else "is on the robot already"
-    standard_output().print(f"{controller} {text}.", soft_wrap=True)
+    standard_output().print(
+        f"{controller} {text}.\nNext: `ballbot run PORT --duration 32 --out run`", soft_wrap=True
+    )
     emit({"controller": controller, "sent": sent})
 
 
@@ -293,7 +296,6 @@ def compare(
     *,
     link: LinkOptions = _LINK,
     prediction: Path,
-    before: Path | None = None,
     rounds: WholeNumber = MIN_RUNS // 2,
     lean: float = 0.35,
     out: OutFolder,
@@ -312,8 +314,6 @@ def compare(
     ----------
     prediction
         The results.json of a study, with controller.toml, previous_controller.toml and robot.toml beside it.
-    before
-        The controller file to compare with; previous_controller.toml beside the results if not given.
     rounds
         Runs of each controller, two or more.
     lean
@@ -323,10 +323,7 @@ def compare(
         raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
     predicted = read_prediction(prediction)
     described = Robot.load(prediction.with_name("robot.toml"))
-    files = (
-        before or prediction.with_name("previous_controller.toml"),
-        prediction.with_name("controller.toml"),
-    )
+    files = [prediction.with_name(name) for name in ("previous_controller.toml", "controller.toml")]
     controllers = [read_controller(path, described) for path in files]
     check_controller(predicted, controllers[1])
     names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
@@ -351,6 +348,7 @@ def compare(
                 recording = out / f"{name}{SUFFIX}"
                 made = _made(connection, commander, duration=predicted.course.duration, recording=recording)
                 _finish(connection, made)
+                result.console.print(made.ending.text, soft_wrap=True)
                 logs.append(made.whole_log())
         limits = [controllers[k % 2].torque_limit for k in range(len(logs))]
         performances = [
@@ -366,7 +364,12 @@ def compare(
         written: dict[str, Content] = {
             f"{name}.csv": log.write for name, log in zip(names, logs, strict=True)
         }
-        result.write(results, page, files=written)
+        step = {
+            "keep": f"go on with {files[1]}.",
+            "weaken": "`ballbot design ROBOT --compensation-gain 0.8 --out weaker`",
+            "revert": f"go back to {files[0]}.",
+        }[found.recommendation]
+        result.write(results, page, files=written, next_step=step)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
 
@@ -378,9 +381,13 @@ def _record(
     duration: float,
     ramp: float = 0.0,
     out: Path,
+    then: str,
     controller: Path | None = None,
 ) -> None:
-    """Make a run, and write its log and results into a folder; the log until then if the link is lost."""
+    """Make a run, and write its log and results into a folder; the log until then if the link is lost.
+
+    `then` is the command that takes the log, LOG, next.
+    """
     recording, link = out / f"log{SUFFIX}", connection.link
     check_no_recording(recording)
     files = [link.robot, controller, link.scenario]
@@ -408,7 +415,8 @@ def _record(
             ending=made.ending.text,
             about=connection.words,
         )
-        result.write(results, page, files={"log.csv": log.write}, printed=(), named=["log.csv"])
+        step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`"
+        result.write(results, page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
         recording.unlink(missing_ok=True)
     _finish(connection, made)
 
@@ -454,14 +462,13 @@ def _about_run(connection: Connection, result: CommandResult) -> dict[str, objec
 
 
 def _finish(connection: Connection, made: LiveRun) -> None:
-    """Print how a run ended; raise InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
+    """Print what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
     if made.trouble:
         notice_output().print(made.trouble, style="yellow", soft_wrap=True)
     if made.ending.kind == "interrupt":
         raise KeyboardInterrupt("interrupted; the robot is disarmed.")
     if made.ending.kind == "link":
         raise InputError(made.ending.text)
-    standard_output().print(made.ending.text, soft_wrap=True)
     refused = counts_line(connection.robot.session.counts.refused, connection.robot.refused_frames())
     if refused:
         notice_output().print(refused, style="yellow", soft_wrap=True)

@@ -124,7 +124,9 @@ def simulate(
             findings=findings,
         )
         files: dict[str, Content] = {f"log.{format}": log.write, ROBOT_BESIDE: robot_text(described)}
-        result.write(run_results(log), page, files=files, named=[f"log.{format}"])
+        name = f"log.{format}"
+        step = f"`ballbot view {result.path(name)}`"
+        result.write(run_results(log), page, files=files, named=[name], next_step=step)
 
 
 def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plant | Model:

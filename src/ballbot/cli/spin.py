@@ -130,7 +130,10 @@ def spin(
             log_findings=findings,
         )
         results = spin_results(found, comparison, log_findings=findings)
-        result.write(results, page, files=files, named=["spin.csv"])
+        step = f"`ballbot identify-upside-down {robot} {result.path('log.csv')} --out found`"
+        if run is None:
+            step = "give the log of the run with --log and --robot."
+        result.write(results, page, files=files, named=["spin.csv"], next_step=step)
 
 
 def _colour(text: str) -> tuple[int, int, int]:

@@ -10,8 +10,6 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli.context import (
-    PAGE,
-    RESULTS,
     Changes,
     ClusterAddress,
     LogPath,
@@ -31,9 +29,8 @@ from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
-from ballbot.report.blocks import verdict_lines
-from ballbot.report.study import summary
-from ballbot.report.study_files import STUDY_FILES, write_study
+from ballbot.report.study import next_step, study_report
+from ballbot.report.study_files import STUDY_FILES, study_results, study_texts
 from ballbot.summary import counted
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_prediction import MIN_RUNS
@@ -139,6 +136,10 @@ def study(
             ),
             run=Run(seed=seed, executor=made_by, progress=result.report),
         )
-        with result.replaced() as new:
-            write_study(found, new, made=result.origin, before=result.folder.path)
-    result.show(verdict_lines(summary(found)), RESULTS if quick else PAGE)
+        result.write(
+            study_results(found),
+            study_report(found),
+            files=study_texts(found, result.folder.path),
+            next_step=next_step(found, result.path),
+            paged=not quick,
+        )

@@ -63,7 +63,7 @@ def export(
     else:
         chosen = load_scenario(scenario or "nominal", described)
         write_text(out, twin_mjcf(described, chosen, mounting=mounting) + "\n")
-    show_written(out)
+    show_written(out, next_step=f"open {out} in a program that reads it.")
 
 
 @twin.command
@@ -86,4 +86,4 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path, for
     described = Robot.load(robot)
     check_new_file(out, force=force)
     write_scenario(load_scenario(source, described), out)
-    show_written(out)
+    show_written(out, next_step=f"change its values, then `ballbot record {out} --robot {robot} --out run`")

@@ -72,12 +72,11 @@ def _validate_prediction(
         verdict,
         prediction,
         title=f"{log_path}: the controller against its prediction",
-        steps=steps,
         series=over_time(log, robot),
         findings=found,
     )
     with open_result(out, command="validate", inputs=[results, log_path, controller, mapping]) as result:
-        result.write({"prediction": stated}, page, findings=found)
+        result.write({"prediction": stated}, page, findings=found, next_step=" ".join(steps))
     show_findings(found)
 
 
@@ -190,4 +189,5 @@ def validate(
             title=title,
             lead=f"Validated on {logs_words(named)}.",
         )
-        result.write({"validation": results}, page, findings=found)
+        step = f"`ballbot design {robot} --kind precise --out designed`"
+        result.write({"validation": results}, page, findings=found, next_step=step)

@@ -30,7 +30,7 @@ def alignment_report(
         rows=_estimate_rows(alignment),
         caption="Clocks, frames and path. ±: half width of the 95 % interval, from blocks of time.",
     )
-    sections = [section("What was found", bullets, estimates)]
+    sections = [section("What was found", estimates, bullets)]
     undecided = [
         "Which of the two is right where they differ: the cameras are taken as the truth.",
         f"A delay of {_CLOCK_SIGNALS[alignment.clock_signal]}, which cannot be separated from the clock's offset.",

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from markupsafe import Markup
@@ -142,6 +142,7 @@ class Section:
 
     heading: str
     blocks: Sequence[Block]
+    folded: bool = False  #: whether the page shows only its heading until the reader opens it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,21 +155,37 @@ class Report:
     verdict: Sequence[tuple[str, str]]
     sections: Sequence[Section]
     undecided: Sequence[str]  #: what the data cannot decide
+    next_step: str = ""  #: what to do with the result, with its commands; a command states it
     made: Provenance | None = None  #: None until a command writes its page
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
     #: whether the errors among them were accepted, so that results follow in spite of them
     accepted: bool = True
 
-    def parts(self) -> Iterator[RenderableType]:
-        """Yield what a terminal shows: the verdict, the tables, texts and lists of a page, and the doubts."""
+    def parts(self, *, brief: bool = False) -> Iterator[RenderableType]:
+        """Yield what a terminal shows: tables, texts and lists of the page, and the doubts; then the verdict.
+
+        The last lines of a terminal are those that are read. A `brief` one shows the verdict, and of the first section
+        its first table and its sentences.
+        """
+        if brief:
+            blocks = [block for one in self.sections[:1] for block in one.blocks]
+            yield from [block for block in blocks if isinstance(block, Sheet)][:1]
+            yield from (
+                Text(f"- {item}") for block in blocks if isinstance(block, Bullets) for item in block.items
+            )
+        else:
+            yield from self._whole()
         yield from verdict_lines(self.verdict)
+
+    def _whole(self) -> Iterator[RenderableType]:
         for one in self.sections:
             shown = [part for block in one.blocks for part in _on_terminal(block)]
             if shown:
-                yield Text(f"\n{one.heading}", style="bold")
-                yield from shown
-        yield Text("\nWhat the data cannot decide", style="bold")
+                yield Text(one.heading, style="bold")
+                yield from (*shown, Text(""))
+        yield Text("What the data cannot decide", style="bold")
         yield from (Text(f"- {words}") for words in self.undecided)
+        yield Text("")
 
 
 def verdict_lines(verdict: Sequence[tuple[str, str]]) -> list[Text]:
@@ -189,3 +206,8 @@ def _on_terminal(block: Block) -> Iterator[RenderableType]:
 def section(heading: str, *blocks: Block | None) -> Section:
     """Return a section of those blocks that are not None."""
     return Section(heading=heading, blocks=tuple(one for one in blocks if one is not None))
+
+
+def details(heading: str, *blocks: Block | None) -> Section:
+    """Return a section that is folded: what a reader looks up."""
+    return replace(section(heading, *blocks), folded=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,16 +16,14 @@ from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, section
-from ballbot.report.palette import INK, SHADE
+from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import (
     LOOKS,
-    MARKS,
     REFERENCE,
     LineStyle,
     drawn_picture,
     label_of,
-    plain_log_ticks,
     thinned,
 )
 from ballbot.report.words import capital
@@ -37,7 +36,6 @@ from ballbot.workflows.league import (
     METRICS,
     RATIOS,
     League,
-    Overall,
     Standing,
     overall,
     standing,
@@ -63,7 +61,7 @@ RUN_LABELS: Mapping[str, str] = {
 
 def paths_figure(runs: Mapping[str, Log]) -> Figure:
     """Return each controller's path over the floor beside the reference."""
-    figure = Figure(figsize=(7.4, 2.8), layout="constrained")
+    figure = Figure(figsize=(7.4, min(2.8, 0.7 + 6.5 / len(runs))), layout="constrained")
     panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (name, log) in zip(panels, runs.items(), strict=True):
         place = true_place(log)
@@ -71,7 +69,7 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
         x, y = thinned(place["x"], place["y"])
         axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
         axes.plot(place["x"][:1], place["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none")
-        axes.set_title(RUN_LABELS[name] + (" (fell)" if log.ended else ""))
+        axes.set_title(RUN_LABELS[name] + (" (fell)" if log.ended else ""), fontsize=7.5)
         axes.set_aspect("equal")
         axes.set_xlabel("$x$ [m]")
     panels[0].set_ylabel("$y$ [m]")
@@ -153,39 +151,6 @@ def _interval(found: Estimate, shown: Callable[[float], str] = digits) -> str:
 #: of controllers in turn; of the first three as in the study's report
 _TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
 
-#: an interval that reaches zero has no end on a logarithmic scale: its bar is cut at this share of the mean
-_SHORTEST = 0.25
-#: what the overview shows
-_SHOWN_METRICS = ("peak_position_error", "high_frequency_torque")
-
-
-def overview_figure(league: League) -> Figure:
-    """Draw peak position error and rough torque of each controller on each course, with 95 % intervals."""
-    rows, count = len(league.courses), len(league.controllers)
-    height = 0.7 + rows * (0.16 + 0.1 * count) + 0.17 * -(-count // 2)
-    figure = Figure(figsize=(7.4, height), layout="constrained")
-    panels = figure.subplots(1, len(_SHOWN_METRICS), sharey=True, squeeze=False)[0]
-    for axes, key in zip(panels, _SHOWN_METRICS, strict=True):
-        metric = METRIC_BY_KEY[key]
-        for place in range(1, rows, 2):
-            axes.axhspan(place - 0.5, place + 0.5, color=SHADE, linewidth=0)
-        for index, name in enumerate(league.controllers):
-            found = [standing(league, course.name, name).means[key] for course in league.courses]
-            low, mean, high = metric.scale * np.array([(one.low, one.mean, one.high) for one in found]).T
-            places = np.arange(rows) + 0.7 * ((index + 0.5) / count - 0.5)
-            color = line_of(index)["color"]
-            axes.hlines(places, np.maximum(low, _SHORTEST * mean), high, color=color, linewidth=1.4)
-            mark = MARKS[index % len(MARKS)]
-            axes.plot(mean, places, mark, color=color, markersize=4, label=label_of(name))
-        axes.set_xscale("log")
-        plain_log_ticks(axes.xaxis)
-        axes.set_xlabel(unit_heading(metric.words, metric.unit))
-        axes.grid(visible=False, axis="y")
-    panels[0].set_yticks(range(rows), [label_of(course.name.replace("_", " ")) for course in league.courses])
-    panels[0].set_ylim(rows - 0.5, -0.5)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
-    return figure
-
 
 def course_figure(league: League, course: Course) -> Figure:
     """Draw each controller's path over the floor, of one run each, with the first seed."""
@@ -250,27 +215,21 @@ def league_report(league: League) -> Report:
         f"Each number over {first}'s on the same course with the same seed: geometric means over the courses, with "
         "95 % intervals over the seeds."
     )
-    overview = (
-        "Means over the seeds with their 95 % intervals, on logarithmic scales; a bar ends at a quarter of its mean "
-        "at the least. Of runs that fell there is no mark."
-    )
-    undecided = [_open_sentence(name, league) for name in league.controllers[1:]]
     beyond = (
         "How the controllers compare on a real robot: these are simulated runs of the robot as described."
     )
     return Report(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
-        verdict=[(name, _sentence(overall(league, name), first)) for name in league.controllers],
+        verdict=[("", _verdict(league))],
         sections=[
             section(
                 "Over all courses",
                 Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption),
-                drawn_picture("overview", partial(overview_figure, league), overview),
             ),
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
-        undecided=[*(words for words in undecided if words), beyond],
+        undecided=[beyond],
     )
 
 
@@ -282,40 +241,32 @@ def _course_section(league: League, course: Course, place: int) -> Section:
     first, count = league.seeds[0], len(league.seeds)
     shown = f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
     floor = f"The path over the floor of one run of each controller, {shown}. Broad: the reference."
-    return section(
+    made = section(
         course.name.replace("_", " ").capitalize(),
         Paragraph(text=f"{course.about} A run lasts {course.duration:g} s."),
         Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
         drawn_picture(f"course-{place}", partial(course_figure, league, course), floor),
         course_series(league, course),
     )
+    return replace(made, folded=place > 0)
 
 
-def _open_sentence(name: str, league: League) -> str:
-    """Return in which of the ratios a controller may equal the first; empty if in none."""
-    open_ones = [
-        METRIC_BY_KEY[key].words
-        for key, one in overall(league, name).ratios.items()
-        if math.isnan(one.low) or one.low <= 1.0 <= one.high
-    ]
-    if not open_ones:
-        return ""
-    return f"Whether {name} differs from {league.controllers[0]} in {', '.join(open_ones)}: no interval leaves one out."
-
-
-def _sentence(found: Overall, first: str) -> str:
-    """Return a controller over all courses in a sentence or two."""
-    falls = (
-        f"No fall in {counted(found.runs, 'run')}: the probability of a fall is below "
-        f"{100 * found.fall_interval[1]:.2g} %."
-        if not found.falls
-        else f"{found.falls} of {found.runs} runs ended in a fall."
-    )
-    if not found.ratios:
-        return f"The reference for the others. {falls}"
-    words = ", ".join(
-        f"{METRIC_BY_KEY[key].words} {digits(one.mean)} times that of {first}{_interval(one)}"
-        for key, one in found.ratios.items()
-        if key in _SHOWN_METRICS and not math.isnan(one.mean)
-    )
-    return f"{capital(words)}. {falls}" if words else falls
+def _verdict(league: League) -> str:
+    """Return which controller is the most accurate of those that never fell, and by how much."""
+    found = {name: overall(league, name) for name in league.controllers}
+    first, runs = league.controllers[0], counted(found[league.controllers[0]].runs, "run")
+    falls = [f"{name} in {one.falls}" for name, one in found.items() if one.falls]
+    fell = f"Falls in {runs} each: {', '.join(falls)}." if falls else f"No fall in {runs} each."
+    peaks = {
+        name: one.ratios["peak_position_error"]
+        for name, one in found.items()
+        if one.ratios and not one.falls and not math.isnan(one.ratios["peak_position_error"].mean)
+    }
+    best = min(peaks, key=lambda name: peaks[name].mean, default=first)
+    if best == first or peaks[best].mean >= 1.0:
+        return f"No controller that never fell has a smaller peak error than {first}. {fell}"
+    equal = [name for name, one in peaks.items() if name != best and one.low <= peaks[best].high]
+    others = f" {capital(', '.join(equal))} cannot be told from it." if equal else ""
+    if peaks[best].high >= 1.0:
+        others += f" Nor can {first}." if equal else f" {capital(first)} cannot be told from it."
+    return f"{capital(best)} is the most accurate: peak error {_estimate(peaks[best])} times {first}'s.{others} {fell}"

@@ -12,12 +12,13 @@ from ballbot.control.lqr import frictionless_model
 from ballbot.control.overcompensation import has_friction
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, details, section
 from ballbot.report.loop import linear_section, loop_section
 from ballbot.report.style import STATE_UNITS
 from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.robot import Friction
 from ballbot.rounding import percent
+from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
 from ballbot.workflows.robust_design import RobustDesign
 
@@ -81,7 +82,6 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
         if found.margin.overcompensates:
             margin = f"WARNING: {found.margin.sentence}; this injects energy and can destabilise the robot."
         verdict.append(("Compensation", _nothing_compensated(found) or margin))
-    poles = [(f"{pole.real:.4f}", f"{pole.imag:.4f}") for pole in found.gain.poles]
     undecided = [
         "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
         "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it."
@@ -94,9 +94,8 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
         verdict=verdict,
         sections=[
             section("Gain", *_gain_blocks(found)),
-            section("Closed-loop poles", Sheet(headings=("real [rad/s]", "imaginary [rad/s]"), rows=poles)),
             loop_section(found.loop_margins),
-            section("Friction compensation", *_compensation_blocks(found)),
+            details("Friction compensation", *_compensation_blocks(found)),
             linear_section(frictionless_model(robot).linearize(), caption="exact model without friction"),
         ],
         undecided=undecided,
@@ -106,6 +105,7 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
 
 def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
     yield gain_sheet(found.gain.gain)
+    yield Paragraph(text=f"Closed-loop poles: {pole_words(found.gain.poles)} rad/s.")
     if largest := found.uncertainty.largest():
         causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
         caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
@@ -149,7 +149,6 @@ def gain_sheet(
 
 def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Report:
     """Return the page of a design by search."""
-    robust, nominal = (found.compared[name] for name in ("robust", "nominal"))
     headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
     rows = [
         (
@@ -165,19 +164,10 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
     )
     spread = {name: getattr(found.spread, name) for name in ("mass", "height", "friction")}
     ranges = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in spread.items())
-    ratio = nominal.worst_tenth / robust.worst_tenth
-    compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
-    text = (
-        f"On the worst tenth of {found.fresh} robots the cost is {robust.worst_tenth:.2f}, {compared} that of the "
-        f"nominal weights, {nominal.worst_tenth:.2f}."
-    )
     return Report(
         title=f"{found.controller.robot.name}: a robust controller",
         lead=f"Perturbed robots: {ranges}; --perturb changes a range.",
-        verdict=[
-            ("", text),
-            ("Falls", f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."),
-        ],
+        verdict=robust_verdict(found),
         sections=[
             section("Compared with other weights", Sheet(headings=headings, rows=rows, caption=caption)),
             section(
@@ -193,3 +183,16 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
         ],
         findings=findings,
     )
+
+
+def robust_verdict(found: RobustDesign) -> list[tuple[str, str]]:
+    """Return how the gain compares with the nominal one on robots that the search did not use."""
+    robust, nominal = (found.compared[name] for name in ("robust", "nominal"))
+    ratio = nominal.worst_tenth / robust.worst_tenth
+    compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
+    text = (
+        f"On the worst tenth of {found.fresh} robots the cost is {robust.worst_tenth:.2f}, {compared} that of the "
+        f"nominal weights, {nominal.worst_tenth:.2f}."
+    )
+    falls = f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."
+    return [("Cost", text), ("Falls", falls)]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.identification.quantities import BY_NAME
-from ballbot.report.blocks import Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Report, Sheet, details, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits, unit_heading
@@ -30,7 +29,7 @@ def _limits_table(result: Excitation) -> Sheet:
 
 
 def _errors_table(result: Excitation) -> Sheet:
-    """Return the standard errors expected, the worst of each run last."""
+    """Return the standard errors expected."""
     task = result.task
     quantities = {label: one for one in BY_NAME.values() for label in one.labels(task.robot.wheel_count)}
     columns = [task.in_units(errors).tolist() for errors in result.errors.values()]
@@ -41,7 +40,6 @@ def _errors_table(result: Excitation) -> Sheet:
         )
         for label, believed, *errors in zip(task.labels, task.believed.tolist(), *columns, strict=True)
     ]
-    rows.append(("worst, % of bounds", "", "", *map(_worst, result.errors.values())))
     headings = ("parameter", "unit", "assumed", *result.errors)
     caption = (
         "Standard errors expected of a square and of the design: the least that are possible with the noise assumed, "
@@ -76,15 +74,6 @@ def gain_sentence(gain: float) -> str:
     return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
 
 
-def _worst(errors: NDArray[np.float64]) -> str:
-    """Return the worst of scaled errors, and how many parameters got none where some did."""
-    none = int(np.count_nonzero(~np.isfinite(errors)))
-    if none == len(errors):
-        return "none identified"
-    text = f"{100.0 * float(errors[np.isfinite(errors)].max()):.1f}"
-    return f"{text} ({none} not identified)" if none else text
-
-
 def excitation_report(result: Excitation) -> Report:
     """Return the page."""
     limits = result.task.limits
@@ -96,21 +85,14 @@ def excitation_report(result: Excitation) -> Report:
         ),
         verdict=[("", _verdict(result))],
         sections=[
-            section("The run", _limits_table(result), _followed_series(result), Paragraph(text=_HOW_TO_RUN)),
-            section("Expected errors", _errors_table(result)),
+            section("The run", _limits_table(result), _followed_series(result)),
+            details("Expected errors", _errors_table(result)),
         ],
         undecided=[
             "How much the real robot's friction differs from the file's, with which the errors are computed.",
             "Whether the real robot stays within the limits: the simulation is not the robot. Have a hand near it.",
         ],
     )
-
-
-_HOW_TO_RUN = (
-    "Let the robot follow reference.csv of this folder: `ballbot run --reference reference.csv --controller "
-    "controller.toml`; any other controller that follows positions will do. Then give the log of the run to "
-    "`ballbot identify`."
-)
 
 
 def _followed_series(result: Excitation) -> TimeSeries:

@@ -85,7 +85,7 @@ def export_report(
         )
     return Report(
         title=f"{controller.robot.name}: a controller as firmware",
-        lead=f"{len(exported.files)} files in C99; README.md says how to build them.",
+        lead="In C99; README.md says how to build it.",
         verdict=verdict,
         sections=sections,
         undecided=undecided,

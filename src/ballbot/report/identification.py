@@ -11,7 +11,7 @@ covariance; a parameter that has no standard error has that of an even distribut
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -23,23 +23,20 @@ from ballbot.findings import Finding, texts
 from ballbot.fitting.intervals import Interval
 from ballbot.fitting.model_selection import Gain, ModelSelection
 from ballbot.identification import HoldoutResult, Identification
-from ballbot.identification.coulomb import SHARE, coulomb_sentence
+from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
+from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import Log
-from ballbot.log.columns import MAX_WHEELS, torque_names
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Report, Sheet, details, section
 from ballbot.report.palette import BLUE, MUTED
-from ballbot.report.run import pose_panels
-from ballbot.report.series import Panel, TimeSeries, wheel_lines
 from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.validation_figures import correlation_figure
 from ballbot.report.words import driveline_symbols, interval_text, logs_words, state_mark
 from ballbot.robot import Friction
 from ballbot.rounding import digits, unit_heading, value_and_error
-from ballbot.workflows.study import StudiedLog
 
 
 def identification_report(
@@ -51,7 +48,6 @@ def identification_report(
     holdouts: Sequence[HoldoutResult],
 ) -> Report:
     """Return the page; `selection` compares laws, if several were fitted."""
-    studied = [_studied(found, name, place, log) for place, (name, log) in enumerate(logs.items())]
     undecided = texts((*found.findings, *(finding for one in holdouts for finding in one.findings)))
     if found.variation.logs == 1:
         undecided.append("How much the estimate differs from log to log: there is one log.")
@@ -60,31 +56,20 @@ def identification_report(
         lead=f"Identified from {logs_words(logs)}, with predictions over windows of {found.window:g} s.",
         verdict=[("Verdict", found.verdict.sentence), ("Friction", friction_sentence(found))],
         sections=[
-            section("Parameters", *parameter_blocks(found, studied)),
+            section("Parameters", *parameter_blocks(found, logs.values())),
             *([section("Friction laws", _selection_sheet(selection))] if selection else []),
-            section(
+            details(
                 "Errors on held-out windows",
                 _error_sheet(found, holdouts),
                 *(_horizon_sheet(one) for one in holdouts if one.horizons),
             ),
-            section("The logs", *log_blocks(studied)),
         ],
         undecided=[*undecided, "The friction at speeds, loads and temperatures that the logs do not have."],
         findings=findings,
     )
 
 
-def _studied(found: Identification, name: str, place: int, log: Log) -> StudiedLog:
-    held: list[tuple[float, float]] = []
-    for span in found.held_out_windows:
-        if span.log == place:
-            follows = bool(held) and span.start - held[-1][1] < 0.5 * log.sample_time
-            start = held.pop()[0] if follows else span.start
-            held.append((start, span.end))
-    return StudiedLog(name=name, log=log, held_out=tuple(held))
-
-
-def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Iterator[Block]:
+def parameter_blocks(found: Identification, logs: Iterable[Log]) -> Iterator[Block]:
     """Yield the parameters, what they stand for, each wheel's friction, and the correlation of their errors."""
     yield _parameter_sheet(found)
     sentences = (represents_sentence(found.names), coulomb_sentence(found.coulomb, found.names))
@@ -93,7 +78,7 @@ def parameter_blocks(found: Identification, logs: Sequence[StudiedLog]) -> Itera
         "Friction of each wheel against its speed, with the 95 % band from the standard errors; below, the share of "
         "the logs at each speed."
     )
-    yield drawn_picture("friction", partial(friction_figure, found, logs), caption)
+    yield drawn_picture("friction", partial(friction_figure, found, tuple(logs)), caption)
     if np.isfinite(found.correlation).any():
         caption = (
             "Correlation of the parameters' errors. A strong colour marks two parameters of which the data determine "
@@ -227,32 +212,11 @@ def friction_curve(
     return torque, np.sqrt(np.maximum(variance, 0.0))
 
 
-#: logs drawn over time: a page has about 0.1 MB for each
-MOST_LOGS = 8
-
-
-def log_blocks(logs: Sequence[StudiedLog]) -> Iterator[Block]:
-    """Yield position, heading and torques over time, what was held out shaded; of the first logs if there are many."""
-    for one in logs[:MOST_LOGS]:
-        torques = [one.log[name] for name in torque_names(MAX_WHEELS) if name in one.log]
-        yield TimeSeries(
-            t=one.log.t,
-            panels=[*pose_panels(one.log), Panel(label="torques [N m]", lines=wheel_lines(torques))],
-            caption=f"{one.name}: position, heading and the wheels' torques.",
-            across="time of the log [s]",
-            shaded=one.held_out,
-            shade="held out",
-        )
-    if len(logs) > MOST_LOGS:
-        names = ", ".join(one.name for one in logs[MOST_LOGS:])
-        yield Paragraph(text=f"Not drawn, as the page would be too large: {names}.")
-
-
 #: wheel speeds shown reach this quantile of those in the logs; without logs, so many Stribeck speeds
 _SHOWN_QUANTILE, _SHOWN_SPEEDS = 0.995, 8.0
 
 
-def friction_figure(found: Identification, logs: Sequence[StudiedLog] = ()) -> Figure:
+def friction_figure(found: Identification, logs: Sequence[Log] = ()) -> Figure:
     """Return each wheel's friction over its speed with a 95 % band; below, how often the logs have such a speed."""
     n = found.robot.wheel_count
     figure = Figure(figsize=(7.4, 3.1 if logs else 2.6), layout="constrained")
@@ -260,7 +224,8 @@ def friction_figure(found: Identification, logs: Sequence[StudiedLog] = ()) -> F
     panels = figure.subplots(len(heights), n, sharex=True, sharey="row", height_ratios=heights, squeeze=False)
     fastest = _SHOWN_SPEEDS * found.robot.friction.stribeck_speed
     if logs:
-        speeds = np.concatenate([studied.wheel_speeds(found.robot) for studied in logs])
+        speeds = np.concatenate([measured_wheel_speeds(log, found.robot) for log in logs])
+        speeds = speeds[np.isfinite(speeds).all(axis=1)]
         fastest = float(np.quantile(np.abs(speeds), _SHOWN_QUANTILE))
         for axes, speed in zip(panels[1], speeds.T, strict=True):
             shares, edges = np.histogram(speed, bins=61, range=(-fastest, fastest))
@@ -290,15 +255,14 @@ def _draw_curve(axes: Axes, found: Identification, wheel: int, fastest: float) -
 def friction_sentence(found: Identification) -> str:
     """Return the friction in words: of a wheel at rest and in motion, by direction and load, and of rolling."""
     friction, unlimited = found.robot.friction, open_labels(found.intervals)
-    words = [_wheel_words(friction, float(found.coulomb.speeds.max()))]
+    rolling = f"the ball's rolling friction is {digits(found.robot.rolling_force, 2)} N"
+    words = [f"{_wheel_words(friction, float(found.coulomb.speeds.max()))}; {rolling}."]
     for name, values in (("Coulomb", friction.coulomb_asymmetry), ("Stribeck", friction.stribeck_asymmetry)):
         if any(values):
             differs = f"differs by {_range(np.array(values))} N m from this mean of both directions"
             words.append(f"Forward, the {name} torque {differs}.")
     if any(friction.load):
         words.append(f"Each N m of motor torque adds {_range(np.array(friction.load))} N m of dry friction.")
-    rolling = f"{digits(found.robot.rolling_force, 2)} N (C_rr = {digits(friction.rolling, 2)})"
-    words.append(f"The rolling friction of the ball is {rolling}.")
     if unlimited:
         words.append(f"The logs do not limit {', '.join(unlimited)}: any value fits.")
     return " ".join(words)
@@ -310,21 +274,19 @@ def open_labels(intervals: Mapping[str, Interval]) -> list[str]:
 
 
 def _wheel_words(friction: Friction, fastest: float) -> str:
-    """Return a wheel's friction, in the mean of both directions; `SHARE` of the logs' speeds are below `fastest`."""
+    """Return a wheel's friction, in the mean of both directions, at rest and at the fastest speed of the logs."""
     coulomb, viscous = np.array(friction.coulomb), np.array(friction.viscous)
     if not any(friction.stribeck):
         if not coulomb.any():
-            return f"The friction of a wheel is viscous only: {_range(viscous)} N m per rad/s."
-        return f"The friction of a wheel is {_range(coulomb)} N m at any speed plus {_range(viscous)} N m per rad/s."
-    wheels = len(coulomb)
-    shown = {text: float(text) for one in (1.0, fastest) if one <= fastest and (text := digits(one, 2))}
-    at_speeds = []
-    for text, speed in shown.items():
-        forward, backward = (wheel_friction(np.full(wheels, side * speed), friction) for side in (1.0, -1.0))
-        at_speeds.append(f"{_range(0.5 * (forward - backward))} N m at {text} rad/s")
+            return f"The friction of a wheel is viscous only: {_range(viscous)} N m per rad/s"
+        return f"The friction of a wheel is {_range(coulomb)} N m at any speed plus {_range(viscous)} N m per rad/s"
+    shown = digits(fastest, 2)
+    forward, backward = (
+        wheel_friction(np.full(len(coulomb), side * float(shown)), friction) for side in (1.0, -1.0)
+    )
     return (
-        f"The break-away torque of a wheel is {_range(coulomb + np.array(friction.stribeck))} N m. In motion its "
-        f"friction is {' and '.join(at_speeds)}, which {100 * SHARE:.0f} % of the logs' speeds stay below."
+        f"A wheel breaks away at {_range(coulomb + np.array(friction.stribeck))} N m and needs "
+        f"{_range(0.5 * (forward - backward))} N m at {shown} rad/s"
     )
 
 

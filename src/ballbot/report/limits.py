@@ -107,7 +107,7 @@ def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
     axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
 
 
-def _limit_words(one: RobotLimits) -> str:
+def limit_words(one: RobotLimits) -> str:
     """Return the least tilt and impulse at the centre of mass over all directions, by both bounds."""
     leans, impulses = (
         " / ".join(f"{unit * bound.min():.1f}" for bound in (bounds.lower, bounds.upper))
@@ -138,7 +138,7 @@ def limits_report(
     """Return the page."""
     verdict = []
     for name, one in found.items():
-        text = f"Recovers in every direction from {_limit_words(one)}"
+        text = f"Recovers in every direction from {limit_words(one)}"
         words = "up to the first number no wheel slips, up to the second if wheels never slip"
         verdict.append((name, f"{text}: {words}." if not verdict else f"{text}."))
     if len(found) > 1 and not has_friction(robot.friction):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ballbot.control.linear import RobotLoop, step_response
 from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.mechanics.model import LinearModel
-from ballbot.report.blocks import Section, Sheet, Verbatim, section
+from ballbot.report.blocks import Section, Sheet, Verbatim, details, section
 from ballbot.report.console import matrix_text
 from ballbot.report.palette import BLUE, MUTED, SHADE
 from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
@@ -51,7 +51,7 @@ def linear_section(linear: LinearModel, *, caption: str) -> Section:
     """Return the section on a linear model about upright."""
     order = state_order(linear.B.shape[1])
     text = "\n".join((order, matrix_text("A", linear.A), matrix_text("B", linear.B)))
-    return section(
+    return details(
         "Linear model", Verbatim(text=text, caption=f"x_dot = A x + B u about upright, {caption}.")
     )
 

@@ -58,6 +58,7 @@ def page_of(report: Report) -> str:
         contents=contents,
         sections=report.sections,
         anchors=anchors,
+        next_step=report.next_step,
         undecided=[with_symbols(words) for words in report.undecided],
         errors=[one for one in report.findings or () if report.accepted and one.severity == "error"],
         accepted=report.accepted,

@@ -16,16 +16,26 @@ from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
-from ballbot.report.comparison import overview_figure, paths_figure
+from ballbot.report.comparison import (
+    OVERALL_HEADINGS,
+    course_figure,
+    league_report,
+    overall_rows,
+    paths_figure,
+)
+from ballbot.report.design import robust_verdict
 from ballbot.report.driveline import curve_figure
 from ballbot.report.identification import friction_figure
-from ballbot.report.limits import planes_figure
+from ballbot.report.limits import limit_words, planes_figure
 from ballbot.report.loop import bode_figure, poles_figure
 from ballbot.report.run import over_time
 from ballbot.report.series import IN_TURN, TimeSeries
+from ballbot.report.study import summary
 from ballbot.report.style import LOOKS, thinned
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.robot.figure import robot_figure
+from ballbot.summary import Summary
+from ballbot.workflows.league import League
 
 #: wheel speeds shown reach this many Stribeck speeds
 _SHOWN_SPEEDS = 8.0
@@ -78,6 +88,28 @@ def upside_down_figure(found: UpsideDown) -> Figure:
     return figure
 
 
+def league_summary(league: League) -> Summary:
+    """Return the most accurate controller, and each one's ratios to the first."""
+    report = league_report(league)
+    rows = [(name, tuple(cells)) for name, *cells in (OVERALL_HEADINGS, *overall_rows(league))]
+    return Summary(title=report.title, rows=tuple(rows), sentences=tuple(text for _, text in report.verdict))
+
+
+#: what sums a value up, by its class
+SUMMARIES: Mapping[str, Callable[[Any], Summary]] = {
+    "League": league_summary,
+    "RobotLimits": lambda limits: Summary(
+        title="The largest tilt and impulse in every direction", sentences=(limit_words(limits),)
+    ),
+    "RobustDesign": lambda design: Summary(
+        title=f"Robust LQR gain, compared on {design.fresh} perturbed robots",
+        rows=tuple(robust_verdict(design)),
+    ),
+    "Study": lambda study: Summary(
+        title=f"Study of the robot {study.robot.name}", rows=tuple(summary(study))
+    ),
+}
+
 #: what draws a value, by its class
 FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "AxisIdentification": laws_figure,
@@ -85,7 +117,7 @@ FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "ControllerDesign": lambda design: bode_figure(design.loop_margins),
     "DrivelineFit": lambda fit: curve_figure([fit], float(np.nanmax(np.abs(fit.predicted), initial=1.0))),
     "Identification": friction_figure,
-    "League": overview_figure,
+    "League": lambda league: course_figure(league, league.courses[0]),
     "Log": log_figure,
     "LqrDesign": lambda design: poles_figure(design.poles),
     "Margins": bode_figure,

@@ -39,7 +39,6 @@ def prediction_report(
     prediction: Prediction,
     *,
     title: str,
-    steps: Sequence[str],
     series: Sequence[Block],
     findings: Sequence[Finding],
 ) -> Report:
@@ -58,7 +57,6 @@ def prediction_report(
             section(
                 "What differs from the study's logs", Bullets(items=differences) if differences else None
             ),
-            section("What to do next", Bullets(items=steps)),
             section("The run", *series),
         ],
         undecided=[

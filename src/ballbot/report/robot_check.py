@@ -9,11 +9,21 @@ from functools import partial
 import numpy as np
 
 from ballbot.control.presets import PRESETS
-from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, Verbatim, section
+from ballbot.report.blocks import (
+    Bullets,
+    Paragraph,
+    Picture,
+    Report,
+    Section,
+    Sheet,
+    Verbatim,
+    details,
+    section,
+)
 from ballbot.report.console import matrix_text
 from ballbot.report.loop import linear_section, loop_section
 from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.style import drawn_picture
+from ballbot.report.style import drawn
 from ballbot.report.words import capital
 from ballbot.robot.figure import robot_figure
 from ballbot.rounding import unit_heading
@@ -84,10 +94,9 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
     robot = checked.robot
     yield section(
         "Derived quantities",
-        drawn_picture(
-            "robot",
-            partial(robot_figure, robot),
-            "To scale, from its right and from above. The body appears as two discs with its mass and inertia.",
+        Picture(
+            markup=partial(drawn, partial(robot_figure, robot), name="robot"),
+            caption="To scale, from its right and from above. The body appears as two discs with its mass and inertia.",
         ),
         Sheet(
             headings=("quantity", "value", "unit"),
@@ -117,7 +126,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         yield section(f"Following {following.name}", limits)
     caption = "exact model, with the viscous friction of the robot file"
     yield linear_section(checked.linear, caption=caption)
-    yield section(
+    yield details(
         "Transformation matrices",
         *(
             Verbatim(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,10 +13,21 @@ from matplotlib.figure import Figure
 from ballbot.control.controller import torque_limit_words
 from ballbot.errors import InputError, every
 from ballbot.findings import texts
-from ballbot.report.blocks import Bullets, Film, Paragraph, Picture, Report, Section, Sheet, section
+from ballbot.report.blocks import (
+    Block,
+    Bullets,
+    Film,
+    Paragraph,
+    Picture,
+    Report,
+    Section,
+    Sheet,
+    details,
+    section,
+)
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
 from ballbot.report.design import gain_sheet
-from ballbot.report.identification import friction_sentence, log_blocks, open_labels, parameter_blocks
+from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_rows
 from ballbot.report.style import drawn_picture, plain_log_ticks
@@ -24,7 +36,7 @@ from ballbot.report.words import capital, logs_words, millimetres, with_symbols
 from ballbot.rounding import digits
 from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
-from ballbot.validation.result import better_in, model_findings, weak_states
+from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
 from ballbot.workflows.comparison import MedianEstimate
 from ballbot.workflows.controller_choice import ControllerChoice, Step, Trial
@@ -34,31 +46,40 @@ from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness
 from ballbot.workflows.study import Study
 from ballbot.workflows.twin_confirmation import Confirmation
 
-#: candidates and on-board states in words
+#: candidates in words
 _CANDIDATE_NAMES = {
-    "none": "nominal, no compensation",
-    "full": "nominal, full compensation",
-    "partial": "nominal, partial compensation",
+    "none": "soft gain",
+    "full": "soft gain, full compensation",
+    "partial": "soft gain, partial compensation",
     "precise": "precise",
     "precise_without_compensation": "precise without compensation",
 }
-_STATE_WORDS = {"onboard": "integration", "kalman": "Kalman filter"}
 #: the status of a result that is not measured yet
 _PREDICTION = "This is a prediction until a log of the robot confirms it."
 
 
 def summary(study: Study) -> list[tuple[str, str]]:
-    """Return the results as (heading, sentences) pairs, the most important first."""
+    """Return the results as (heading, sentences) pairs: what stands before the first figure, and on a terminal."""
     contradiction = study.confirmation.contradiction if study.confirmation else None
     return [
         *([("Contradiction", contradiction)] if contradiction else []),
         ("Friction", friction_sentence(study.found)),
         ("Model", model_sentence(study)),
-        ("Controller", controller_sentence(study)),
-        ("Second opinion", confirmation_sentence(study.confirmation)),
-        *([("Where friction matters", stiffness_sentences(study.stiffness))] if study.stiffness else []),
-        ("Doubts", doubts_sentence(study)),
+        ("Compensation", compensation_sentence(study.choice)),
+        ("Controller", controller_sentence(study.choice)),
     ]
+
+
+def next_step(study: Study, path: Callable[[str], str]) -> str:
+    """Return what to do with a study's files, whose places `path` gives."""
+    robot = path("robot.toml")
+    if study.choice.controller is None:
+        return f"check masses, torque limit and delay of {robot}, or try `ballbot design {robot} --robust`."
+    controller, results = path("controller.toml"), path("results.json")
+    return (
+        f"`ballbot run PORT --robot {robot} --controller {controller}`, confirm with `ballbot validate --prediction "
+        f"{results} LOG`, `ballbot export` it."
+    )
 
 
 def model_sentence(study: Study) -> str:
@@ -68,67 +89,74 @@ def model_sentence(study: Study) -> str:
         return validation.no_evidence
     horizon = validation.horizon.errors
     ratio = digits(float(np.median(horizon.ratio[-1])), 2)
-    sentence = (
-        f"On {validation.duration:.0f} s of held-out logs, predicted {horizon.horizons[-1]:.2g} s ahead, the error of "
-        f"the model without friction is {ratio} times that of the one with it (median of the states)"
-    )
-    if validation.open_loop is None:
-        return f"{sentence}. No open-loop verdict: {validation.no_open_loop}"
-    over_runs = better_in(validation.open_loop.errors, validation.models)
-    return " ".join(
-        [f"{sentence}. Over open-loop runs until a fall, {over_runs}.", *texts(weak_states(validation))]
+    return (
+        f"{horizon.horizons[-1]:.2g} s ahead on {validation.duration:.0f} s held out, the error without friction is "
+        f"{ratio} times as large."
     )
 
 
-def controller_sentence(study: Study) -> str:
-    """Return the chosen controller, its gain, its plants, and that this is a prediction."""
-    choice, count = study.choice, len(study.choice.plants)
-    falls = every(
-        [f"{_CANDIDATE_NAMES[name]} in {trial.falls}" for name, trial in choice.trials.items() if trial.falls]
-        or ["none"]
+def compensation_sentence(choice: ControllerChoice) -> str:
+    """Return what compensation gives the soft gain, the thesis's kind."""
+    soft = choice.trials["none"]
+    standing = [name for name in ("full", "partial") if not choice.trials[name].falls]
+    if not standing or not soft.peak.runs:
+        return "With the soft gain, a candidate falls on some of the simulated robots, with compensation or without."
+    best = min(standing, key=lambda name: choice.trials[name].peak.median)
+    trial = choice.trials[best]
+    return (
+        f"With the soft gain, {best} compensation divides the peak error by {digits(soft.ratio_to(trial).median, 2)}: "
+        f"{millimetres(trial.peak.median)} mm instead of {millimetres(soft.peak.median)}."
     )
+
+
+def controller_sentence(choice: ControllerChoice) -> str:
+    """Return the chosen controller, its gain and its plants."""
     chosen, gain = choice.chosen, choice.gain
+    robots = f"{len(choice.plants)} simulated robots"
     if chosen is None or gain is None:
-        return (
-            f"Every candidate falls on some of {_plants_words(study)} ({falls} of {count}), so that no controller.toml "
-            "is written. Check the robot file's masses, torque limit and delay, or try ballbot design --robust."
-        )
-    best, name = choice.trials[chosen], _CANDIDATE_NAMES[chosen]
-    if chosen == "none":
-        compared = "; no other candidate that never falls has a clearly smaller peak error"
-    elif gain.runs:
-        compared = (
-            f", {digits(gain.median)} times smaller than with the soft gain alone ({interval_words(gain)})"
-        )
-    else:
-        compared = ""
+        return f"Every candidate falls on some of {robots} ({_falls_words(choice)}): no controller.toml."
+    compared = ""
+    if chosen != "none" and gain.runs:
+        compared = f", {digits(gain.median)} times smaller ({interval_words(gain)})"
+    peak = millimetres(choice.trials[chosen].peak.median)
+    return f"{capital(_CANDIDATE_NAMES[chosen])}: {peak} mm{compared}, on {robots}."
+
+
+def _falls_words(choice: ControllerChoice) -> str:
+    runs = len(choice.plants)
+    return every(
+        [
+            f"{_CANDIDATE_NAMES[name]} in {one.falls} of {runs}"
+            for name, one in choice.trials.items()
+            if one.falls
+        ]
+    )
+
+
+def _reasons(study: Study) -> list[str]:
+    """Return why the controller was chosen, and what else was found about the choice."""
+    choice, count = study.choice, len(study.choice.plants)
+    course = f"once around a square of 0.5 m by steps in {choice.course.duration:.0f} s"
     sentences = [
-        f"{capital(name)}, with the state by {_STATE_WORDS[best.controller.estimator]}: around a 0.5 m "
-        f"square on {_plants_words(study)}, the largest distance from the reference after settling is "
-        f"{millimetres(best.peak.median)} mm (median){compared}.",
-        "No run fell." if falls == "none" else f"Excluded because they fall: {falls} of {count} runs.",
+        f"Each candidate drives {count} robots drawn from the identified uncertainty {course}, with the same seeds and "
+        f"the delay, play, noise and floor of the scenario {study.scenario.name}. Left out: "
+        f"{every(left_out(study.scenario, identified=True))}.",
+        "A candidate that falls on any robot is excluded; of those whose intervals overlap the best one's, the "
+        "smoothest is chosen.",
     ]
-    if others := [_CANDIDATE_NAMES[one] for one in choice.equals if one != chosen]:
-        sentences.append(f"It is the smoothest of those that count as equal ({', '.join(others)}).")
+    if any(one.falls for one in choice.trials.values()):
+        sentences.append(f"Excluded because they fall: {_falls_words(choice)} runs.")
+    if others := [_CANDIDATE_NAMES[one] for one in choice.equals if one != choice.chosen]:
+        sentences.append(f"These count as equal: {', '.join(others)}.")
     if count < MIN_RUNS:
         sentences.append(f"{too_few(count)} how certain this choice is.")
-    if choice.compensated is not None and best.controller.compensation == "none":
-        compensated, peak = (
-            _CANDIDATE_NAMES[choice.compensated],
-            choice.trials[choice.compensated].peak.median,
-        )
+    chosen = choice.controller
+    if chosen is not None and choice.compensated is not None and chosen.compensation == "none":
         sentences.append(
-            f"The best that compensates friction, {compensated}, is compensated_controller.toml (median "
-            f"{millimetres(peak)} mm)."
+            f"The best that compensates friction, {_CANDIDATE_NAMES[choice.compensated]}, is "
+            "compensated_controller.toml."
         )
-    return " ".join([*sentences, _PREDICTION])
-
-
-def _plants_words(study: Study) -> str:
-    return (
-        f"{len(study.choice.plants)} simulated robots drawn from the identified uncertainty, with the delay, play, "
-        f"noise and floor of the scenario {study.scenario.name}"
-    )
+    return [*sentences, confirmation_sentence(study.confirmation)]
 
 
 def confirmation_sentence(confirmation: Confirmation | None) -> str:
@@ -152,24 +180,6 @@ def _reached(trial: Trial) -> str:
     return f"{peak} with {counted(trial.falls, 'fall')}" if trial.falls else peak
 
 
-def doubts_sentence(study: Study) -> str:
-    """Return the first of the identification's findings and their number, or what is least certain without any."""
-    found = study.found
-    if found.findings:
-        more = len(found.findings) - 1
-        return found.findings[0].text + (
-            f" {more} more are listed under what the data do not determine." if more else ""
-        )
-    correlation = np.nan_to_num(np.triu(found.correlation, 1))
-    first, second = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
-    unlimited = ", ".join(open_labels(found.another_log))
-    other_log = f" From another log, any value of {unlimited} must be expected." if unlimited else ""
-    return (
-        f"No parameter is at a bound.{other_log} The two that the logs separate least are {found.labels[first]} and "
-        f"{found.labels[second]} (correlation {correlation[first, second]:+.2f})."
-    )
-
-
 def too_few(robots: int) -> str:
     """Return that these are too few for an interval of 95 %."""
     return f"{counted(robots, 'robot')} {'is' if robots == 1 else 'are'} too few to show"
@@ -183,109 +193,93 @@ def interval_words(estimate: MedianEstimate) -> str:
 
 def study_report(study: Study) -> Report:
     """Return the page of a study."""
-    undecided = texts(study.found.findings) or [doubts_sentence(study)]
-    found = [with_symbols(text) for text in texts(model_findings(study.validation))]
     return Report(
         title=f"{study.robot.name}: friction, model and controller",
-        lead=f"A study of {logs_words({one.name: one.log for one in study.logs})}.",
+        lead=f"{capital(logs_words({one.name: one.log for one in study.logs}))}.",
         verdict=summary(study),
         sections=[
-            section(
-                "The logs",
-                Paragraph(text=_log_words(study)),
-                *log_blocks(study.logs),
-            ),
-            section("Friction found", *parameter_blocks(study.found, study.logs)),
-            section("How good the model is", Bullets(items=found)),
-            *validation_sections(study.validation),
-            *_controller_sections(study),
+            section("The controllers", *_comparison_blocks(study)),
+            details("Why this controller", Bullets(items=_reasons(study)), *_gain_blocks(study)),
+            *_stiffness_sections(study.stiffness),
+            details("What the next log should show", *_prediction_blocks(study)),
+            details("Friction found", *parameter_blocks(study.found, [one.log for one in study.logs])),
+            *_validation(study),
         ],
-        undecided=[*undecided, *undecided_by(study.validation), _PREDICTION],
+        undecided=[*texts(study.found.findings), *undecided_by(study.validation), _PREDICTION],
         findings=study.log_findings,
     )
 
 
-def _log_words(study: Study) -> str:
-    held = sum(end - start for one in study.logs for start, end in one.held_out)
-    seconds = sum(float(one.log.t[-1] - one.log.t[0]) for one in study.logs)
-    return (
-        f"The friction was fitted to {seconds - held:.0f} s of the logs, at "
-        f"{1.0 / study.logs[0].log.sample_time:.0f} Hz; the shaded {held:.0f} s were held out, and the model with and "
-        "without the friction is validated on them. In closed loop without restarts the whole logs are compared."
-    )
-
-
-def _controller_sections(study: Study) -> Iterator[Section]:
-    """Yield the controller, why it was chosen, and what its next log should show."""
+def _comparison_blocks(study: Study) -> Iterator[Block]:
+    """Yield the candidates' paths and errors, and the replay of the soft gain beside the chosen controller."""
     choice = study.choice
-    controller = choice.controller or choice.trials["none"].controller
-    yield section(
-        "The controller",
-        gain_sheet(controller.gain),
-        Bullets(items=[f"Torque limit of each wheel: {torque_limit_words(controller)}."]),
-    )
-    words = (
-        f"Each candidate drives {_plants_words(study)}, once around a square of 0.5 m by steps in "
-        f"{choice.course.duration:.0f} s, all with the same seeds. A candidate that falls on any robot is excluded; of "
-        "those whose intervals overlap the best one's, the smoothest is chosen. The loop leaves out: "
-        f"{every(left_out(study.scenario, identified=True))}."
-    )
     path = "Path over the floor on the first robot. Dot: start. Broad: the reference."
-    yield section(
-        "Why this controller",
-        Paragraph(text=words),
-        _candidate_sheet(choice),
-        _replay(study),
-        drawn_picture("paths", partial(paths_figure, choice.runs), path),
-        position_error_series(choice.runs, "Distance from the reference over time on the first robot."),
-    )
+    yield drawn_picture("paths", partial(paths_figure, choice.runs), path)
+    yield _candidate_sheet(choice)
+    yield position_error_series(choice.runs, "Distance from the reference over time on the first robot.")
+    if not study.options.quick and (film := _replay(study)):
+        yield film
+
+
+def _gain_blocks(study: Study) -> Iterator[Block]:
+    """Yield where the gain comes from, and the gain itself."""
+    choice = study.choice
     if study.steps:
-        yield section("Where the gain comes from", _step_sheet(study.steps, choice.course.name))
-    if study.stiffness:
-        yield section(
-            "Where friction matters for this robot",
-            Paragraph(text=stiffness_sentences(study.stiffness)),
-            _stiffness_picture(study.stiffness),
-        )
-    if study.prediction is not None:
-        words = (
-            f"Record {choice.course.duration:g} s of the {choice.course.name} with this controller and run `ballbot "
-            "validate --prediction results.json LOG`: it says whether the prediction is confirmed, what else differs "
-            "from the logs, and whether to keep the controller, weaken it, or go back to previous_controller.toml."
-        )
-        sheet = Sheet(
-            headings=("quantity", "predicted", "95 % interval", "soft gain, no compensation"),
-            rows=predicted_rows(study.prediction),
-            caption="Each interval holds the value of one new run with 95 % probability.",
-        )
-        yield section("What the next log should show", Paragraph(text=words), sheet)
-    elif choice.chosen is not None:
-        need = f"A prediction needs {MIN_RUNS} simulated robots or more; these were {len(choice.plants)}."
-        yield section("What the next log should show", Paragraph(text=need))
+        yield _step_sheet(study.steps, choice.course.name)
+    controller = choice.controller or choice.trials["none"].controller
+    yield gain_sheet(controller.gain)
+    yield Paragraph(text=f"Torque limit of each wheel: {torque_limit_words(controller)}.")
+
+
+def _validation(study: Study) -> list[Section]:
+    """Return the sections on the model, what was found in the first of them."""
+    found = Bullets(items=[with_symbols(text) for text in texts(model_findings(study.validation))])
+    first, *others = validation_sections(study.validation)
+    return [replace(one, folded=True) for one in (replace(first, blocks=(found, *first.blocks)), *others)]
+
+
+def _stiffness_sections(found: FrictionByStiffness | None) -> list[Section]:
+    if found is None:
+        return []
+    words = Paragraph(text=stiffness_sentences(found))
+    return [details("Where friction matters for this robot", words, _stiffness_picture(found))]
+
+
+def _prediction_blocks(study: Study) -> Iterator[Block]:
+    """Yield what the next log should show."""
+    course, prediction = study.choice.course, study.prediction
+    if prediction is None:
+        yield Paragraph(text=f"A prediction needs a controller, and {MIN_RUNS} simulated robots or more.")
+        return
+    yield Paragraph(
+        text=f"Record {course.duration:g} s of the {course.name} with this controller and run `ballbot validate "
+        "--prediction results.json LOG`: it says whether the prediction is confirmed, what else differs from the "
+        "logs, and whether to keep the controller, weaken it, or go back to previous_controller.toml."
+    )
+    yield Sheet(
+        headings=("quantity", "predicted", "95 % interval", "soft gain, no compensation"),
+        rows=predicted_rows(prediction),
+        caption="Each interval holds the value of one new run with 95 % probability.",
+    )
 
 
 def _candidate_sheet(choice: ControllerChoice) -> Sheet:
-    first, rows = choice.trials["none"], []
-    for name, trial in choice.trials.items():
-        worst = float(np.nan_to_num(trial.peaks, nan=-np.inf).max())
-        rows.append(
-            (
-                *(_CANDIDATE_NAMES[name], _STATE_WORDS[trial.controller.estimator]),
-                millimetres(trial.peak.median),
-                f"{millimetres(trial.peak.low)} – {millimetres(trial.peak.high)}",
-                *(millimetres(worst), millimetres(trial.rms.median)),
-                "–" if name == "none" else f"{digits(first.ratio_to(trial).median)} ×",
-                *(digits(trial.roughness.median), f"{trial.falls} of {len(trial.scores)}"),
-            )
+    first = choice.trials["none"]
+    rows = [
+        (
+            _CANDIDATE_NAMES[name],
+            millimetres(trial.peak.median),
+            f"{millimetres(trial.peak.low)} – {millimetres(trial.peak.high)}",
+            "–" if name == "none" else f"{digits(first.ratio_to(trial).median)} ×",
+            *(digits(trial.roughness.median), f"{trial.falls} of {len(trial.scores)}"),
         )
+        for name, trial in choice.trials.items()
+    ]
     caption = (
-        f"Distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the robots, "
-        "with 95 % intervals of the median. Roughness: the RMS change of the torques from sample to sample."
+        f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
+        "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
     )
-    headings = (
-        *("controller", "on-board state", "peak [mm]", "95 % interval", "worst [mm]", "rms [mm]"),
-        *("peak smaller by", "roughness [N m]", "falls"),
-    )
+    headings = ("controller", "peak [mm]", "95 % interval", "smaller by", "roughness [N m]", "falls")
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
@@ -294,19 +288,18 @@ def _step_sheet(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> Sheet
     rows = []
     for step, (before, after) in steps.items():
         ratio = before.ratio_to(after)
+        interval = f" ({digits(ratio.low)} – {digits(ratio.high)})" if ratio.runs >= MIN_RUNS else ""
         rows.append(
             (
                 *(step.adds, step.to, step.course.name if step.course else course),
                 *(millimetres(one.peak.median) for one in (before, after)),
-                f"{digits(ratio.median)} ({digits(ratio.low)} – {digits(ratio.high)})" if ratio.runs else "–",
+                f"{digits(ratio.median)}{interval}",
                 f"{digits(before.roughness.median)} and {digits(after.roughness.median)}",
                 f"{before.falls} and {after.falls} of {len(before.scores)}",
-                effect_of(before, after),
             )
         )
     headings = (
         *("added", "to", "course", "before [mm]", "after [mm]", "before / after", "roughness [N m]", "falls"),
-        "reading",
     )
     caption = (
         "Each row compares two controllers that differ in one thing; what it gains depends on what else the controller "
@@ -315,32 +308,17 @@ def _step_sheet(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> Sheet
     return Sheet(headings=headings, rows=rows, caption=caption)
 
 
-def effect_of(before: Trial, after: Trial) -> str:
-    """Return what a change does on the same plants, by its falls and the 95 % interval of the ratio of peak errors."""
-    ratio = before.ratio_to(after)
-    if before.falls != after.falls:
-        return "needed: falls without" if before.falls > after.falls else "falls with it"
-    if ratio.runs < MIN_RUNS:
-        return "too few robots"
-    if ratio.low > 1.0:
-        return "lowers the error"
-    return "raises the error" if ratio.high < 1.0 else "no clear difference"
-
-
 def _replay(study: Study) -> Film | None:
-    """Return the runs without compensation and with the chosen controller as a replay, if they can be shown."""
+    """Return the runs of the soft gain and of the chosen controller as a replay, if they can be shown."""
     choice = study.choice
     shown = {RUN_LABELS[name]: choice.runs[name] for name in dict.fromkeys(("none", choice.chosen or "none"))}
     try:
         part = replay_part(shown, study.found.robot, colors=("orange", "blue"))
     except InputError:  # a run that fell at once, or a course that is too long for a page
         return None
-    which = " and with the chosen controller" if len(shown) > 1 else ""
-    caption = (
-        f"The first robot's run without compensation{which}, with the friction found. Drag to orbit; the plots' time "
-        "cursor can be dragged, too."
+    return Film(
+        part=part, caption="The first robot with the soft gain and with the chosen controller. Drag to orbit."
     )
-    return Film(part=part, caption=caption)
 
 
 _PLAIN = VARIANTS[0]

@@ -1,4 +1,4 @@
-"""The files that a study leaves: report.html, results.json, robot.toml, and controller.toml if one is recommended.
+"""The files that a study leaves besides its page: results.json, robot.toml, and controller.toml if one is recommended.
 
 If that compensates no friction, compensated_controller.toml is the best one that does.
 
@@ -8,29 +8,24 @@ before stays beside the new one, as previous_controller.toml.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ballbot.control.controller import Controller
-from ballbot.control.file import controller_text, write_controller
+from ballbot.control.file import controller_text
 from ballbot.errors import InputError
-from ballbot.file_formats import results_text, without_format
-from ballbot.files import LARGEST_SETTINGS, read_text, write_text
-from ballbot.report.page import page_of
-from ballbot.report.provenance import Provenance
-from ballbot.report.study import study_report
+from ballbot.file_formats import without_format
+from ballbot.files import LARGEST_SETTINGS, read_text
 from ballbot.report.validation import validation_results
-from ballbot.results import to_results
-from ballbot.robot.file import write_robot
+from ballbot.robot.file import robot_text
 from ballbot.workflows.controller_choice import Trial
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness
 from ballbot.workflows.study import Study
 from ballbot.workflows.twin_confirmation import Confirmation
 
 
-def study_results(study: Study, made: Provenance) -> dict[str, object]:
+def study_results(study: Study) -> dict[str, object]:
     """Return what a study's results.json holds; the controller's kind is None if every candidate falls."""
     identification = study.found.to_dict()
     validation = validation_results(study.validation)
@@ -57,7 +52,6 @@ def study_results(study: Study, made: Provenance) -> dict[str, object]:
         },
         "comparison": _comparison(study),
         "prediction": study.prediction,
-        "provenance": to_results(made),
     }
 
 
@@ -139,8 +133,9 @@ def _trial(trial: Trial) -> dict[str, object]:
     }
 
 
+#: the files of a study besides results.json and its page
 STUDY_FILES = (
-    *("report.html", "results.json", "robot.toml"),
+    "robot.toml",
     *("controller.toml", "compensated_controller.toml", "previous_controller.toml"),
 )
 
@@ -150,29 +145,20 @@ _BASELINE = """\
 """
 
 
-def write_study(study: Study, out: str | Path, *, made: Provenance, before: Path | None = None) -> Path:
-    """Write a study into a folder, each file whole or not at all, and return the path of what to read.
-
-    A quick study has no report.html. `before` is the folder of an earlier study's files; `out` if not given.
-    """
-    folder, choice = Path(out), study.choice
-    chosen = choice.controller
-    previous = previous_controller_text(
-        before or folder, new=chosen, baseline=choice.trials["none"].controller
-    )
-    write_robot(study.found.robot, folder / "robot.toml")
-    write_text(folder / "previous_controller.toml", previous)
+def study_texts(study: Study, before: Path) -> dict[str, str]:
+    """Return the texts of a study's files by name; `before` is the folder of an earlier study's."""
+    choice, chosen = study.choice, study.choice.controller
+    baseline = choice.trials["none"].controller
+    texts = {
+        "robot.toml": robot_text(study.found.robot),
+        "previous_controller.toml": previous_controller_text(before, new=chosen, baseline=baseline),
+    }
     if chosen is not None:
-        write_controller(chosen, folder / "controller.toml")
+        texts["controller.toml"] = controller_text(chosen)
         if choice.compensated is not None and chosen.compensation == "none":
             compensated = choice.trials[choice.compensated].controller
-            write_controller(compensated, folder / "compensated_controller.toml")
-    results, report = folder / "results.json", folder / "report.html"
-    write_text(results, results_text(study_results(study, made)))
-    if study.options.quick:
-        return results
-    write_text(report, page_of(replace(study_report(study), made=made)))
-    return report
+            texts["compensated_controller.toml"] = controller_text(compensated)
+    return texts
 
 
 def previous_controller_text(folder: Path, *, new: Controller | None, baseline: Controller) -> str:

@@ -13,9 +13,11 @@ from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypedDict, TypeVar, cast
+from urllib.parse import quote
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -78,6 +80,9 @@ _POINTS_ON_PAGE = 552.0 / (7.4 * 72.0)
 #: most points of a line: more than a page's width in printed dots adds bytes and shows no more
 _MOST_POINTS = 900
 
+#: most points of a line in the table that a reader saves
+_MOST_SAVED = 400
+
 #: characters of a name in a figure
 _LONGEST_NAME = 40
 
@@ -118,6 +123,11 @@ _RC: dict[RcKeyType, object] = {
 
 def drawn(draw: Callable[[], Figure], *, name: str) -> str:
     """Return a figure, which belongs to no window, as an SVG element; `name` keeps the inner names of figures apart."""
+    return _drawn(draw, name)[0]
+
+
+def _drawn(draw: Callable[[], Figure], name: str) -> tuple[str, Figure]:
+    """Return a figure as an SVG element, and the figure."""
     with mpl.rc_context(_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
         figure = draw()
@@ -135,7 +145,43 @@ def drawn(draw: Callable[[], Figure], *, name: str) -> str:
     svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
     # the width in the page's own measure; the view box keeps the proportions
     svg = re.sub(r' width="([\d.]+)pt" height="[\d.]+pt"', _width_on_page, svg, count=1)
-    return re.sub(r"\s*\n\s*", "\n", svg)
+    return re.sub(r"\s*\n\s*", "\n", svg), figure
+
+
+def _markup(draw: Callable[[], Figure], name: str) -> str:
+    """Return a figure as an SVG element with a link that saves its data."""
+    svg, figure = _drawn(draw, name)
+    rows = _data_rows(figure)
+    if not rows:
+        return svg
+    table = "\n".join(("panel,line,x,y", *rows))
+    return f'{svg}<a class="data" download="{name}.csv" href="data:text/csv,{quote(table, safe=", .-+")}">CSV</a>'
+
+
+def _data_rows(figure: Figure) -> list[str]:
+    """Return a row of panel, line, x and y for each point that a figure draws in the coordinates of its axes."""
+    rows: list[str] = []
+    for place, axes in enumerate(figure.axes, start=1):
+        lines: list[tuple[Artist, NDArray[np.float64]]] = [
+            (one, np.column_stack([one.get_xdata(), one.get_ydata()]).astype(np.float64))
+            for one in axes.lines
+        ]
+        for one in axes.collections:
+            lines += [(one, np.asarray(path.vertices, dtype=np.float64)) for path in one.get_paths()]
+        panel = _plain(axes.get_title(loc="left") or axes.get_title() or str(place))
+        for count, (line, points) in enumerate(lines, start=1):
+            if not line.get_transform().contains_branch(axes.transData):
+                continue
+            label = str(line.get_label())
+            words = str(count) if label.startswith("_") else _plain(label)
+            known = points[np.isfinite(points).all(axis=1)][:: 1 + len(points) // _MOST_SAVED]
+            rows += [f"{panel},{words},{x:.5g},{y:.5g}" for x, y in known.tolist()]
+    return rows
+
+
+def _plain(words: str) -> str:
+    """Return a text without the marks of a formula, as a cell of a table."""
+    return re.sub(r"[$\\{}]", "", printable_line(words)).replace(",", ";").strip()
 
 
 def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
@@ -149,7 +195,7 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
     """Return a figure for a page; see `drawn`."""
-    return Picture(markup=partial(drawn, draw, name=name), caption=caption)
+    return Picture(markup=partial(_markup, draw, name), caption=caption)
 
 
 def _svg(figure: Figure) -> str:

@@ -45,10 +45,9 @@ def recording_report(job: RecordJob, seed: int, recording: Recording) -> Report:
         held=held,
         ending=f"{float(log.t[-1] - log.t[0]):.1f} s were recorded." if held else "",
     )
-    files = Sheet(headings=("file", "what is in it"), rows=_files(job, recording))
     # the command that stands in record.toml: it does not depend on the folder that the run was written into
     origin = provenance(command=_command(job, seed), files=(), seed=seed)
-    return replace(made, sections=[*made.sections, section("Files", files)], made=origin)
+    return replace(made, made=origin)
 
 
 def _command(job: RecordJob, seed: int) -> str:
@@ -56,18 +55,6 @@ def _command(job: RecordJob, seed: int) -> str:
     return next(
         line.partition('"')[2].rstrip('"') for line in text.splitlines() if line.startswith("command")
     )
-
-
-def _files(job: RecordJob, recording: Recording) -> list[tuple[str, str]]:
-    what = {
-        "log": "the columns that a real robot logs",
-        "truth": "the same rows with the true values",
-        "motion_capture": "the ball's centre and the body's orientation by cameras, on a clock of their own",
-    }
-    return [
-        *((f"{name}.{job.log_format}", what[name]) for name in recording.logs),
-        ("record.toml", "how the run was made; its command, run in this folder, repeats it"),
-    ]
 
 
 #: in the results of each run: the largest distance from the reference, and its root mean square [m]

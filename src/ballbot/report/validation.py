@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import finding_results
-from ballbot.fitting.comparison import LEAST_RUNS, verdicts
+from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Section, Sheet, details, section
 from ballbot.report.series import Line, TimeSeries
 from ballbot.report.style import STATE_UNITS, drawn_picture, state_panels
 from ballbot.report.validation_figures import (
@@ -23,7 +23,6 @@ from ballbot.report.validation_figures import (
     horizon_figure,
     symbols,
     wheels_figure,
-    whole_log_figure,
 )
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.results import to_results
@@ -163,14 +162,15 @@ def _prediction_results(
 def validation_report(validation: Validation, *, title: str, lead: str) -> Report:
     """Return a validation's own page."""
     verdict, *others = (finding.text for finding in model_findings(validation))
-    found = (
-        [section("What was found", Bullets(items=[with_symbols(one) for one in others]))] if others else []
-    )
+    sections = validation_sections(validation)
+    if others:
+        found = details("What else was found", Bullets(items=[with_symbols(one) for one in others]))
+        sections.insert(1, found)
     return Report(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
-        sections=[*found, *validation_sections(validation)],
+        sections=sections,
         undecided=undecided_by(validation),
         findings=validation.log_findings,
     )
@@ -178,26 +178,10 @@ def validation_report(validation: Validation, *, title: str, lead: str) -> Repor
 
 def undecided_by(validation: Validation) -> list[str]:
     """Return what the logs cannot show of the two models."""
-    first, second = validation.models.names
     if validation.no_evidence is not None:
         return [validation.no_evidence]
-    sentences = []
-    loop, closed = validation.open_loop, validation.closed_loop
-    for where, refused, errors in (
-        ("open loop", validation.no_open_loop, loop and loop.errors),
-        ("closed loop", validation.no_closed_loop, closed and closed.restarted),
-    ):
-        if errors is None:
-            sentences.append(f"Which model is better in {where}: {refused}")
-            continue
-        verdicts_of = zip(STATE_NAMES, errors.verdicts(), strict=True)
-        open_ones = ", ".join(state_mark(name) for name, verdict in verdicts_of if verdict == "undecided")
-        few = f" or there are fewer than {LEAST_RUNS} runs" if errors.runs < LEAST_RUNS else ""
-        if open_ones:
-            sentences.append(
-                f"Whether the model {first} predicts {open_ones} better than the one {second} in {where}: the interval "
-                f"of the ratio of errors contains one{few}."
-            )
+    refused = {"open loop": validation.no_open_loop, "closed loop": validation.no_closed_loop}
+    sentences = [f"Which model is better in {where}: {why}" for where, why in refused.items() if why]
     found = validation.residuals
     if found.no_wheels:
         sentences.append(f"Whether the wheels' residual torques depend on their speeds: {found.no_wheels}.")
@@ -217,9 +201,9 @@ def validation_sections(validation: Validation) -> list[Section]:
     draw = partial(horizon_figure, validation.horizon, names)
     return [
         section("Open loop", *_open_loop_blocks(validation)),
-        section("Closed loop", *_closed_loop_blocks(validation)),
-        section("Error against horizon", drawn_picture("horizon", draw, horizon)),
-        section("Residuals of the next sample", *_residual_blocks(validation)),
+        details("Closed loop", *_closed_loop_blocks(validation)),
+        details("Error against horizon", drawn_picture("horizon", draw, horizon)),
+        details("Residuals of the next sample", *_residual_blocks(validation)),
     ]
 
 
@@ -251,17 +235,10 @@ def _closed_loop_blocks(validation: Validation) -> Iterator[Block]:
         f"measured state every {closed.restart_every:.2g} s."
     )
     yield error_sheet(validation, closed.restarted, caption)
-    for place, whole in enumerate(closed.whole, start=1):
+    for whole in closed.whole:
         yield Paragraph(text=whole_log_verdict(whole, validation.models))
-        caption = (
-            f"{RUNS} runs of each model over the {whole.duration:.3g} s of log {place}, with the noise of a measured "
-            "state drawn: RMS of the deviation from the reference, mean amplitude and period of its swings, over the "
-            "log's own. Dot: the median, bar: 95 % of the runs. A bar that contains one contains the log."
-        )
-        draw = partial(whole_log_figure, whole, validation.models.names)
-        yield drawn_picture(f"whole_log_{place}", draw, caption)
-        if place == 1:
-            yield _trajectories(whole.example, validation, "The first seconds without a restart.")
+    for whole in closed.whole[:1]:
+        yield _trajectories(whole.example, validation, "The first seconds without a restart.")
 
 
 def _residual_blocks(validation: Validation) -> Iterator[Block]:
@@ -284,7 +261,7 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with what they lack."""
     both = validation.models.names
     lower, upper = pair.ratio_interval()
-    verdicts_of, normalised = pair.verdicts(), pair.normalised_rmse
+    verdicts_of = pair.verdicts()
 
     def shown(errors: StateErrors, place: int) -> tuple[str, str]:
         """Return 1000 times the error, and the RMSE; no digits of what is only rounding."""
@@ -305,12 +282,12 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
             (
                 unit_heading(state_mark(name), STATE_UNITS[name]),
                 *(first, second, digits(pair.ratio[i]), interval, verdict),
-                *(rmse_first, rmse_second, digits(normalised[0, i], 2), digits(normalised[1, i], 2)),
+                *(rmse_first, rmse_second),
             )
         )
     return Sheet(
-        groups=(("", 1), ("1000 |x−x̂|/n", 2), ("ratio", 3), ("RMSE", 2), ("RMSE/std.", 2)),
-        headings=("state", *both, "", "95 %", "verdict", *both, *both),
+        groups=(("", 1), ("1000 |x−x̂|/n", 2), ("ratio", 3), ("RMSE", 2)),
+        headings=("state", *both, "", "95 %", "verdict", *both),
         rows=rows,
         caption=caption,
         shaded=frozenset(shaded),

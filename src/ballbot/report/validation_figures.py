@@ -1,4 +1,4 @@
-"""Figures of a validation: runs over whole logs, the error against the horizon, and the residuals."""
+"""Figures of a validation: the error against the horizon, and the residuals."""
 
 from __future__ import annotations
 
@@ -26,40 +26,6 @@ from ballbot.report.style import (
 from ballbot.validation.models import FINEST
 from ballbot.validation.prediction import HorizonComparison
 from ballbot.validation.residuals import SpeedEffect
-from ballbot.validation.whole_log import WholeLog
-
-#: ends of the ratios drawn for whole logs
-_DRAWN = (0.03, 30.0)
-
-
-def whole_log_figure(whole: WholeLog, names: tuple[str, str]) -> Figure:
-    """Return the range and median of both models' runs over the log's number, a panel for each quantity."""
-    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
-    places = np.arange(len(STATE_NAMES), dtype=np.float64)
-    titles = ("RMS", "amplitude", "period")
-    panels = figure.subplots(1, 3, sharey=True)
-    for k, (axes, title) in enumerate(zip(panels, titles, strict=True)):
-        for model, (color, marker) in enumerate(((BLUE, "o"), (ORANGE, "s"))):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                least, median, largest = whole.ranges[:, model, k] / whole.measured[k]
-            ends = (np.where(one > 0.0, np.clip(one, *_DRAWN), np.nan) for one in (least, largest))
-            at = places + (0.16, -0.16)[model]
-            axes.hlines(at, *ends, color=color, linewidth=1.6)
-            axes.plot(median, at, marker, color=color, markersize=3.6, label=label_of(names[model]))
-        axes.axvline(1.0, color=INK, linewidth=0.9)
-        axes.set_xscale("log")
-        axes.set_xlim(*_DRAWN)
-        axes.set_xticks([0.1, 1.0, 10.0], ["0.1", "1", "10"])
-        axes.xaxis.set_minor_locator(NullLocator())
-        axes.set_title(title)
-        axes.set_yticks(places, [STATE_SYMBOLS[name] for name in STATE_NAMES])
-        axes.tick_params(axis="y", length=0, labelcolor=INK)
-        axes.grid(axis="y", visible=False)
-    panels[0].invert_yaxis()
-    figure.supxlabel("model over log", fontsize=8)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=2)
-    return figure
 
 
 def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import math
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,8 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
-from ballbot.files import write_bytes
 from ballbot.robot.drawing import body_shape, row_offsets, wheel_shapes
 from ballbot.robot.robot import Robot
 
@@ -52,23 +48,6 @@ def robot_figure(robot: Robot) -> Figure:
     _draw_side(side, robot, reach)
     _draw_top(top, robot, reach)
     return figure
-
-
-def save_robot_figure(robot: Robot, path: str | Path) -> None:
-    """Write the robot's figure as .svg, .pdf or .png, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the ending is another, or the file cannot be written.
-    """
-    path = Path(path)
-    kind = path.suffix.removeprefix(".").lower()
-    if kind not in ("svg", "pdf", "png"):
-        raise InputError(f"{path} does not end in a figure format; use .svg, .pdf or .png.")
-    picture = io.BytesIO()
-    robot_figure(robot).savefig(picture, format=kind, dpi=200)
-    write_bytes(path, picture.getvalue())
 
 
 def _rims(robot: Robot) -> list[NDArray[np.float64]]:

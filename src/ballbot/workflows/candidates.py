@@ -149,27 +149,12 @@ def _attribute(path: str, name: str) -> Callable[[Robot], object]:
         except (Exception, SystemExit) as error:  # sys.exit ends nothing but this call
             del sys.modules[module_name]
             raise InputError(f"{path} cannot be run: {_error_text(error, file)}.") from error
-    _check_modules(file.resolve())
     make = getattr(sys.modules[module_name], name, None)
     if not callable(make):
         raise InputError(
             f"{path} has no {name!r} to call; it must be a class or a function that takes the robot."
         )
     return make
-
-
-def _check_modules(file: Path) -> None:
-    """Raise InputError if a module beside a file is not the one that another controller has imported under its name."""
-    files = {name: getattr(module, "__file__", None) for name, module in list(sys.modules.items())}
-    own = {Path(used).resolve().parent for name, used in files.items() if used and name.startswith(_OWN)}
-    for name, used in files.items():
-        beside = (file.parent / f"{name}.py", file.parent / name / "__init__.py")
-        taken = used and any(Path(used).is_relative_to(one) for one in own - {file.parent})
-        if taken and any(one.is_file() for one in beside):
-            raise InputError(
-                f"The module {name} beside {file} has the name of {used}, which another controller imports; give one "
-                "of them another name."
-            )
 
 
 def _error_text(error: BaseException, file: Path) -> str:

@@ -21,7 +21,7 @@ from ballbot.fitting.sweep import ALL_CORES, RunFolder, Workers, identity
 from ballbot.log import Log
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.summary import Summary, counted, plotted, summarized
+from ballbot.summary import Summary, plotted, report_summary, summarized
 from ballbot.workflows.candidates import Candidate
 from ballbot.workflows.comparison import (
     ComparedRun,
@@ -75,28 +75,11 @@ class League:
     tracks: Mapping[tuple[str, str], Track]  #: of the first seed
 
     def summary(self) -> Summary:
-        """Return for each controller its falls, and its error and torque over the first one's on the same seeds."""
-        rows = []
-        for name in self.controllers:
-            one = overall(self, name)
-            falls = f"{counted(one.falls, 'fall')} in {counted(one.runs, 'run')}"
-            ratios = [
-                f"{key.replace('_', ' ')} {ratio.mean:.3g} ({ratio.low:.3g} to {ratio.high:.3g})"
-                for key, ratio in one.ratios.items()
-            ]
-            rows.append((name, "; ".join([falls, *ratios])))
-        first = f"ratios to {self.controllers[0]}, with 95 % intervals"
-        return Summary(
-            title=f"League of {counted(len(self.controllers), 'controller')} of the robot {self.robot}: {first}",
-            rows=(
-                *rows,
-                ("courses", ", ".join(course.name for course in self.courses)),
-                ("seeds", str(len(self.seeds))),
-            ),
-        )
+        """Return the most accurate controller, and each one's errors and torques over the first one's."""
+        return report_summary(self)
 
     def plot(self) -> Figure:
-        """Return a figure of each controller's peak position error and rough torque on each course."""
+        """Return a figure of each controller's path on the first course."""
         return plotted(self)
 
 

@@ -26,7 +26,7 @@ from ballbot.progress import Progress
 from ballbot.results import left_out, reported
 from ballbot.simulation.imperfections import Push
 from ballbot.simulation.run import simulate
-from ballbot.summary import Summary, plotted, summarized
+from ballbot.summary import Summary, plotted, report_summary, summarized
 from ballbot.twin import Twin
 from ballbot.workflows.recovery_region import (
     DURATION,
@@ -152,22 +152,7 @@ class RobotLimits:
 
     def summary(self) -> Summary:
         """Return the largest tilt and impulse that are recovered from in every direction."""
-        lean, impulse, plane = self.lean, self.central_impulse, self.plane
-        return Summary(
-            title="Limits of recovery in the worst direction, without slip (if wheels never slip)",
-            rows=(
-                ("tilt at rest", f"{lean.lower.min():.3g} ({lean.upper.min():.3g}) rad"),
-                (
-                    "impulse",
-                    f"{impulse.lower.min():.3g} ({impulse.upper.min():.3g}) N s, at the centre of mass",
-                ),
-                ("tilt and tilt rate", f"{plane.lower_area:.3g} ({plane.upper_area:.3g}) rad^2/s"),
-                (
-                    "directions",
-                    f"{len(self.directions)}; the least tilt is towards {np.degrees(plane.direction):.0f}°",
-                ),
-            ),
-        )
+        return report_summary(self)
 
     def plot(self) -> Figure:
         """Return a figure of the tilts and tilt rates that are recovered from, in the worst direction."""

@@ -29,7 +29,7 @@ from pydantic import ConfigDict, Field
 
 from ballbot.arrays import MOST_TRIALS
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.lqr import LqrDesign, gain_rows
+from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import hold
@@ -44,7 +44,7 @@ from ballbot.rounding import percent
 from ballbot.schema import validate_table
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import MAX_DELAY, MAX_SLOPE
-from ballbot.summary import Summary, listed, plotted, summarized
+from ballbot.summary import Summary, plotted, report_summary, summarized
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import LoopRobot
 
@@ -290,20 +290,8 @@ class RobustDesign:
         return loop_margins(self.controller)
 
     def summary(self) -> Summary:
-        """Return the gain, its weights, and how it compares with the nominal one on robots not used in the search."""
-        compared = (
-            (name, f"worst tenth of J {one.worst_tenth:.3g}, mean {one.mean:.3g}, falls {one.falls}")
-            for name, one in self.compared.items()
-        )
-        return Summary(
-            title=f"Robust LQR gain, compared on {self.fresh} perturbed robots",
-            rows=(
-                *compared,
-                ("Q", f"diag({listed(self.state_weights)})"),
-                ("R", f"{self.torque_weight:.3g} I"),
-                *gain_rows(self.controller.gain),
-            ),
-        )
+        """Return how the gain compares with the nominal one on robots not used in the search."""
+        return report_summary(self)
 
     def plot(self) -> Figure:
         """Return a figure of the search, and of each design's costs on robots that it did not use."""

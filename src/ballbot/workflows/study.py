@@ -19,9 +19,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import design_gain
 from ballbot.errors import InputError
@@ -29,14 +26,13 @@ from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
-from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.progress import in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.summary import Summary, counted, first_texts, listed, plotted, summarized
+from ballbot.summary import Summary, plotted, report_summary, summarized
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_logs
@@ -71,11 +67,6 @@ class StudiedLog:
     name: str
     log: Log
     held_out: tuple[Interval, ...]  #: (start, end) [s]
-
-    def wheel_speeds(self, robot: Robot) -> NDArray[np.float64]:
-        """Return the wheels' speeds (M, n) [rad/s] in the rows that have them."""
-        speeds = measured_wheel_speeds(self.log, robot)
-        return speeds[np.isfinite(speeds).all(axis=1)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,38 +119,12 @@ class Study:
         return self.found.log_findings
 
     def summary(self) -> Summary:
-        """Return the friction, how much better the model with it predicts, and the controller that was chosen."""
-        friction, horizon = self.found.robot.friction, self.validation.horizon.errors
-        held_out = sum(end - start for log in self.logs for start, end in log.held_out)
-        rows = (
-            ("logs", ", ".join(one.name for one in self.logs)),
-            ("break-away torque", listed(friction.breakaway, "N m")),
-            ("dry friction", listed(friction.coulomb, "N m")),
-            ("viscous friction", listed(friction.viscous, "N m s/rad")),
-            ("rolling friction", f"C_rr = {friction.rolling:.3g}"),
-            (
-                "prediction",
-                f"{horizon.horizons[-1]:.2g} s ahead, on {held_out:.3g} s held out, the error without friction is "
-                f"{np.median(horizon.ratio[-1]):.3g} times as large (median of the states)",
-            ),
-            *_controller_rows(self.choice),
-            ("compared on", counted(len(self.choice.plants), "simulated robot")),
-        )
-        findings = first_texts([*self.log_findings, *self.found.findings], most=2)
-        return Summary(title=f"Study of the robot {self.robot.name}", rows=rows, sentences=findings)
+        """Return the friction, how much better the model with it predicts, and what the controllers gain."""
+        return report_summary(self)
 
     def plot(self) -> Figure:
         """Return a figure of each candidate's path on the course, on one of the plants."""
         return plotted(self)
-
-
-def _controller_rows(choice: ControllerChoice) -> tuple[tuple[str, str], ...]:
-    """Return the chosen controller and every candidate's peak error and falls."""
-    rows = [("controller", choice.chosen or "none: every candidate falls on some plant")]
-    for name, trial in choice.trials.items():
-        peak = f"{1e3 * trial.peak.median:.3g} mm" if trial.peak.runs else "unknown"
-        rows.append((f"  {name}", f"peak error {peak} (median), {counted(trial.falls, 'fall')}"))
-    return tuple(rows)
 
 
 def study(

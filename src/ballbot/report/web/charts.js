@@ -93,6 +93,20 @@ class Chart {
     button("‹", "Earlier", () => this.shift(-0.5));
     button("›", "Later", () => this.shift(0.5));
     button("All", "Show the whole time", () => this.show(...this.whole()));
+    button("CSV", "Download the data", () => this.download());
+  }
+
+  /** Save the lines as a table, a column each. */
+  download() {
+    const columns = [["time_s", this.t]];
+    for (const panel of this.data.panels)
+      for (const line of panel.lines) columns.push([`"${panel.label}: ${line.name}"`, unpacked(line.values)]);
+    const rows = [columns.map(([name]) => name).join(",")];
+    for (let i = 0; i < this.t.length; i++)
+      rows.push(columns.map(([, one]) => (Number.isNaN(one[i]) ? "" : Number(one[i].toPrecision(6)))).join(","));
+    const link = make("a", { href: URL.createObjectURL(new Blob([rows.join("\n")])), download: `${this.root.dataset.ballbotChart}.csv` });
+    link.click();
+    URL.revokeObjectURL(link.href);
   }
 
   swatch(look) {
