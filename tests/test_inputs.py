@@ -249,7 +249,7 @@ def test_log_of_too_many_columns_is_refused(tmp_path, capsys, columns):
     assert f"wide.csv has {columns:,} columns; at most 1,000" in refused(capsys, "check-log", path)
     assert "columns; at most 1,000" in refused(capsys, "check-log", path, "--robot", "alten")
     path.write_text("t,u1\n" + f"0{',1' * (columns - 1)}\n")
-    assert "columns; at most 1,000" in refused(capsys, "check-log", path)
+    assert "line 2: the row has 1001 cells" in refused(capsys, "check-log", path)
 
 
 def test_oversized_parquet_is_refused_by_its_header(tmp_path, capsys):

@@ -103,7 +103,7 @@ def check_log(
             _show(files, described, stated, source=robot, result=result)
         else:
             for one in files:
-                _check(one, described, mapping, result)
+                _check(one, described, mapping, result, source=robot)
 
 
 def _column_names(columns: str | None) -> list[str] | None:
@@ -121,16 +121,32 @@ def _column_names(columns: str | None) -> list[str] | None:
     return named
 
 
-def _check(file: Path, robot: Robot | None, mapping: Path | None, result: CommandResult) -> None:
+def _check(
+    file: Path, robot: Robot | None, mapping: Path | None, result: CommandResult, *, source: str | None
+) -> None:
     """Show a log and its problems; raise InputError if one is an error."""
     checked = CheckedLog.of(file, Log.read(file, mapping=mapping), robot)
     page = log_check_report(checked, robot)
     printed = [page.lead, *page.parts(), *map(finding_line, checked.findings)]
-    result.write(checked.results(), page, printed=printed)
     errors = [finding for finding in checked.findings if finding.severity == "error"]
+    step = "" if errors else _command_for(checked, source=source, mapping=mapping)
+    result.write(checked.results(), page, printed=printed, next_step=step)
     if errors:
         more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
         raise InputError(f"{file}: {errors[0].text}{more}")
+
+
+def _command_for(checked: CheckedLog, *, source: str | None, mapping: Path | None) -> str:
+    """Return the command that a log without errors is next used with; none if it can be used for nothing."""
+    tail = ["--mapping", str(mapping)] if mapping else []
+    if source is None:
+        return f"`{shell_line(['ballbot', 'check-log', str(checked.file), '--robot', 'ROBOT', *tail])}`"
+    lacks = " ".join(one.text for one in checked.findings if one.code == "use")
+    uses = {"study": "balancing robot", "identify-driveline": "drivelines"}
+    command = next((name for name, use in uses.items() if use not in lacks), None)
+    if command is None:
+        return ""
+    return f"`{shell_line(['ballbot', command, source, str(checked.file), *tail, '--out', 'found'])}`"
 
 
 def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, result: CommandResult) -> None:

@@ -68,4 +68,7 @@ def identify_axis(
             run=Run(progress=result.report),
         )
         page = axis_report(found, read[0], findings)
-        result.write(found.to_dict(), page, findings=[*findings, *found.findings])
+        step = (
+            "another record of the axis, as --against OTHER, validates what was found" if not against else ""
+        )
+        result.write(found.to_dict(), page, findings=[*findings, *found.findings], next_step=step)

@@ -94,4 +94,9 @@ def identify_geometry(
             )
             of_geometry.append(note("no-robot-file", text))
         page = geometry_report(found, of_geometry, robot=described, log_findings=findings)
-        result.write(found.to_dict(), page, findings=[*findings, *of_geometry], files=files)
+        step = (
+            f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
+            if files
+            else ""
+        )
+        result.write(found.to_dict(), page, findings=[*findings, *of_geometry], files=files, next_step=step)

@@ -12,7 +12,7 @@ import numpy as np
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.log import Log
-from ballbot.log.checks import check, check_uses
+from ballbot.log.checks import check, check_uses, uses_of
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lines
@@ -144,7 +144,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Report:
     return Report(
         title=f"{checked.file.name}: what the log shows",
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
-        verdict=[("", _log_verdict(findings))],
+        verdict=[("", _log_verdict(findings, uses_of(log, wheel_count=robot.wheel_count) if robot else []))],
         sections=[
             section("Columns", _column_table(checked.columns), wheels),
             section("Over time", *over_time(log, robot)),
@@ -159,16 +159,17 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Report:
     )
 
 
-def _log_verdict(findings: Sequence[Finding]) -> str:
+def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
     errors = [one for one in findings if one.severity == "error"]
     warnings = sum(one.severity == "warning" for one in findings)
     if errors:
         others = len(errors) - 1
         more = f" {counted(others, 'more error')} {'is' if others == 1 else 'are'} listed below."
         return f"This log must not be used as it is: {errors[0].text}{more if others else ''}"
+    use = f" for {' and '.join(filter(None, (', '.join(uses[:-1]), uses[-1])))}" if uses else ""
     if warnings:
-        return f"The log can be used; {counted(warnings, 'warning')} below must be known first."
-    return "No problems were found."
+        return f"The log can be used{use}; {counted(warnings, 'warning')} below must be known first."
+    return f"A good log{use}." if use else "No problems were found."
 
 
 def proposal_report(found: Evaluation, robot: Robot) -> Report:

@@ -138,16 +138,27 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding
     return by_severity([*findings, *of_all])
 
 
+def _columns_of_uses(wheel_count: int) -> dict[str, tuple[str, ...]]:
+    torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
+    return {
+        "identification and validation of the balancing robot": ("t", *torques, *STATE_NAMES),
+        "closed-loop validation": ("t", *torques, *STATE_NAMES, "ref_x", "ref_y", "ref_psi"),
+        "identification of drivelines": ("t", *torques, *speeds),
+        "the on-board state": ("t", *speeds, "gyro_x", "gyro_y", "gyro_z", "theta", "phi", "psi"),
+    }
+
+
+def uses_of(log: Log, *, wheel_count: int) -> list[str]:
+    """Return the uses that the log has the columns for."""
+    return [
+        use for use, needed in _columns_of_uses(wheel_count).items() if all(name in log for name in needed)
+    ]
+
+
 def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
     """Return a note for each use that the log lacks columns for."""
-    torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
     findings = []
-    for use, needed in (
-        ("identification and validation of the balancing robot", ("t", *torques, *STATE_NAMES)),
-        ("closed-loop validation", ("t", *torques, *STATE_NAMES, "ref_x", "ref_y", "ref_psi")),
-        ("identification of drivelines", ("t", *torques, *speeds)),
-        ("the on-board state", ("t", *speeds, "gyro_x", "gyro_y", "gyro_z", "theta", "phi", "psi")),
-    ):
+    for use, needed in _columns_of_uses(wheel_count).items():
         missing = [name for name in needed if name not in log]
         if missing:
             plural = "columns" if len(missing) > 1 else "column"
