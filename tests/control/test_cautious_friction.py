@@ -138,7 +138,7 @@ def test_an_unknown_error_costs_what_its_interval_allows():
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path, capsys):
+def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path):
     robot = alten(FRICTION).annotated(standard_deviations={"friction.coulomb": (0.01, 0.0, 0.03)})
     covariance = stated_covariance(robot)
     assert covariance is not None
@@ -148,7 +148,8 @@ def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path, capsys)
     write_robot(robot, tmp_path / "found.toml")
     words = ["design", str(tmp_path / "found.toml"), "--compensation", "full"]
     assert main([*words, "--out", str(tmp_path)]) == 0
-    assert "Only the friction that is certain is compensated" in capsys.readouterr().out
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Only the friction that is certain is compensated" in page
     compensated = read_controller(tmp_path / "controller.toml", robot).robot.friction
     assert compensated == cautious_friction(FRICTION, covariance)
     assert compensated.coulomb[1] == FRICTION.coulomb[1]

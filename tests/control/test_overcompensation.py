@@ -1,7 +1,6 @@
 """Over-compensation: what is refused drives a robot on, what is accepted does not, by the engine."""
 
 import json
-import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -95,7 +94,6 @@ def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp
     assert main([*words, "--compensation-gain", "1.2", "--allow-overcompensation"]) == 0
     assert "WARNING: the compensation" in capsys.readouterr().out
     assert main([*words, "--compensation-gain", "0.8"]) == 0
-    assert len(re.findall(r"(?:wheel \d|rolling) +80 %", capsys.readouterr().out)) == 4
     margin = json.loads((tmp_path / "out" / "results.json").read_text())["compensation_margin"]
     assert margin["overcompensates"] is False
     assert margin["wheel_fractions"] == pytest.approx([0.8] * 3)

@@ -19,6 +19,7 @@ from ballbot.firmware.export import export_controller, exported_names
 from ballbot.firmware.processor_load import what_to_install
 from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from tests.support.report_pages import shown_text
 
 needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -54,7 +55,7 @@ def test_files_are_whole_and_the_same_each_time_with_the_load_of_the_processor(
     printed = capsys.readouterr().out
     assert "stops beyond a lean of" in printed
     sentence = "Not measured: instructions, cycles, flash and stack need `pip install no_such_package`."
-    assert sentence in printed.replace("\n", " ")
+    assert sentence in shown_text((tmp_path / "made" / "report.html").read_text(encoding="utf-8"))
     first = contents(tmp_path / "made")
     assert set(exported_names()) | {"results.json"} <= set(first)
     results = json.loads(first["results.json"])

@@ -69,6 +69,8 @@ def identify_axis(
         )
         page = axis_report(found, read[0], findings)
         step = (
-            "another record of the axis, as --against OTHER, validates what was found" if not against else ""
+            "name another record of the axis after this one, to validate what was found"
+            if not against
+            else ""
         )
         result.write(found.to_dict(), page, findings=[*findings, *found.findings], next_step=step)

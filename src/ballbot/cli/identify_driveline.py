@@ -65,5 +65,6 @@ def identify_driveline(
         identified = robot_with_friction(described, estimate, source=source)
         page = driveline_report(described.name, sweeps, fits, findings)
         files = {"robot.toml": robot_text(identified)}
-        step = f"`ballbot identify {robot} LOG --sweep {result.path('results.json')} --out found`, with logs of balancing"
+        sweep = result.path("results.json")
+        step = f"`ballbot identify {robot} LOG --sweep {sweep} --out found`, with logs of balancing"
         result.write(driveline_results(fits, findings), page, files=files, next_step=step)
