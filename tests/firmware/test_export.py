@@ -54,8 +54,9 @@ def test_files_are_whole_and_the_same_each_time_with_the_load_of_the_processor(
     assert export(given, tmp_path / "made") == 0
     printed = capsys.readouterr().out
     assert "stops beyond a lean of" in printed
-    sentence = "Not measured: instructions, cycles, flash and stack need `pip install no_such_package`."
-    assert sentence in shown_text((tmp_path / "made" / "report.html").read_text(encoding="utf-8"))
+    text = shown_text((tmp_path / "made" / "report.html").read_text(encoding="utf-8"))
+    assert "Not measured: instructions, cycles, flash and stack need" in text
+    assert "pip install no_such_package" in text
     first = contents(tmp_path / "made")
     assert set(exported_names()) | {"results.json"} <= set(first)
     results = json.loads(first["results.json"])

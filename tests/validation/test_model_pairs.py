@@ -117,7 +117,7 @@ def test_a_short_log_gets_no_verdict():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_the_command_compares_any_two_models(tmp_path: Path):
+def test_the_command_compares_any_two_models(tmp_path: Path, capsys):
     noisy_log().select(slice(0, 1800)).write(tmp_path / "walk.csv")
     write_robot(true_robot(), tmp_path / "true.toml")
     write_robot(_viscous(), tmp_path / "viscous.toml")
