@@ -241,6 +241,8 @@ def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
         "state with RMSE",
         "y 21.25",
         "- So.",
+        "What the data cannot decide",
+        "- everything else",
         "It: works.",
         "Indeed.",
     ]

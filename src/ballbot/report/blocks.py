@@ -164,8 +164,8 @@ class Report:
     def parts(self, *, brief: bool = False) -> Iterator[RenderableType]:
         """Yield what a terminal shows: tables, texts and lists of the page, and the doubts; then the verdict.
 
-        The last lines of a terminal are those that are read. A `brief` one shows the verdict, and of the first section
-        its first table and its sentences.
+        The last lines of a terminal are those that are read. A `brief` one shows of the sections the first one's first
+        table and its sentences.
         """
         if brief:
             blocks = [block for one in self.sections[:1] for block in one.blocks]
@@ -175,6 +175,9 @@ class Report:
             )
         else:
             yield from self._whole()
+        yield Text("What the data cannot decide", style="bold")
+        yield from (Text(f"- {words}") for words in self.undecided)
+        yield Text("")
         yield from verdict_lines(self.verdict)
 
     def _whole(self) -> Iterator[RenderableType]:
@@ -183,9 +186,6 @@ class Report:
             if shown:
                 yield Text(one.heading, style="bold")
                 yield from (*shown, Text(""))
-        yield Text("What the data cannot decide", style="bold")
-        yield from (Text(f"- {words}") for words in self.undecided)
-        yield Text("")
 
 
 def verdict_lines(verdict: Sequence[tuple[str, str]]) -> list[Text]:
