@@ -136,6 +136,11 @@ def report_summary(value: object) -> Summary:
     return import_module("ballbot.report.plots").SUMMARIES[type(value).__name__](value)
 
 
+def written_results(value: object) -> dict[str, object]:
+    """Return what results.json holds of a value, as `ballbot.report.plots` finds it."""
+    return import_module("ballbot.report.plots").RESULTS[type(value).__name__](value)
+
+
 def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, digits: int = 3) -> str:
     """Return numbers with that many significant digits, and their unit: 0.014, 0.016, 0.013 N m."""
     numbers = ", ".join(f"{value + 0.0:.{digits}g}" for value in np.atleast_1d(values).tolist())

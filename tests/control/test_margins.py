@@ -246,7 +246,7 @@ def test_margins_are_results_and_a_summary():
     one = found("nominal")
     assert_fits_a_screen(one)
     assert "<svg" in one.plot()._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
-    written = plain(one.results())
+    written = plain(one.to_dict())
     assert isinstance(written, dict)
     assert list(written["wheels"]) == ["u1", "u2", "u3"]
     assert written["together"]["disk"]["gain"][0] == pytest.approx(1.0 / one.together.disk.gain[1])

@@ -100,7 +100,7 @@ def check(
         found = [finding_line(one, accepted=True) for one in checked.findings]
         printed = [page.title, *page.parts(), *found]
         step = f"`ballbot check-log LOG --robot {robot}`"
-        result.write(checked.results(), page, printed=printed, named=[RESULTS], next_step=step)
+        result.write(checked.to_dict(), page, printed=printed, named=[RESULTS], next_step=step)
 
 
 def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:

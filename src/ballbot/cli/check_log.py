@@ -130,7 +130,7 @@ def _check(
     printed = [page.lead, *page.parts(), *map(finding_line, checked.findings)]
     errors = [finding for finding in checked.findings if finding.severity == "error"]
     step = "" if errors else _command_for(checked, source=source, mapping=mapping)
-    result.write(checked.results(), page, printed=printed, next_step=step)
+    result.write(checked.to_dict(), page, printed=printed, next_step=step)
     if errors:
         more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
         raise InputError(f"{file}: {errors[0].text}{more}")

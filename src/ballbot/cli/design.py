@@ -166,7 +166,7 @@ def design(
         found = design_controller(described, gain=gain, parts=parts)
         page = controller_design_report(found, findings)
         files = {"controller.toml": controller_text(found.controller)}
-        result.write(found.results(), page, files=files, named=_WRITTEN, next_step=_next(robot, result))
+        result.write(found.to_dict(), page, files=files, named=_WRITTEN, next_step=_next(robot, result))
     warn_of_idle_compensation({"controller.toml": found.controller})
 
 
@@ -206,7 +206,7 @@ def _search(
             "compensation": compensation,
             "gain": found.controller.gain,
             "poles": found.design.poles,
-            "loop_margins": found.loop_margins.results(),
+            "loop_margins": found.loop_margins.to_dict(),
             "linearization": linearization_results(frictionless_model(robot)),
             **to_results(found),
         }

@@ -116,4 +116,4 @@ def excite(
             f"`ballbot run PORT --reference {result.path('reference.csv')} --controller "
             f"{result.path('controller.toml')} --robot {robot} --out run`, then `ballbot identify {robot} run/log.csv`"
         )
-        result.write(found.results(), page, files=files, named=["reference.csv"], next_step=step)
+        result.write(found.to_dict(), page, files=files, named=["reference.csv"], next_step=step)

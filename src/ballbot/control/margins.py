@@ -135,7 +135,7 @@ class Margins:
         """Return a figure of the Bode diagram."""
         return plotted(self)
 
-    def results(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         return {
             "broken_at": "the wheels' torques",

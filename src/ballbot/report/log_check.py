@@ -87,7 +87,7 @@ class CheckedLog:
             wheels=wheel_agreement(completed, robot),
         )
 
-    def results(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return the entries of results.json."""
         log = self.log
         return {

@@ -31,7 +31,9 @@ from ballbot.report.loop import bode_figure, poles_figure
 from ballbot.report.run import over_time
 from ballbot.report.series import IN_TURN, TimeSeries
 from ballbot.report.study import summary
+from ballbot.report.study_files import study_results
 from ballbot.report.style import LOOKS, thinned
+from ballbot.report.validation import validation_results
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.robot.figure import robot_figure
 from ballbot.summary import Summary
@@ -111,6 +113,11 @@ SUMMARIES: Mapping[str, Callable[[Any], Summary]] = {
 }
 
 #: what draws a value, by its class
+#: what results.json holds of a result whose own package does not know it, by the name of its class
+RESULTS: Mapping[str, Callable[[Any], dict[str, object]]] = {
+    "Study": study_results,
+    "Validation": validation_results,
+}
 FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "AxisIdentification": laws_figure,
     "Controller": controller_figure,

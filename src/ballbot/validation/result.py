@@ -10,7 +10,7 @@ import numpy as np
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.summary import Summary, counted, plotted, summarized
+from ballbot.summary import Summary, counted, plotted, summarized, written_results
 from ballbot.validation.closed_loop import ClosedLoop, RecoveredGain
 from ballbot.validation.models import ErrorPair, ModelPair
 from ballbot.validation.open_loop import OpenLoop
@@ -67,6 +67,10 @@ class Validation:
     def plot(self) -> Figure:
         """Return a figure of how the errors of both models grow with the horizon of a prediction."""
         return plotted(self)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds of it."""
+        return written_results(self)
 
 
 #: a state's error is put down to the noise of its start from this share on

@@ -122,7 +122,7 @@ class ControllerDesign:
         """Return a figure of the loop's Bode diagram."""
         return plotted(self)
 
-    def results(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return the design's entries of results.json."""
         controller, spread = self.controller, self.uncertainty
         return {
@@ -134,7 +134,7 @@ class ControllerDesign:
             "gain_variance_shares": dict(spread.largest(len(spread.parts))),
             "poles": self.gain.poles,
             "linearization": linearization_results(frictionless_model(controller.robot)),
-            "loop_margins": self.loop_margins.results(),
+            "loop_margins": self.loop_margins.to_dict(),
             "compensation_margin": self.margin,
         }
 

@@ -483,7 +483,7 @@ class Excitation:
         runs = self.on_loop["designed"]
         return runs.ended is None and not runs.peaks.exceeding(self.task.limits)
 
-    def results(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; SI units, and errors also in shares of the bounds' width ("scaled")."""
         task, sines = self.task, self.design.sines
 

@@ -82,6 +82,10 @@ class League:
         """Return a figure of each controller's path on the first course."""
         return plotted(self)
 
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds of it."""
+        return league_results(self)
+
 
 def run_league(
     robot: RobotLike,

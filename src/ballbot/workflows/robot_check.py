@@ -123,7 +123,7 @@ class CheckedSwing:
     found: SwingInertia
     findings: tuple[Finding, ...]
 
-    def results(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return this as results.json holds it."""
         stated: dict[str, object] = {
             "findings": finding_results([*self.findings, *self.inertia_findings()]),
@@ -194,7 +194,7 @@ class CheckedRobot:
     swing: CheckedSwing | None
     following: ReferenceMargins | None
 
-    def results(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return this as results.json holds it."""
         return {
             "robot": self.robot.name,
@@ -210,10 +210,10 @@ class CheckedRobot:
             "unstable_pole_uncertainty": self.spread,
             "loop_margins": {
                 "controller": self.controller,
-                **(self.margins.results() if self.margins else {"refusal": self.refusal}),
+                **(self.margins.to_dict() if self.margins else {"refusal": self.refusal}),
             },
             "findings": finding_results(self.findings),
-            "swing": self.swing.results() if self.swing else None,
+            "swing": self.swing.to_dict() if self.swing else None,
             "reference": margin_results(self.following) if self.following else None,
         }
 

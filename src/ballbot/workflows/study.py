@@ -32,7 +32,7 @@ from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.progress import in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.summary import Summary, plotted, report_summary, summarized
+from ballbot.summary import Summary, plotted, report_summary, summarized, written_results
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_logs
@@ -125,6 +125,10 @@ class Study:
     def plot(self) -> Figure:
         """Return a figure of each candidate's path on the course, on one of the plants."""
         return plotted(self)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds of it."""
+        return written_results(self)
 
 
 def study(
