@@ -105,7 +105,7 @@ def test_pushed_log_gets_no_open_loop_verdict():
     said = " ".join(texts(findings(validation)))
     assert "No open-loop validation: Something other than wheels and gravity moves the lean" in said
     assert "Open loop," not in said
-    assert validation_results(validation)["open_loop"] is None
+    assert validation.to_dict()["open_loop"] is None
 
 
 def test_a_short_log_gets_no_verdict():
