@@ -1,6 +1,7 @@
 """The Python interface as its users expect it: changed values, functions as controllers, packages, dictionaries."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ from ballbot.control.presets import nominal_controller
 from ballbot.results import as_json
 from ballbot.simulation.batch import Verdict
 from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin.imperfections import imperfections_of
+from ballbot.twin.scenario import Scenario
 from tests.support.control_examples import FRICTION, alten, leaning
 from tests.test_summary import RESULTS
 
@@ -115,3 +119,17 @@ def test_results_are_dictionaries_that_json_holds(name):
     found = RESULTS[name]().to_dict()
     assert found
     assert json.loads(as_json(found))
+
+
+def test_a_scenario_is_given_by_name_value_or_in_the_plant():
+    found = Scenario.nominal(ROBOT)
+    words = {"duration": 0.5, "seed": 3}
+    by_name = simulate(ROBOT, "precise", "hold", scenario="nominal", **words)
+    by_value = simulate(Model(ROBOT), "precise", "hold", scenario=found, **words)
+    identified = replace(found, friction=ROBOT.friction, wheel_contact="point")
+    plant = SensedPlant(Model(ROBOT), imperfections_of(identified), estimator="kalman")
+    in_plant = simulate(plant, "precise", "hold", **words)
+    np.testing.assert_array_equal(by_name.states, in_plant.states)
+    np.testing.assert_array_equal(by_value.states, in_plant.states)
+    with pytest.raises(InputError, match=r"Twin\(robot, scenario\)"):
+        simulate(plant, "precise", "hold", scenario="nominal", **words)

@@ -20,7 +20,6 @@ from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import notice_output
 from ballbot.control.references import as_reference
-from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import WRITTEN_SUFFIXES, check_format
 from ballbot.mechanics.model import Model
@@ -28,10 +27,8 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import in_stage
 from ballbot.report.run import simulation_report
 from ballbot.robot.file import robot_text
-from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
-from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.twin.imperfections import imperfections_of, left_out, with_identified
+from ballbot.twin.imperfections import left_out
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.metrics import run_results
 
@@ -97,7 +94,10 @@ def simulate(
     path = as_reference(reference)
     controller = chosen.read(described)
     warn_of_idle_compensation({chosen.controller or "nominal controller": controller})
-    plant = _plant(Model(described, simulated.formulation), simulated.scenario, controller.estimator)
+    scenario = None if simulated.scenario is None else load_scenario(simulated.scenario, described)
+    if scenario is not None:
+        words = f"Left out: {', '.join(left_out(scenario, identified=True))}."
+        notice_output().print(words, markup=False, soft_wrap=True)
     inputs = [robot, reference, chosen.controller, simulated.scenario]
     with open_result(
         out,
@@ -108,11 +108,12 @@ def simulate(
         seed=simulated.seed,
     ) as result:
         log = run(
-            plant,
+            Model(described, simulated.formulation),
             controller,
             path,
             duration=duration,
             seed=simulated.seed,
+            scenario=scenario,
             progress=in_stage(result.report, f"simulating {duration:g} s"),
         )
         page = simulation_report(
@@ -127,16 +128,3 @@ def simulate(
         name = f"log.{format}"
         step = f"`ballbot view {result.path(name)}`"
         result.write(run_results(log), page, files=files, named=[name], next_step=step)
-
-
-def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plant | Model:
-    """Return the model, behind the sensors of a scenario where there is one."""
-    if scenario is None:
-        return model
-    found = load_scenario(scenario, model.robot)
-    notice_output().print(
-        f"Left out: {', '.join(left_out(found, identified=True))}.", markup=False, soft_wrap=True
-    )
-    return SensedPlant(
-        model, imperfections_of(with_identified(found, model.robot.friction)), estimator=estimator
-    )

@@ -11,15 +11,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from ballbot.estimation.interface import EstimatorName
 from ballbot.mechanics.model import Model
 from ballbot.robot import Body, Friction, Robot
 from ballbot.simulation.imperfections import Imperfections, RollerContacts
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.faults import Payload
 from ballbot.twin.mjcf import floor_normal
 from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import load_scenario
 
 #: what a scenario may have and the equations of motion do not, and how it is called in a report
 _BEYOND = {
@@ -86,6 +90,13 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
         fallen_lean=scenario.fallen_lean,
         known=known,
     )
+
+
+def sensed(model: Model, scenario: Scenario | str | Path, *, estimator: EstimatorName) -> SensedPlant:
+    """Return a model with its own friction behind a scenario's sensors, drive and floor."""
+    found = scenario if isinstance(scenario, Scenario) else load_scenario(scenario, model.robot)
+    identified = with_identified(found, model.robot.friction)
+    return SensedPlant(model, imperfections_of(identified), estimator=estimator)
 
 
 def true_model(robot: Robot, scenario: Scenario) -> Model:
