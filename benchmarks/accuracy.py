@@ -9,22 +9,8 @@ from numpy.typing import NDArray
 from ballbot.mechanics.engine.compiled import FAST
 from ballbot.mechanics.engine.lanes import LANES, ROWS, TORQUE, load, put
 from ballbot.mechanics.engine.run import load_state, load_torques, start_lane
-from ballbot.mechanics.engine.smooth import acceleration, ball_velocity, body_velocity, net_torques, pose
-from ballbot.mechanics.engine.tracing import traced
-from ballbot.mechanics.engine.vector import each
-from ballbot.mechanics.floor import floor_friction
-from ballbot.mechanics.friction import directed_friction, sign
 from ballbot.mechanics.model import Model
-
-
-@traced
-def _moving(selected, P, state, u):
-    a, speeds = pose(selected, P, state)
-    signs = each(sign, speeds)
-    dry = each(directed_friction, P.wheels, speeds, signs)
-    v, w = ball_velocity(state), body_velocity(state)
-    net = net_torques(P, u, speeds, signs, dry)
-    return acceleration(selected, P, a, v, w, net, floor_friction(P, v))
+from ballbot.simulation.model_plant import moving
 
 
 @njit(error_model="numpy", fastmath=FAST)
@@ -39,7 +25,7 @@ def _fill(selected, row, states, torques, out):
             put(work, TORQUE + axis, 0, torques[lane, axis])
         state = load_state(selected, work, 0)
         state = state[:7] + (states[lane, 7], states[lane, 8], states[lane, 9])  # noqa: RUF005 (Numba adds tuples)
-        v_dot, w_dot = _moving(selected, P, state, load_torques(selected, work, 0))
+        _, _, _, _, _, v_dot, w_dot = moving(selected, P, state, load_torques(selected, work, 0))
         for i in range(2):
             out[lane, i] = v_dot[i]
         for i in range(3):

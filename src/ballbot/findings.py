@@ -67,7 +67,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "methods-differ": "two methods or stages estimate a parameter differently by more than their errors",
         "missing": "values are missing (NaN)",
         "motors-alike": "motors that the logs cannot separate are fitted as one",
-        "no-breakaway": "friction at rest cannot be told from friction in motion",
+        "no-breakaway": "friction at rest cannot be distinguished from friction in motion",
         "no-evidence": "a log cannot show which of two models is better: it does not move, or one of them simulated it",
         "no-influence": "a parameter has no influence on the logs",
         "no-robot-file": "no robot file was written",

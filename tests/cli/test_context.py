@@ -87,3 +87,9 @@ def test_terminal_shows_that_a_command_starts_until_it_prints(watched, capsys, m
     written = capsys.readouterr().err
     assert written.startswith("\rstarting study, 0 s") == watched
     assert written.endswith("\r\x1b[K") == watched
+
+
+def test_a_value_that_is_set_takes_no_word_after_it(tmp_path, capsys):
+    words = ["compare", "alten", "--set", "body.mass=18.0", "none", "--scenarios", "hold", "--seeds", "1"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    assert "ballbot limits alten --set body.mass=18.0 CONTROLLER" in capsys.readouterr().out

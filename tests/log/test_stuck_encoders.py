@@ -45,8 +45,8 @@ def test_encoders_that_turn_give_no_finding():
 def test_counts_of_the_robot_file_that_the_steps_of_the_angles_contradict_are_found(factor, found):
     robot = small_robot()
     sensors = replace(robot.sensors, encoder_counts=factor * robot.sensors.encoder_counts)
-    told = [one.text for one in check_sampling(measured(), robot.replace(sensors=sensors))]
-    assert len([text for text in told if "encoder_counts" in text]) == found
+    texts = [one.text for one in check_sampling(measured(), robot.replace(sensors=sensors))]
+    assert len([text for text in texts if "encoder_counts" in text]) == found
 
 
 def test_encoders_of_a_robot_at_rest_give_no_finding():

@@ -11,6 +11,7 @@ from ballbot.cli.context import CommandResult, Content, MappingFile, open_result
 from ballbot.cli.output import progress_bar
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.checks import BALANCING, DRIVELINES
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
@@ -141,12 +142,14 @@ def _command_for(checked: CheckedLog, *, source: str | None, mapping: Path | Non
     tail = ["--mapping", str(mapping)] if mapping else []
     if source is None:
         return f"`{shell_line(['ballbot', 'check-log', str(checked.file), '--robot', 'ROBOT', *tail])}`"
-    lacks = " ".join(one.text for one in checked.findings if one.code == "use")
-    uses = {"study": "balancing robot", "identify-driveline": "drivelines"}
-    command = next((name for name, use in uses.items() if use not in lacks), None)
+    command = next((_COMMANDS[use] for use in checked.uses if use in _COMMANDS), None)
     if command is None:
         return ""
     return f"`{shell_line(['ballbot', command, source, str(checked.file), *tail, '--out', 'found'])}`"
+
+
+#: the command of a use
+_COMMANDS = {BALANCING: "study", DRIVELINES: "identify-driveline"}
 
 
 def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, result: CommandResult) -> None:

@@ -11,6 +11,7 @@ from ballbot.cli.context import (
     input_files,
     open_result,
     parse_seeds,
+    robot_words,
     workers,
 )
 from ballbot.cli.controllers import warn_of_idle_compensation
@@ -34,7 +35,7 @@ def compare(
     seeds: str = "1-3",
     processes: WholeNumber | None = None,
     cluster: ClusterAddress = None,
-    change: Changes = (),
+    change: Changes = None,
     out: OutFolder,
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
@@ -97,5 +98,6 @@ def compare(
             run=Run(progress=result.report),
         )
         page = league_report(league)
-        step = f"`ballbot limits {robot} CONTROLLER --out limits` of the one that you choose."
+        words = robot_words(robot, change)
+        step = f"`ballbot limits {words} CONTROLLER --out limits`, with the controller that you choose."
         result.write(league_results(league), page, next_step=step)

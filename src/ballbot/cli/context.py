@@ -73,17 +73,17 @@ RobotName = Annotated[str, Parameter(help="A preset's name or a robot file.")]
 
 #: the option --set of the commands that take a robot
 Changes = Annotated[
-    tuple[str, ...],
+    list[str] | None,
     Parameter(
         name="--set",
-        negative=(),
+        negative="",
         help="Another value of the robot for this run, in SI units, such as --set body.mass=9.0 or --set "
         "friction.coulomb=[0.1,0.1,0.12]; one number stands for all wheels.",
     ),
 ]
 
 
-def changed_robot(source: str, changes: Sequence[str]) -> Robot:
+def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
     """Return the preset of that name or the robot in that file, with the values of --set.
 
     Raises
@@ -92,7 +92,7 @@ def changed_robot(source: str, changes: Sequence[str]) -> Robot:
         If there is no such robot, a change is not NAME=VALUE, or the robot cannot have the value.
     """
     values = {}
-    for change in changes:
+    for change in changes or ():
         name, _, text = change.partition("=")
         try:
             values[name.strip()] = tomllib.loads(f"value = {text}")["value"]
@@ -101,6 +101,11 @@ def changed_robot(source: str, changes: Sequence[str]) -> Robot:
                 f"--set {change}: it must be a name and a value, such as body.mass=9.0 or friction.coulomb=0.1."
             ) from None
     return Robot.load(source).replace(values)
+
+
+def robot_words(source: str, changes: Sequence[str] | None) -> str:
+    """Return a robot and its changes as a command line has them."""
+    return shell_line([source, *(word for change in changes or () for word in ("--set", change))])
 
 
 #: the option --out of every command that needs a folder

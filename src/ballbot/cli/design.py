@@ -17,6 +17,7 @@ from ballbot.cli.context import (
     WholeNumber,
     changed_robot,
     open_result,
+    robot_words,
 )
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
@@ -106,7 +107,7 @@ def design(
     robust: Annotated[bool, Parameter(negative="")] = False,
     search: RobustSearchOptions = _SEARCH,
     accept: Accept = None,
-    change: Changes = (),
+    change: Changes = None,
     out: OutFolder,
 ) -> None:
     """Design a controller: sampled LQR on the exact model, with friction compensation.
@@ -133,7 +134,7 @@ def design(
         Search for the weights on perturbed simulated robots, to minimise the mean cost of the worst tenth of them.
         Takes minutes.
     """
-    described = changed_robot(robot, change)
+    described, words = changed_robot(robot, change), robot_words(robot, change)
     findings = check_robot(described, accept=accept)
     if robust:
         plain = replace(
@@ -150,7 +151,9 @@ def design(
             sensors = replace(described.sensors, sample_time=weights.sample_time)
             described = described.replace(sensors=sensors)
         compensation = parts.compensation or "none"
-        _search(described, compensation, search=search, inputs=[robot], findings=findings, out=out)
+        _search(
+            described, compensation, search=search, words=words, inputs=[robot], findings=findings, out=out
+        )
         return
     state_weights = None
     if weights.q is not None:
@@ -166,7 +169,7 @@ def design(
         found = design_controller(described, gain=gain, parts=parts)
         page = controller_design_report(found, findings)
         files = {"controller.toml": controller_text(found.controller)}
-        result.write(found.to_dict(), page, files=files, named=_WRITTEN, next_step=_next(robot, result))
+        result.write(found.to_dict(), page, files=files, named=_WRITTEN, next_step=_next(words, result))
     warn_of_idle_compensation({"controller.toml": found.controller})
 
 
@@ -175,6 +178,7 @@ def _search(
     compensation: Compensation,
     *,
     search: RobustSearchOptions,
+    words: str,  # the robot as a command line has it
     inputs: Sequence[str],
     findings: Sequence[Finding],
     out: OutFolder,
@@ -213,8 +217,8 @@ def _search(
         page = robust_design_report(found, findings)
         text = search_comment(found, result.origin.command) + controller_text(found.controller)
         files = {"controller.toml": text}
-        result.write(results, page, files=files, named=_WRITTEN, next_step=_next(inputs[0], result))
+        result.write(results, page, files=files, named=_WRITTEN, next_step=_next(words, result))
 
 
-def _next(robot: str, result: CommandResult) -> str:
-    return f"`ballbot compare {robot} none {result.path('controller.toml')} --out compared`"
+def _next(words: str, result: CommandResult) -> str:
+    return f"`ballbot compare {words} none {result.path('controller.toml')} --out compared`"

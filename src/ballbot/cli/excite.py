@@ -62,7 +62,7 @@ def excite(
     scenario: str = "nominal",
     identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
-    change: Changes = (),
+    change: Changes = None,
     out: OutFolder,
 ) -> None:
     """Design an informative excitation within limits on lean, floor space and torque.
@@ -112,8 +112,9 @@ def excite(
             "reference.csv": partial(write_reference, found.design.sines.times, found.design.sines.poses()),
             "controller.toml": controller_text(chosen),
         }
+        named = "ROBOT" if change else robot  # `run` takes a file, in which the changes must stand
         step = (
             f"`ballbot run PORT --reference {result.path('reference.csv')} --controller "
-            f"{result.path('controller.toml')} --robot {robot} --out run`, then `ballbot identify {robot} run/log.csv`"
+            f"{result.path('controller.toml')} --robot {named} --out run`, then `ballbot identify {named} run/log.csv`"
         )
         result.write(found.to_dict(), page, files=files, named=["reference.csv"], next_step=step)

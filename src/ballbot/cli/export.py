@@ -23,7 +23,7 @@ def export(
     lean: float = 0.35,
     clock: float = 72e6,
     accept: Accept = None,
-    change: Changes = (),
+    change: Changes = None,
     out: OutFolder,
 ) -> None:
     """Write a controller as C99 firmware: sources, the controller's numbers, build files and examples.
@@ -77,6 +77,7 @@ def export(
             "processor": None if load is None else load.to_dict(),
         }
         page = export_report(exported, read, load, to_install=to_install, findings=findings)
-        step = f"build it as {result.path('README.md')} says; on the robot, `ballbot run wiring PORT --robot {robot}`"
+        named = "ROBOT" if change else robot  # `run` takes a file, in which the changes must stand
+        step = f"build it as {result.path('README.md')} says; on the robot, `ballbot run wiring PORT --robot {named}`"
         result.write(results, page, files=exported.files, named=["README.md"], next_step=step)
     warn_of_idle_compensation({controller.name: read})

@@ -102,7 +102,7 @@ def identify(
     robot: RobotName,
     /,
     *logs: LogPath,
-    change: Changes = (),
+    change: Changes = None,
     out: OutFolder,
     fit: FitOptions = _FIT,
     reading: LogOptions = _READING,

@@ -30,7 +30,7 @@ def limits(
     twin: bool = False,
     scenario: str = "nominal",
     seed: Seed = 1,
-    change: Changes = (),
+    change: Changes = None,
     out: OutFolder,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.

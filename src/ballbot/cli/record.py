@@ -93,7 +93,7 @@ def record(
     estimator: EstimatorName | None = None,
     random: SeedOptions = _SEEDS,
     accept: Accept = None,
-    change: Changes = (),
+    change: Changes = None,
     out: OutFolder,
 ) -> None:
     """Record logs from the twin, a MuJoCo robot with real rollers, sensors and faults.

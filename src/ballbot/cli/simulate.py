@@ -65,7 +65,7 @@ def simulate(
     simulated: PlantOptions = _PLANT,
     format: LogFormatName = "csv",
     accept: Accept = None,
-    change: Changes = (),
+    change: Changes = None,
     out: OutFolder,
 ) -> None:
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.

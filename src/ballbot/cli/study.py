@@ -76,7 +76,7 @@ def study(
     robot: RobotName,
     /,
     *logs: LogPath,
-    change: Changes = (),
+    change: Changes = None,
     out: OutFolder,
     trial: StudyTrialOptions = _TRIAL,
     fit: StudyFitOptions = _FIT,

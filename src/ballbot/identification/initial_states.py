@@ -117,18 +117,18 @@ class Descended:
     """Result of a descent, from which others go on."""
 
     problem: Problem
-    at: At
+    end: Iterate
     history: tuple[float, ...]  #: the cost after each step
 
     @property
     def point(self) -> NDArray[np.float64]:
         """The parameters (p,), scaled."""
-        return self.at.point
+        return self.end.point
 
     @property
     def cost(self) -> float:
         """The cost there, the starts' residuals among the others."""
-        return self.at.cost
+        return self.end.cost
 
     def repeated(
         self,
@@ -141,7 +141,7 @@ class Descended:
     ) -> Descended:
         """Descend again from here; see `ballbot.fitting.intervals.Repeated`."""
         return descend(
-            self.problem, self.at, free=free, most_steps=most_steps, moved=moved, target=target, run=run
+            self.problem, self.end, free=free, most_steps=most_steps, moved=moved, target=target, run=run
         )
 
 
@@ -164,7 +164,7 @@ class InitialStatesFit(Descended):
 
 def fit_with_initial_states(
     problem: Problem,
-    begin: NDArray[np.float64] | At,
+    begin: NDArray[np.float64] | Iterate,
     *,
     free: NDArray[np.bool_],
     most_steps: int,
@@ -172,22 +172,18 @@ def fit_with_initial_states(
     target: float = np.inf,
     run: Run = DEFAULT_RUN,
 ) -> InitialStatesFit:
-    """Descend in the parameters marked in `free` (p,) and all starts at once.
-
-    `begin` is a point (p,), scaled, with the starts as measured, or where another descent ended. The rest is as for
-    `descend`.
-    """
-    end = descend(
+    """Descend in the parameters marked in `free` (p,) and all starts at once, and linearise there; see `descend`."""
+    found = descend(
         problem,
-        begin if isinstance(begin, At) else beginning(problem, begin),
+        begin,
         free=free,
         most_steps=most_steps,
         most_renewals=most_renewals,
         target=target,
         run=run,
     )
-    equations = linearize(problem, end.at.point, end.at.starts).equations
-    return InitialStatesFit(problem=problem, at=end.at, history=end.history, equations=equations)
+    equations = linearize(problem, found.end.point, found.end.starts).equations
+    return InitialStatesFit(problem=problem, end=found.end, history=found.history, equations=equations)
 
 
 def costs(problem: Problem, points: NDArray[np.float64], starts: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -213,7 +209,9 @@ def compared(problem: Problem) -> int:
     return len(windows) * (1 + windows.samples // windows.comparison_interval)
 
 
-def beginning(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64] | None = None) -> At:
+def first_iterate(
+    problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64] | None = None
+) -> Iterate:
     """Return where a descent begins: a scaled point (p,) and the best starts near those given (w, 10), or measured."""
     return _settled(
         problem, _at(problem, point, problem.windows.initial if starts is None else starts), point
@@ -222,7 +220,7 @@ def beginning(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.f
 
 def descend(
     problem: Problem,
-    at: At,
+    begin: NDArray[np.float64] | Iterate,
     *,
     free: NDArray[np.bool_],
     most_steps: int,
@@ -231,10 +229,12 @@ def descend(
     target: float = np.inf,
     run: Run = DEFAULT_RUN,
 ) -> Descended:
-    """Descend from where another descent ended, or from a `beginning`.
+    """Descend in the parameters and all starts at once.
 
     Parameters
     ----------
+    begin : ndarray (p,) or Iterate
+        A scaled point, the starts being as measured; or where another descent ended.
     free : ndarray (p,)
         Which parameters the descent moves.
     most_steps : int
@@ -247,6 +247,7 @@ def descend(
     run : Run, optional
         The stage "gauss_newton" is reported after each step.
     """
+    at = begin if isinstance(begin, Iterate) else first_iterate(problem, begin)
     fixed = np.zeros(len(at.point)) if moved is None else moved
     radius, history = _RADIUS, list[float]()
     scale = 2.0 * compared(problem) * int(problem.cost.counted.sum())
@@ -279,12 +280,12 @@ def descend(
         run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
         if short_steps == _PATIENCE or hopeless:
             break
-    return Descended(problem=problem, at=at, history=tuple(history))
+    return Descended(problem=problem, end=at, history=tuple(history))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class At:
-    """A point, starts, what is predicted there, and its slopes by the free parameters and the starts."""
+class Iterate:
+    """A point of a descent: parameters and starts, what is predicted there, and its slopes by both."""
 
     point: NDArray[np.float64]  #: (p,), scaled
     starts: NDArray[np.float64]  #: (w, 10)
@@ -315,7 +316,7 @@ class At:
         return found
 
 
-def _at(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64]) -> At:
+def _at(problem: Problem, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Iterate:
     """Return what is predicted at a point (p,) with starts (w, 10), without slopes."""
     values = problem.coordinates.physical(point[None])
     pieces = [(values, starts[None, rows], rows) for rows in problem.work.rows]
@@ -333,13 +334,13 @@ def _weighed(
     ties: NDArray[np.float64] | float = 0.0,
     *,
     others: NDArray[np.float64],
-) -> At:
+) -> Iterate:
     squares = (residuals**2).sum(axis=(0, 1))
     # a state that does not count still ties its start, or nothing would
     tied = replace(problem.cost, counted=np.ones(_STATES, dtype=bool))
     weights = np.tile(problem.cost.weights(squares, compared(problem)), (residuals.shape[1], 1))
     weights[0] = tied.weights(squares, compared(problem))
-    return At(
+    return Iterate(
         point=point,
         starts=starts,
         residuals=residuals,
@@ -377,8 +378,8 @@ def _step(
 
 
 def _settled(
-    problem: Problem, near: At, point: NDArray[np.float64], offered: NDArray[np.float64] | None = None
-) -> At:
+    problem: Problem, near: Iterate, point: NDArray[np.float64], offered: NDArray[np.float64] | None = None
+) -> Iterate:
     """Return what is predicted at a point (p,) from the best starts near those there were or offered (n, w, 10)."""
     about = _differences(problem, point, near.weights, _NARROW)
     starts = near.starts[None] if offered is None else np.concatenate([near.starts[None], offered])
@@ -389,7 +390,7 @@ def _settled(
     return _weighed(problem, point, *settled, others=others)
 
 
-def _renewed(problem: Problem, at: At, *, seed: int) -> At:
+def _renewed(problem: Problem, at: Iterate, *, seed: int) -> Iterate:
     """Return the same point with the best start of each window, after settling from random ones as well."""
     about = _differences(problem, at.point, at.weights, _NARROW, starts_alone=True)
     slopes = at.slopes[:, -_STATES:]

@@ -405,7 +405,7 @@ class Layout:
 
     @cached_property
     def _columns(self) -> dict[str, slice]:
-        """Where each quantity stands in a row of parameters."""
+        """The columns of each quantity in a row of parameters."""
         sizes = [len(BY_NAME[name].labels(self.wheel_count)) for name in self.names]
         ends = np.cumsum(sizes).tolist()
         places = zip(self.names, sizes, ends, strict=True)

@@ -27,10 +27,10 @@ from ballbot.fitting.search import SearchResult, at_bound, elsewhere, evolve
 from ballbot.fitting.uncertainty import without_influence
 from ballbot.identification.excitation import Excitation, check_count, check_excitation
 from ballbot.identification.initial_states import (
-    At,
     InitialStatesFit,
-    beginning,
+    Iterate,
     descend,
+    first_iterate,
     fit_with_initial_states,
 )
 from ballbot.identification.parameters import Coordinates
@@ -285,18 +285,17 @@ def _multistart(problem: Problem, *, options: IdentificationOptions, run: Run) -
             done, least = done + 1, min(least, step.cost)
             run.progress(Progress(stage="search", done=min(done, total), total=total, cost=least))
 
-    def descent(steps: int, begin: NDArray[np.float64] | At) -> At:
+    def descent(steps: int, begin: NDArray[np.float64] | Iterate) -> Iterate:
         reported = replace(run, progress=report)
-        at = begin if isinstance(begin, At) else beginning(problem, begin)
-        return descend(problem, at, free=problem.coordinates.free, most_steps=steps, run=reported).at
+        return descend(problem, begin, free=problem.coordinates.free, most_steps=steps, run=reported).end
 
     # a cluster works on the pieces of each descent
     threads = run.executor if isinstance(run.executor, Threads) else Threads()
-    ends: list[NDArray[np.float64] | At] = [*_fixed_starts(problem.coordinates)]
-    found: list[At] = []
+    begins: Sequence[NDArray[np.float64] | Iterate] = _fixed_starts(problem.coordinates)
+    found: list[Iterate] = []
     for count, steps in rounds:
-        found = sorted(threads(descent, steps, ends[:count]), key=lambda one: one.cost)
-        ends = [*found]
+        found = sorted(threads(descent, steps, begins[:count]), key=lambda one: one.cost)
+        begins = found
     best = found[0].point
     others = (one.point for one in found[1:] if elsewhere(best, one.point))
     return SearchResult(best=best, history=(), other=next(others, None))
@@ -368,7 +367,7 @@ def refine(
         own = problem.coordinates.scaled(problem.coordinates.nominal)
         again = np.where(without_effect.through, 0.0, np.where(without_effect.dependent, own, again))
         rest = free & ~no_influence
-        begin = beginning(problem, again, finished.at.starts)
+        begin = first_iterate(problem, again, finished.end.starts)
         finished = fit_with_initial_states(problem, begin, free=rest, most_steps=steps, run=run)
     refused = prepared.excitation.refused & ~no_influence
     return PointEstimate(
@@ -405,7 +404,7 @@ def _elsewhere_too(
     )
     if not elsewhere(finished.point, other.point) or other.cost > finished.cost + _NEAR:
         return None
-    other = fit_with_initial_states(finished.problem, other.at, free=free, most_steps=most_steps, run=run)
+    other = fit_with_initial_states(finished.problem, other.end, free=free, most_steps=most_steps, run=run)
     return other if elsewhere(finished.point, other.point) else None
 
 

@@ -570,9 +570,9 @@ def apply_mapping(
 ) -> Columns:
     """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
-    Rows at even intervals are counted from `even_from` [s], by default the table's first time. Findings on what is left
-    out or continued are added to `changes`. InputError if the file lacks a column that the mapping names, its time does
-    not increase, or no row is left.
+    Rows at even intervals are counted from `even_from` [s], by default the table's first time. `changes` gets a
+    finding for each row or column that is omitted or continued. InputError if the file lacks a
+    column that the mapping names, its time does not increase, or no row is left.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a scale may turn a cell into an infinity
         columns = _applied(mapping, table, even_from, [] if changes is None else changes)

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ballbot.errors import every
 from ballbot.log import Log
 from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, section
 from ballbot.report.palette import INK
@@ -266,7 +267,7 @@ def _verdict(league: League) -> str:
     if best == first or peaks[best].mean >= 1.0:
         return f"No controller that never fell has a smaller peak error than {first}. {fell}"
     equal = [name for name, one in peaks.items() if name != best and one.low <= peaks[best].high]
-    others = f" {capital(', '.join(equal))} cannot be told from it." if equal else ""
     if peaks[best].high >= 1.0:
-        others += f" Nor can {first}." if equal else f" {capital(first)} cannot be told from it."
+        equal.append(first)
+    others = f" Not significantly less accurate: {every(equal)}." if equal else ""
     return f"{capital(best)} is the most accurate: peak error {_estimate(peaks[best])} times {first}'s.{others} {fell}"

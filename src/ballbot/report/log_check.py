@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, every
 from ballbot.findings import Finding, note
 from ballbot.log import Log
 from ballbot.log.checks import check, check_uses, uses_of
@@ -61,6 +61,7 @@ class CheckedLog:
     columns: tuple[ColumnSummary, ...]
     findings: tuple[Finding, ...]
     wheels: WheelAgreement | None  #: compared with the robot's kinematics, if the robot is given
+    uses: Sequence[str] = ()  #: that the log has the columns for, if the robot is given
 
     @staticmethod
     def of(file: Path, log: Log, robot: Robot | None) -> CheckedLog:
@@ -85,6 +86,7 @@ class CheckedLog:
             columns=summarize(completed),
             findings=tuple(findings),
             wheels=wheel_agreement(completed, robot),
+            uses=uses_of(placed, wheel_count=robot.wheel_count),
         )
 
     def to_dict(self) -> dict[str, object]:
@@ -144,7 +146,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Report:
     return Report(
         title=f"{checked.file.name}: what the log shows",
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
-        verdict=[("", _log_verdict(findings, uses_of(log, wheel_count=robot.wheel_count) if robot else []))],
+        verdict=[("", _log_verdict(findings, checked.uses))],
         sections=[
             section("Columns", _column_table(checked.columns), wheels),
             section("Over time", *over_time(log, robot)),
@@ -166,7 +168,7 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
         others = len(errors) - 1
         more = f" {counted(others, 'more error')} {'is' if others == 1 else 'are'} listed below."
         return f"This log must not be used as it is: {errors[0].text}{more if others else ''}"
-    use = f" for {' and '.join(filter(None, (', '.join(uses[:-1]), uses[-1])))}" if uses else ""
+    use = f" for {every(uses)}" if uses else ""
     if warnings:
         return f"The log can be used{use}; {counted(warnings, 'warning')} below must be known first."
     return f"A good log{use}." if use else "No problems were found."

@@ -38,7 +38,6 @@ from ballbot.simulation.draws import draws_of, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
 from ballbot.simulation.loop import Inputs, Outcome, Sampling, new_block, run_block
 from ballbot.simulation.model_plant import LIFTED, ModelPlant, checked_states, lift_off, pack_contacts
-from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import initial_state_of, sample_count, simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 
@@ -175,14 +174,9 @@ def simulate_batch(
     )
     laws = [one for one in controllers if isinstance(one, Controller)]
     if len(laws) == len(controllers):
-        out = _side_by_side(models, laws, initial, borne, sampling, threads)
+        out = _side_by_side(lanes, models, laws, initial, borne, sampling, threads)
     elif verdict is None:
-        plants = [_plant(k, models, borne, controllers) for k in range(lanes)]
-        runs = (
-            (plant, controllers[k % len(controllers)], initial[k % len(initial)], seed)
-            for k, (plant, seed) in enumerate(plants)
-        )
-        out = _one_by_one(list(runs), as_reference(reference), sampling)
+        out = _one_by_one(lanes, models, controllers, initial, borne, sampling, as_reference(reference))
     else:
         raise InputError("A verdict needs controllers of Ballbot in every lane; your own run to the end.")
     leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])
@@ -190,6 +184,7 @@ def simulate_batch(
 
 
 def _side_by_side(
+    lanes: int,
     models: Sequence[Model],
     controllers: Sequence[Controller],
     initial: NDArray[np.float64],
@@ -199,7 +194,6 @@ def _side_by_side(
 ) -> Outcome:
     """Run laws that are compiled, lanes side by side."""
     robots, sample_time = [one.robot for one in models], sampling.sample_time
-    lanes = max(map(len, (models, controllers, initial, borne)))
     n = _common_wheel_count([*robots, *(one.known for one in borne if one.known)], controllers)
     samples = len(sampling.references)
     out = empty_outcome(lanes, samples // sampling.every, samples, n)
@@ -233,39 +227,38 @@ def _side_by_side(
     return out
 
 
-def _plant(
-    lane: int, models: Sequence[Model], borne: Sequence[Imperfections], controllers: Sequence[Feedback]
-) -> tuple[Plant, int]:
-    """Return what `simulate` runs in a lane, and its seed."""
-    model = models[lane % len(models)]
-    if not borne:
-        return ModelPlant(model), 0
-    one = borne[lane % len(borne)]
-    estimator = estimator_of(controllers[lane % len(controllers)])
-    return SensedPlant(model, one, estimator=estimator), one.seed + (lane if len(borne) == 1 else 0)
-
-
 def _one_by_one(
-    runs: Sequence[tuple[Plant, Feedback, NDArray[np.float64], int]], reference: Reference, sampling: Sampling
+    lanes: int,
+    models: Sequence[Model],
+    controllers: Sequence[Feedback],
+    initial: NDArray[np.float64],
+    borne: Sequence[Imperfections],
+    sampling: Sampling,
+    reference: Reference,
 ) -> Outcome:
-    """Run controllers that are called from Python by `simulate`: plant, controller, start and seed of each lane.
+    """Run controllers that are called from Python by `simulate`, one lane after another.
 
     One sample more is run: it begins with the state at the end of the last.
     """
-    samples, n = len(sampling.references), runs[0][0].robot.wheel_count
-    out = empty_outcome(len(runs), samples, samples, n)
-    for k, (plant, controller, start, seed) in enumerate(runs):
-        duration = (samples + 1) * sampling.sample_time
+    samples, n = len(sampling.references), models[0].robot.wheel_count
+    out = empty_outcome(lanes, samples, samples, n)
+    for k in range(lanes):
+        model, controller = models[k % len(models)], controllers[k % len(controllers)]
+        plant, seed = ModelPlant(model), 0
+        if borne:
+            one = borne[k % len(borne)]
+            plant = SensedPlant(model, one, estimator=estimator_of(controller))
+            seed = one.seed + (k if len(borne) == 1 else 0)
         log = simulate(
             plant,
             controller,
             reference,
-            duration=duration,
-            initial_state=start,
+            duration=(samples + 1) * sampling.sample_time,
+            initial_state=initial[k % len(initial)],
             seed=seed,
             progress=ignore_progress,
         )
-        done = min(len(log.t), samples)
+        done = min(len(log), samples)
         # row after row; a lane that ended stays where it was
         begun = np.minimum(np.arange(samples), done - 1)
         truth = log.truth().states
@@ -276,7 +269,7 @@ def _one_by_one(
         out.encoders[k] = np.column_stack(wheels)[begun]
         out.gyro[k] = np.column_stack([log[f"gyro_{axis}"] for axis in "xyz"])[begun]
         out.changes[k] = (np.diff(log.torques[:done], axis=0) ** 2).sum()
-        if len(log.t) <= samples:
+        if len(log) <= samples:
             out.ended[k], out.lifted[k] = done, LIFTED in str(log.ended)
     rows = slice(sampling.every - 1, None, sampling.every)
     recorded = ("states", "torques", "seen", "commanded", "encoders", "gyro")

@@ -60,7 +60,8 @@ def sinking(selected, P, state, u):
     return _sinking_and_speeds(selected, P, state, u)[0]
 
 
-def _moving(selected, P, state, u):
+@traced
+def moving(selected, P, state, u):
     """Return attitude, wheel speeds, v, w, net torques and accelerations; a wheel at rest has no dry friction."""
     a, speeds = pose(selected, P, state)
     v, w = ball_velocity(state), body_velocity(state)
@@ -72,7 +73,7 @@ def _moving(selected, P, state, u):
 
 @traced
 def _sinking_and_speeds(selected, P, state, u):
-    a, speeds, _, w, _, _, w_dot = _moving(selected, P, state, u)
+    a, speeds, _, w, _, _, w_dot = moving(selected, P, state, u)
     rates = rates_of_angles(selected, a, w)
     theta, phi = rates[0], rates[1]
     accelerations = angle_accelerations(selected, a, rates, w_dot)
@@ -112,7 +113,7 @@ def wheel_forces(selected, P, state, u, row):
 
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
-    a, _, _, w, net, v_dot, w_dot = _moving(selected, P, state, u)
+    a, _, _, w, net, v_dot, w_dot = moving(selected, P, state, u)
     z_dot = rotate_back(a.R, ball_rate(P.inv_rb, v_dot))
     pushes = [
         torque - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)

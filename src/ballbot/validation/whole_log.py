@@ -8,8 +8,8 @@ depend on the phase: the RMS of its deviation from the reference, and the amplit
 What is random in a run is the noise of a measured state, of covariance S: it moves the start, is added to the states,
 and as the controller feeds it back it acts as torques of covariance K S K^T.
 
-If the log is one more run of the model, each of its numbers is equally likely to fall between any two of the runs' next
-to each other: between the 5th and the 195th of 199 with 190 / 200, which is 95 %, whatever the distribution.
+If the log is one more run of the model, each of its numbers falls into each of the 200 gaps between and beyond those of
+199 runs with the same probability: between the 5th and the 195th with 190 / 200, 95 %, whatever the distribution.
 """
 
 from __future__ import annotations

@@ -138,12 +138,17 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding
     return by_severity([*findings, *of_all])
 
 
+#: uses of a log
+BALANCING = "identification and validation of the balancing robot"
+DRIVELINES = "identification of drivelines"
+
+
 def _columns_of_uses(wheel_count: int) -> dict[str, tuple[str, ...]]:
     torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
     return {
-        "identification and validation of the balancing robot": ("t", *torques, *STATE_NAMES),
+        BALANCING: ("t", *torques, *STATE_NAMES),
         "closed-loop validation": ("t", *torques, *STATE_NAMES, "ref_x", "ref_y", "ref_psi"),
-        "identification of drivelines": ("t", *torques, *speeds),
+        DRIVELINES: ("t", *torques, *speeds),
         "the on-board state": ("t", *speeds, "gyro_x", "gyro_y", "gyro_z", "theta", "phi", "psi"),
     }
 

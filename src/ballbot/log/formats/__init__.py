@@ -131,7 +131,7 @@ def read_columns(
     Parameters
     ----------
     path : str or Path
-        A file of one of the `FORMATS`; InputError if it is none, or no table.
+        A file in one of the `FORMATS`; InputError if it has another format or holds no table.
     layout : TextLayout, optional
         How a table of text is laid out; as its lines show if it is not given.
     used : collection of str, optional

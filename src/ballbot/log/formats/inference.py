@@ -75,8 +75,8 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
 def read_inferred(path: str | Path, *, of_a_log: bool = False, notes: list[str] | None = None) -> Columns:
     """Read a table of numbers whose separator, decimal sign and header are inferred; every row must be whole.
 
-    Columns of words are left out; those of a log, unless they have one of Ballbot's names. Sentences on what is left
-    out are added to `notes`. InputError as of `read_text_table`.
+    Columns of words are omitted; in a log, only those without one of Ballbot's names. `notes` gets a sentence for each
+    omission. Raises InputError as `read_text_table` does.
     """
     head = _read_head(path)
     if head.twice:

@@ -31,7 +31,7 @@ _WIDEST = 100
 
 
 def read_json_table(path: str | Path) -> Columns:
-    """Read the columns (N,) of a table in JSON, by name; InputError if it is none."""
+    """Read the columns (N,) of a table in JSON, by name; InputError if the file holds no such table."""
     text = read_text(path, largest=LARGEST_TABLE)
     try:
         tree = _tree(text)

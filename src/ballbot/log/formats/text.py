@@ -70,8 +70,8 @@ def read_text_table(
 ) -> Columns:
     """Read a table of numbers: the columns (N,) by name, in the file's order; cells without a value are NaN.
 
-    `used` are the columns that must consist of numbers. Others are left out if they do not; if not given, so are those
-    of which most cells are words. Sentences on what is left out are added to `notes`. InputError, with the line, if the
+    `used` are the columns that must consist of numbers; others that do not are omitted. Without `used`, columns are
+    omitted in which most cells are words. `notes` gets a sentence for each omission. InputError, with the line, if the
     file is not such a table.
     """
     text = read_text(path, largest=LARGEST_TABLE)
