@@ -29,9 +29,11 @@ from ballbot.robot import Robot
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario
 from ballbot.twin.faults import CurrentLoop, Payload, Timing
+from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.workflows.comparison import (
     ComparedRun,
     Comparison,
+    LoopRobot,
     fraction_with_interval,
     median_with_interval,
     run_comparison,
@@ -133,7 +135,7 @@ def runs_of(
         ComparedRun(
             candidate=name,
             controller=controller,
-            plant=replace(course, on=on).plant(ROBOT),
+            plant=_loop_robot(course) if on == "model" else replace(course, on=on).plant(ROBOT),
             reference=course.reference_spec.reference,
             duration=course.duration,
             seed=seed,
@@ -144,6 +146,12 @@ def runs_of(
         for course in courses
         for name, controller in made.items()
     ]
+
+
+def _loop_robot(course: Course) -> LoopRobot:
+    """Return the robot of a course on the loop with all of the scenario, friction and rollers as on the twin."""
+    scenario = course.scenario
+    return LoopRobot(model=true_model(ROBOT, scenario), imperfections=imperfections_of(scenario, known=ROBOT))
 
 
 def twin_plan() -> list[ComparedRun]:

@@ -7,15 +7,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import fsolve
 
 from ballbot import InputError, Log, Model, Robot, simulate
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller, write_controller
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.references import hold, square
+from ballbot.control.references import change_pose, circle, hold, square
+from ballbot.estimation import named_estimator
+from ballbot.mechanics.engine.arrays import accelerations, wheel_speeds_at
+from ballbot.mechanics.engine.lanes import unpacked
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, rotation_to, transforms
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.file import write_robot
-from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, Push, Supply, rest_on_slope
+from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, Push, Supply, packed_on_floor
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
@@ -267,7 +272,11 @@ def test_a_robot_with_integral_action_rests_on_a_slope(backlash):
     controller = precise_controller(model.robot)
     plant = SensedPlant(model, replace(PERFECT, slope=slope, backlash=backlash))
     log = simulate(plant, controller, hold(), duration=16.0)
-    lean, torques = rest_on_slope(model.robot, slope)
+    # statics to first order: the wheels' torque on the ball holds the weight on the slope, and the lean holds it
+    robot = model.robot
+    torque = robot.ball.radius * robot.weight * np.array([-slope[1], slope[0], 0.0])
+    lean = torque[:2] / (robot.body.mass * robot.gravity * robot.body.center_of_mass)
+    torques = transforms(robot).T_obw.T @ torque
     # the mean of the last 2 s: in the play it hunts about its rest, by counts of the encoder
     np.testing.assert_allclose(
         log.truth().states[-400:, 2:4].mean(axis=0), lean, atol=0.03 * np.abs(lean).max()
@@ -286,8 +295,81 @@ def test_the_twins_floor_tilt_is_the_slope():
             SensedPlant(true_model(robot, scenario), imperfections_of(scenario)),
         )
     ]
-    # first order in a slope of 3.6 %
-    np.testing.assert_allclose(leans[0], leans[1], atol=0.03 * np.abs(leans[0]).max())
+    # what is shown of the lean is of first order in a slope of 3.6 %
+    np.testing.assert_allclose(leans[0], leans[1], atol=0.01 * np.abs(leans[0]).max())
+
+
+def test_a_row_on_a_slope_has_the_wheel_speeds_and_the_rest_of_a_body_off_its_axis():
+    model = Model(alten())
+    one = replace(PERFECT, slope=(0.03, -0.02), imbalance=(0.3, 0.1))
+    P = unpacked(model.selected, packed_on_floor(model, one).item)
+    robot, body = model.robot, model.robot.body
+    c = np.array(one.imbalance) / (body.mass * body.center_of_mass)
+    A = transforms(robot).T_owb @ rotation_to([*c, np.sqrt(1.0 - c @ c)])
+
+    rng = np.random.default_rng(0)
+    q, q_dot = rng.uniform(-0.3, 0.3, 5), rng.uniform(-1.0, 1.0, 5)
+    ball = np.array([-q_dot[1], q_dot[0], 0.0]) / robot.ball.radius
+    turning = rotation(*q[2:]).T @ ball - body_rates_matrix(*q[2:]) @ q_dot[2:]
+    np.testing.assert_allclose(wheel_speeds_at(model.selected, P, q, q_dot), A @ turning, rtol=1e-12)
+
+    # statics: the wheels' torque on the ball holds the weight along the slope, and the lean the wheels' torque
+    up = np.array([one.slope[0], one.slope[1], 1.0]) / np.sqrt(1.0 + one.slope[0] ** 2 + one.slope[1] ** 2)
+    weight = robot.ball.radius * robot.weight * np.array([-up[1], up[0]])
+
+    def on_ball(lean):
+        return -body.mass * robot.gravity * body.center_of_mass * np.cross(rotation(*lean, 0.0)[:, 2], up)
+
+    lean = fsolve(lambda lean: on_ball(lean)[:2] - weight, [0.0, 0.0], xtol=1e-14)
+    u = np.linalg.solve(A.T, rotation(*lean, 0.0).T @ on_ball(lean))
+    rest = np.array([0.0, 0.0, *lean, 0.0])
+    np.testing.assert_allclose(accelerations(model.selected, P, rest, np.zeros(5), u), 0.0, atol=1e-9)
+    with pytest.raises(InputError, match="imbalance is 1e\\+03 kg m"):
+        packed_on_floor(model, replace(one, imbalance=(1e3, 0.0)))
+
+
+@pytest.mark.slow
+def test_rolling_sideways_under_a_leaning_body_misleads_the_filter_as_on_the_twin():
+    """Payload and slope, point contacts, no friction: the filter takes the steady lean for an error of the AHRS."""
+    robot = Robot.load("alten")
+    scenario = replace(
+        Scenario.ideal(robot),
+        wheel_contact="point",
+        payload=Payload(mass=1.0, position=(0.05, 0.0, 0.6)),
+        floor_tilt=(0.0, 0.02),
+    )
+    controller = precise_controller(robot)
+    estimator = named_estimator("kalman", robot, sample_time=robot.sensors.sample_time)
+    reference = change_pose(x=0.0, y=1.0, psi=0.0, at=2.0, ramp=0.0)
+    wrong = []
+    for plant in (
+        Twin(robot, scenario, estimator=estimator),
+        SensedPlant(true_model(robot, scenario), imperfections_of(scenario, known=robot), estimator="kalman"),
+    ):
+        log = simulate(plant, controller, reference, duration=6.0, initial_state=np.zeros(10))
+        wrong.append((log.states - log.truth().states)[-100:, [0, 1, 4]].mean(axis=0))
+    assert np.abs(wrong[0]).max() > 0.02
+    # the twin's contacts creep by 1 mm
+    np.testing.assert_allclose(wrong[1], wrong[0], atol=0.003)
+
+
+@pytest.mark.slow
+def test_rollers_brake_as_on_the_twin():
+    """The motors' power on a circle, no friction: of one row, which only its contacts damp, and of two 6 mm apart."""
+    robot = Robot.load("alten")
+    controller = precise_controller(robot, compensation="none")
+    for name in ("single_row", "nominal"):
+        scenario = replace(Scenario.ideal(robot), rollers=Scenario.named(name, robot).rollers)
+        powers = []
+        for plant in (
+            Twin(robot, scenario),
+            SensedPlant(true_model(robot, scenario), imperfections_of(scenario)),
+        ):
+            log = simulate(plant, controller, circle(radius=0.1, period=4.0), duration=8.0)
+            turned = np.diff(np.column_stack([log[f"wheel{i}"] for i in (1, 2, 3)])[-801:], axis=0)
+            powers.append((log.torques[-801:-1] * turned).sum() / 4.0)
+        # two rollers side by side touch in few of a turn's places, each at another speed: measured 1.12 and 0.86
+        assert powers[1] == pytest.approx(powers[0], rel=0.25)
 
 
 def test_estimator_may_use_another_robot_than_the_plant():
@@ -391,8 +473,8 @@ def test_a_payload_off_the_axis_leans_the_robot_as_the_twin():
         log = simulate(plant, controller, hold(psi=psi), duration=6.0, initial_state=start)
         leans.append(log.truth().states[-200:, 2:4].mean(axis=0))
     assert np.hypot(*leans[0]) > 0.01
-    # the wheels' own tilt by the offset is neglected
-    np.testing.assert_allclose(leans[1], leans[0], atol=0.03 * np.hypot(*leans[0]))
+    # what is shown of the lean is of first order in the offset, 24 mrad
+    np.testing.assert_allclose(leans[1], leans[0], atol=0.01 * np.hypot(*leans[0]))
 
 
 # --- the command ---

@@ -170,13 +170,17 @@ def terms_exact(P, a, v, w):
     # force on v: - m_r l R (w x (w x e)) - E^T R D1 (z x w) / r_b
     c = scale((w[0] * w[2], w[1] * w[2], -w[0] * w[0] - w[1] * w[1]), P.ml)
     k1 = P.d1 * P.inv_rb
-    f_v = (-dot(R[0], c) - k1 * dot(R[1], D_zxw), k1 * dot(R[0], D_zxw) - dot(R[1], c))
-    # force on w: gravity m_r g l (R^T e) x e, less w x H - D2 (z x w)
+    # and the weight along the floor, - (m_b + m_r) g_xy, where g points up and is (0, 0, g) on a level floor
+    g = P.gravity
+    f_v = (
+        -dot(R[0], c) - k1 * dot(R[1], D_zxw) - P.weighed * g[0],
+        k1 * dot(R[0], D_zxw) - dot(R[1], c) - P.weighed * g[1],
+    )
+    # force on w: gravity m_r l (R^T g) x e, less w x H - D2 (z x w)
     w_x_H = cross(w, H)
-    tipping = P.ml * P.g
     f_w = (
-        tipping * R[2][1] - w_x_H[0] + P.d2 * D_zxw[0],
-        -tipping * R[2][0] - w_x_H[1] + P.d2 * D_zxw[1],
+        P.ml * (R[0][1] * g[0] + R[1][1] * g[1] + R[2][1] * g[2]) - w_x_H[0] + P.d2 * D_zxw[0],
+        -P.ml * (R[0][0] * g[0] + R[1][0] * g[1] + R[2][0] * g[2]) - w_x_H[1] + P.d2 * D_zxw[1],
         -w_x_H[2] + P.d2 * D_zxw[2],
     )
     return Terms(M_vv, M_vw, M_ww, f_v, f_w)
@@ -252,8 +256,8 @@ def terms_thesis(P, a, v, rates):
     b_phi = (a.sin_psi, a.cos_psi, 0.0)
     turning = cross(y, zeta)
     f_w = (
-        P.ml * P.g * st * cp + 2.0 * P.ml2 * cp * sp * p_dot * t_dot + dot(b_theta, turning),
-        P.ml * P.g * ct * sp - P.ml2 * cp * sp * t_dot * t_dot + dot(b_phi, turning),
+        P.ml * P.gravity[2] * st * cp + 2.0 * P.ml2 * cp * sp * p_dot * t_dot + dot(b_theta, turning),
+        P.ml * P.gravity[2] * ct * sp - P.ml2 * cp * sp * t_dot * t_dot + dot(b_phi, turning),
         turning[2],
     )
     return Terms(M_vv, M_vw, M_ww, f_v, add(f_w, scale(wheel_momentum_rate, P.k)))

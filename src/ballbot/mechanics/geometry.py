@@ -135,6 +135,14 @@ def rotation(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.flo
     return _matrix(theta.shape, rows)
 
 
+def rotation_to(direction: ArrayLike) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) about a horizontal axis that takes e_z to a direction (3,) that is not downward."""
+    up = np.asarray(direction, dtype=np.float64)
+    x, y, z = up / np.linalg.norm(up)
+    turn = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
+    return np.eye(3) + turn + turn @ turn / (1.0 + z)
+
+
 def quaternion_of(theta: float, phi: float, psi: float) -> NDArray[np.float64]:
     """Return the unit quaternion wxyz (4,), body to world, of R = Rx(theta) Ry(phi) Rz(psi)."""
     a, b, c = math.cos(theta / 2), math.cos(phi / 2), math.cos(psi / 2)

@@ -5,11 +5,12 @@ of its own. `Parameters` is the list of these numbers: sizes, places and what re
 from its fields. A number is added by a field and its value in `pack`.
 """
 
+from collections.abc import Sequence
 from itertools import accumulate
 from typing import Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
 from ballbot.mechanics.friction import NO_TERMS, WheelTerms, friction_terms
@@ -58,7 +59,9 @@ class Parameters(NamedTuple):
     k: float  #: 1 + r_w/r_b
     m_t: float  #: m_b + j_b/r_b^2 + m_r [kg]
     ml: float  #: m_r l [kg m]
-    g: float  #: [m/s^2]
+    #: g along the floor's x and y and its normal, upward; (0, 0, g) on a level one [m/s^2]
+    gravity: tuple[float, float, float]
+    weighed: float  #: m_b + m_r [kg]
     d1: float  #: D1 = d1 D, likewise d2 and d3 (docs/mechanics.md) [kg m^2]
     d2: float
     d3: float
@@ -133,7 +136,17 @@ def row_size(selected: Exact | Thesis | Pivoting) -> int:
     return RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)
 
 
-def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> NDArray[np.float64]:
+_STRAIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def pack(
+    robot: Robot,
+    formulation: Formulation,
+    *,
+    pivoting: float = 0.0,
+    upward: Sequence[float] = (0.0, 0.0, 1.0),
+    seat: ArrayLike = _STRAIGHT,
+) -> NDArray[np.float64]:
     """Return one robot's numbers as the row that compiled code reads.
 
     Parameters
@@ -143,6 +156,10 @@ def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> ND
         "thesis" takes the body's inertia as printed, whatever point it is about, and leaves the rotors out.
     pivoting : float
         Largest pivoting friction [N m]; read where the ball pivots.
+    upward : (3,)
+        The vertical in the frame of the floor, a unit vector; read by the exact equations.
+    seat : array_like (3, 3)
+        Rotation from the frame whose z axis goes through the body's centre of mass to the wheels' own.
 
     Returns
     -------
@@ -150,7 +167,7 @@ def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> ND
         In the order of `Parameters`; wheels one after another.
     """
     ball, body, wheels = robot.ball, robot.body, robot.wheels
-    A = transforms(robot).T_owb
+    A = transforms(robot).T_owb @ np.asarray(seat)
     D = A.T @ A
     k = 1.0 + wheels.radius / ball.radius
     exact = formulation == "exact"
@@ -166,7 +183,8 @@ def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> ND
         k=k,
         m_t=ball.mass + ball.inertia / ball.radius**2 + body.mass,
         ml=body.mass * body.center_of_mass,
-        g=robot.gravity,
+        gravity=(robot.gravity * upward[0], robot.gravity * upward[1], robot.gravity * upward[2]),
+        weighed=ball.mass + body.mass,
         d1=j_w + j_r,
         d2=j_w * k + j_r,
         d3=j_w * (2.0 * k - 1.0) + j_r,

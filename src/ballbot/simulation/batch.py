@@ -35,7 +35,7 @@ from ballbot.progress import ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.draws import draws_of, empty_outcome, push_table
-from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record
+from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record, packed_on_floor
 from ballbot.simulation.loop import Inputs, Outcome, Sampling, new_block, run_block
 from ballbot.simulation.model_plant import LIFTED, ModelPlant, checked_states, lift_off, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count, simulate
@@ -204,7 +204,7 @@ def _side_by_side(
         play_code=play_code_of(selected) if any(one.backlash > 0.0 for one in borne) else 0,
         law_code=law_code(),
         filter_code=sample_code() if len(filters) else 0,
-        parameters=_rows(lambda one: one.packed, models),
+        parameters=_on_floors(models, borne),
         lift_offs=_rows(lift_off, robots),
         laws=np.stack([one.packed for one in controllers]).view(LAW_TYPE)[:, 0],
         loops=loops.view(LOOP.dtype())[:, 0],
@@ -333,10 +333,11 @@ def _check_imperfections(borne: Sequence[Imperfections], model: Model, sample_ti
                 "A batch has no fixes from outside; run the robot with `simulate` on a `SensedPlant`."
             )
         needs = one.sensors is not None or one.backlash > 0.0 or one.contacts is not None
-        if (needs or one.load_dependence > 0.0) and model.formulation != "exact":
+        needs = needs or one.load_dependence > 0.0 or any(one.slope) or any(one.imbalance)
+        if needs and model.formulation != "exact":
             raise InputError(
-                "Sensors, play and rollers need the formulation 'exact'; the wheel speeds of 'thesis' are not those "
-                "that encoders see."
+                "Sensors, play, rollers, slopes and masses off the axis need the formulation 'exact': the wheel speeds "
+                "of 'thesis' are not those that encoders see."
             )
     if len({one.backlash > 0.0 for one in borne}) > 1:
         raise InputError("Either all lanes of a batch have play or none.")
@@ -376,6 +377,19 @@ def _perfect(sample_time: float) -> NDArray[np.float64]:
     record = LOOP.zeros()
     fill_record(record, LoopRecord(sample_time=sample_time))
     return record.view(np.float64)[None]
+
+
+def _on_floors(models: Sequence[Model], borne: Sequence[Imperfections]) -> NDArray[np.float64]:
+    """Return the rows of `packed_on_floor`; one if it holds for every robot."""
+    made: dict[tuple[object, ...], NDArray[np.float64]] = {}
+    rows = []
+    for k in range(max(len(models), len(borne))):
+        model, one = models[k % len(models)], borne[k % len(borne)] if borne else Imperfections()
+        key = (id(model), one.slope, one.imbalance)
+        if key not in made:
+            made[key] = packed_on_floor(model, one)
+        rows.append(made[key])
+    return np.array(rows if len(made) > 1 else rows[:1])
 
 
 def _rows(row_of: Callable[[T], NDArray[np.float64] | float], values: Sequence[T]) -> NDArray[np.float64]:

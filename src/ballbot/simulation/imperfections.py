@@ -1,19 +1,11 @@
 """A robot's sensors, drive and floor beyond what its model has, and the record of them that the compiled loop reads.
 
-A floor of slope s = grad h pulls on all that rolls with -(m_b + m_r) g s. A robot at rest on it leans uphill and holds
-itself by wheel torques u_0 with A^T u_0 = T,
+A robot on a floor of slope s = grad h is stepped in the floor's frame, in which gravity is not along z. A body whose
+centre of mass is off its axis by (d_x, d_y), forward and to the left, is stepped in the frame whose z axis goes through
+it, and so the wheels sit on it a little askew: the ball's rolling turns them as a body's that leans. Both are exact but
+for what is shown: the lean of the body in the world's frame is that of its frame on the floor and, to first order,
 
-    T = r_b (m_b + m_r) g (-s_y, s_x, 0)        (theta_0, phi_0) = (T_x, T_y) / (m_r g l)
-
-About that rest the robot moves as it does about upright on level ground, to first order in the slope: so it is stepped
-on level ground, the lean that is measured is theta_0, phi_0 larger, and of the wheels' torques u - u_0 acts.
-
-A body whose centre of mass is off its axis by (d_x, d_y), forward and to the left, rests upright but for a lean that
-brings it above the ball, and needs no torques for it. At the heading psi
-
-    (theta_0, phi_0) = (s d_x + c d_y, -c d_x + s d_y) / l          s, c = sin psi, cos psi
-
-The robot is stepped as one whose axis goes through the centre of mass; the wheels' own tilt by that angle is neglected.
+    (theta, phi) + (s_y, -s_x) + (s d_x + c d_y, -c d_x + s d_y) / l          s, c = sin psi, cos psi
 
 Omni-wheels of radius r_w touch the ball by one roller after another, of radius r at its middle, and of one ring or two
 in turn. A ring s/2 off the wheel's middle plane touches the ball at n cos d +- a sin d, sin d = (s/2) / (r_b + r), so
@@ -23,10 +15,17 @@ An ellipsoidal roller, as round as the wheel at its middle, falls short of the w
     D(x) = (r_w - r) r_w / (8 r) x^4           x: the wheel's angle from the roller's middle
 
 and the force N between wheel and ball, that at rest, turns the wheel by N D'(x), away from the middle. Halfway between
-two rollers both touch: with contacts that give way by y under N, the nearer bears 1/2 + (D(p - x) - D(x)) / 2y of N, at
-most all, where p is the angle from a roller to the next. Rollers of both rings then disagree about the wheel's speed:
-they creep over the ball, and slip where the lesser of them grips no more, which brakes the ball's turning about n. On
-the twin this is most of what rollers do: of two rows 6 mm apart, 0.15 N m in half of the wheel's positions.
+two rollers both touch. Their contacts are springs that give way by y under N, with dampers of a time constant t_c, so
+the nearer bears the share
+
+    1/2 + (d + t_c d_dot) / 2y          d = D(p - x) - D(x)
+
+of N, at least none and at most all, where p is the angle from a roller to the next. The dampers make this a friction
+that grows with the wheel's speed: on the BBR's twin 0.005 N m s/rad, a third of the drivelines' viscous one. Rollers of
+both rings then disagree about the wheel's speed: they creep over the ball, and slip where the lesser of them grips no
+more, which brakes the ball's turning about n. On the twin this is most of what rollers do: of two rows 6 mm apart,
+0.15 N m in a third of the wheel's positions. (MuJoCo's convex friction, unlike Coulomb's, presses what slips apart, and
+so the lesser contact harder: at slow motion rows 22 mm apart brake a third more there than here, rows 6 mm apart 9 %.)
 
 Dry friction of a driveline may follow the force between wheel and ball: 1 - f + f N / N_0 of it, with N from the
 accelerations at the sample's start (`ballbot.simulation.model_plant`).
@@ -45,7 +44,9 @@ from ballbot.control.records import MAX_WHEELS, fill_record, number, schema_of, 
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.geometry import contact_directions, transforms
+from ballbot.mechanics.geometry import contact_directions, rotation_to, transforms
+from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import pack
 from ballbot.robot import Robot, Rollers, Sensors
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.parameters import parameter
@@ -135,6 +136,7 @@ class RollerContacts:
     give: float  #: by which a contact gives way for each newton [m/N]
     grip: float  #: friction coefficient of the rollers on the ball
     creep: float  #: tangential force over the speed with which a roller that grips creeps [N s/m]
+    relaxation: float = 0.0  #: time constant of a contact's spring and damper [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,19 +217,29 @@ def _check_sensors(sensors: Sensors) -> None:
     real_number(sensors.heading_drift, "heading_drift of the sensors")
 
 
-def rest_on_slope(
-    robot: Robot, slope: tuple[float, float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lean (theta, phi) [rad] and the wheel torques (n,) [N m] of a robot at rest on a slope, at psi = 0."""
-    weight = robot.weight
-    torque = robot.ball.radius * weight * np.array([-slope[1], slope[0], 0.0])
-    lean = torque[:2] / (robot.body.mass * robot.gravity * robot.body.center_of_mass)
-    return lean, transforms(robot).T_obw.T @ torque
-
-
 def off_axis(robot: Robot, imbalance: tuple[float, float]) -> NDArray[np.float64]:
     """Return the angles (2,) [rad] by which a body's centre of mass is off its axis, forward and to the left."""
     return np.array(imbalance) / (robot.body.mass * robot.body.center_of_mass)
+
+
+def packed_on_floor(model: Model, one: Imperfections) -> NDArray[np.float64]:
+    """Return the row of an exact model's numbers, as `Model.packed`: a body off its axis on a floor that slopes."""
+    if not (any(one.slope) or any(one.imbalance)):
+        return model.packed
+    normal = np.array([-one.slope[0], -one.slope[1], 1.0])
+    x, y = off_axis(model.robot, one.imbalance).tolist()
+    if not math.hypot(x, y) < 1.0:
+        raise InputError(
+            f"The imbalance is {np.hypot(*one.imbalance):.3g} kg m; it must be below the body's mass times the height "
+            "of its centre of mass."
+        )
+    return pack(
+        model.robot,
+        model.formulation,
+        pivoting=model.pivoting or 0.0,
+        upward=rotation_to(normal)[2],
+        seat=rotation_to(np.array([x, y, math.sqrt(1.0 - x * x - y * y)])),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -258,6 +270,7 @@ class LoopRecord:
     pressure: float = field(default=0.0, metadata=number("N"))
     give: float = field(default=1.0, metadata=number("m"))
     out_of_round: float = field(default=0.0, metadata=number("m"))
+    relaxation: float = field(default=0.0, metadata=number("s"))
     #: what a wheel's row of A has more where its second ring touches, and less where its first does
     off_middle: NDArray[np.float64] = field(
         default_factory=lambda: np.zeros((1, 3)), metadata=number("1", MAX_WHEELS, 3)
@@ -271,14 +284,10 @@ class LoopRecord:
     )
     load_dependence: float = field(default=0.0, metadata=number("1"))
     fallen_cosine: float = field(default=-1.0, metadata=number("1"))
-    #: lean at rest on the floor's slope
-    rest_lean: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), metadata=number("rad", 2))
-    #: of the body's centre of mass off its axis, lean at rest at psi = 0 is (y, -x) of it
+    #: of the floor's frame in the world's
+    floor_lean: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), metadata=number("rad", 2))
+    #: of the body's centre of mass off its axis; the lean shown at psi = 0 is larger by (y, -x) of it
     off_axis: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), metadata=number("rad", 2))
-    #: torques u_0 = a cos(psi) + b sin(psi) of each wheel
-    slope_load: NDArray[np.float64] = field(
-        default_factory=lambda: np.zeros((1, 2)), metadata=number("N m", MAX_WHEELS, 2)
-    )
     sample_time: float = field(default=1.0, metadata=number("s"))
     #: 0 if the controller sees the true state, 1 for the on-board state, 2 for the Kalman filter's
     estimator: int = field(default=0, metadata=whole())
@@ -326,8 +335,6 @@ def loop_record(
     sample_time : float
         Of the controller and the sensors [s].
     """
-    lean, along = rest_on_slope(robot, one.slope)
-    _, across = rest_on_slope(robot, (one.slope[1], -one.slope[0]))
     drive = robot.drive
     rotor = reflected_rotor_inertia(
         gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
@@ -354,8 +361,7 @@ def loop_record(
         "play": one.backlash,
         "rotor_inertia": rotor,
         "fallen_cosine": math.cos(one.fallen_lean) if one.fallen_lean < LARGEST_LEAN else -1.0,
-        "rest_lean": lean,
-        "slope_load": np.column_stack([along, across]),
+        "floor_lean": np.array([one.slope[1], -one.slope[0]]),
         "off_axis": off_axis(robot, one.imbalance),
         **_of_contacts(one, robot),
     }
@@ -391,6 +397,7 @@ def _of_contacts(one: Imperfections, robot: Robot) -> dict[str, object]:
             at_rest * one.contacts.give, out_of_round * pitch**4
         ),  # beyond, a third roller would touch
         "out_of_round": out_of_round,
+        "relaxation": one.contacts.relaxation,
         "off_middle": radius / wheels.radius * off * normals,
         "lever": radius * off,
         "grip": one.contacts.grip,

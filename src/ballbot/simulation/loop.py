@@ -6,8 +6,8 @@ A sample of a robot is, in this order:
     estimate    the on-board state or the Kalman filter, of the robot that the controller knows; or the true state
     decide      the control law (`ballbot.control.law`)
     drive       the torques wait for the delay; noise, the driver's limit and the supply's limit come upon them
-    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, the slope,
-                rollers that come and go under the wheels
+    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, rollers
+                that come and go under the wheels; in the frame of a floor that slopes
 
 What is random is drawn before (`Draws`). `SensedPlant` calls the same functions one sample at a time, with sensors,
 estimator and controller in Python, and gives the same results to rounding.
@@ -153,7 +153,6 @@ class Block(NamedTuple):
     starts: NDArray[np.float64]  #: (robots, n) where motors with play begin to count [rad]
     angles: NDArray[np.float64]  #: (robots, n) of rigid motors [rad]
     speeds: NDArray[np.float64]  #: (robots, n) of rigid motors [rad/s]
-    loads: NDArray[np.float64]  #: (robots, n) torques with which the slope loads the wheels
     turns: NDArray[np.float64]  #: (robots, n) angles of the wheels at the start [rad]
     before: NDArray[np.float64]  #: (robots, n) encoder angles at the last sample
     encoders: NDArray[np.float64]  #: (robots, 2 n) encoder angles and the speeds differenced from them
@@ -187,9 +186,9 @@ def _loop_of(inputs, robot):
 
 @inlined
 def _floored(out, own, sign):
-    """Add or subtract the lean at which the robot rests: for the floor's slope, and for a body off its axis."""
-    out[2] += sign * own.rest_lean[0]
-    out[3] += sign * own.rest_lean[1]
+    """Add or subtract the lean of the floor, and that of a body off its axis from what is stepped."""
+    out[2] += sign * own.floor_lean[0]
+    out[3] += sign * own.floor_lean[1]
     x, y = sign * own.off_axis[0], sign * own.off_axis[1]
     if x != 0.0 or y != 0.0:
         s, c = math.sin(out[4]), math.cos(out[4])
@@ -459,7 +458,14 @@ def _roll(selected, work, lane, inputs, own, block, number, since):
         away = angle - nearest * own.pitch
         x = abs(away)
         y = own.pitch - x  # to the next roller
-        share = min(1.0, 0.5 + 0.5 * own.out_of_round * (y * y * y * y - x * x * x * x) / own.give)
+        further = own.out_of_round * (y * y * y * y - x * x * x * x)
+        nearing = (
+            4.0
+            * own.out_of_round
+            * (y * y * y + x * x * x)
+            * math.copysign(block.wheels[i], away * block.wheels[i])
+        )
+        share = min(max(0.5 + 0.5 * (further - own.relaxation * nearing) / own.give, 0.0), 1.0)
         size = 4.0 * own.out_of_round * own.pressure * (share * x * x * x - (1.0 - share) * y * y * y)
         rolled[i] += math.copysign(1.0, away) * size
         # of neighbouring rollers one is of the first ring, one of the second
@@ -470,7 +476,7 @@ def _roll(selected, work, lane, inputs, own, block, number, since):
         turning = 0.0
         for j in range(n):
             turning += own.about_normal[i, j] * block.wheels[j]
-        most = own.grip * (1.0 - share) * own.pressure
+        most = own.grip * min(share, 1.0 - share) * own.pressure
         moment = 2.0 * own.lever * min(max(own.creep * own.lever * turning, -most), most)
         for j in range(n):
             rolled[j] -= own.about_normal[i, j] * moment
@@ -520,9 +526,7 @@ def _put_torques(selected, work, width, inputs, block, first, h, since):
         if own.limited == 2:
             _within_supply(own, acting, speeds)
         for i in range(len(acting)):
-            load_on_wheel = block.loads[robot, i]
-            if own.pitch > 0.0:
-                load_on_wheel -= block.rolled[i]
+            load_on_wheel = -block.rolled[i] if own.pitch > 0.0 else 0.0
             if own.play > 0.0:
                 work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = acting[i], load_on_wheel
             else:
@@ -612,11 +616,10 @@ def _command(inputs, block, robot, first, sample, reference):
 
 @inlined
 def _drive(work, lane, inputs, block, first, sample, noise, changes):
-    """Give motors the torques that are due, with noise (n,), within the driver's limit, and the wheels their loads."""
+    """Give motors the torques that are due, with noise (n,), within the driver's limit."""
     robot = robot_in(work, lane)
     own, held = _loop_of(inputs, first + robot), block.commanded[robot]
-    psi, late = work[(STATE + 4) * LANES + lane], block.late
-    c, s = math.cos(psi), math.sin(psi)
+    late = block.late
     fill(late[sample % len(late), robot], held)
     due = late[(sample - own.delay) % len(late), robot]
     for i in range(len(held)):
@@ -630,7 +633,6 @@ def _drive(work, lane, inputs, block, first, sample, noise, changes):
         block.wanted[robot, i] = torque
         if own.lag == 0.0:
             block.given[robot, i] = torque
-        block.loads[robot, i] = c * own.slope_load[i, 0] + s * own.slope_load[i, 1]
 
 
 @inlined

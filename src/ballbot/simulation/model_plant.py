@@ -10,7 +10,7 @@ Wheel i pushes the ball along t_i with f_i = tau_i / r_w, where tau_i is what it
 and the wheel's own acceleration. So the ball pushes the body along -t_i with f_i and along n_i with N_i, and the body,
 whose centre of mass has the acceleration a, needs in its own frame
 
-    sum_i N_i n_i = m_r R^T (a + g e_z) + sum_i f_i t_i
+    sum_i N_i n_i = m_r R^T (a + g) + sum_i f_i t_i          g: upward, (0, 0, g) on a level floor
 
 which three wheels can in one way only (four: the one of least squares). Contact i slips where |f_i| > mu N_i, and has
 lifted where N_i is not positive. Exact formulation; the rollers turn freely across t_i.
@@ -121,7 +121,7 @@ def wheel_forces(selected, P, state, u, row):
     ]
     e = (0.0, 0.0, 1.0)
     turning = add(cross(w_dot, e), cross(w, cross(w, e)))
-    straight = rotate_back(a.R, (v_dot[0], v_dot[1], P.g))
+    straight = rotate_back(a.R, add((v_dot[0], v_dot[1], 0.0), P.gravity))
     force = add(scale(straight, row[0]), scale(turning, P.ml))
     n, pressing = len(pushes), []
     for i in range(n):

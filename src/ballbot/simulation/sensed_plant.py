@@ -23,7 +23,7 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.draws import draws_of, empty_outcome, push_table
-from ballbot.simulation.imperfections import LOOP, Imperfections, loop_record
+from ballbot.simulation.imperfections import LOOP, Imperfections, loop_record, packed_on_floor
 from ballbot.simulation.loop import Inputs, Sampling, new_block, start_alone, step_alone
 from ballbot.simulation.model_plant import FALLEN, LIFTED, checked_states, lift_off, pack_contacts
 from ballbot.simulation.plant import Measurement
@@ -90,7 +90,7 @@ class SensedPlant:
             play_code=play_code_of(model.selected) if imperfections.backlash > 0.0 else 0,
             law_code=0,
             filter_code=0,
-            parameters=model.packed[None],
+            parameters=packed_on_floor(model, imperfections)[None],
             lift_offs=np.array([lift_off(robot)]),
             laws=np.zeros(1, LAW_TYPE),
             loops=record.view(LOOP.dtype()),

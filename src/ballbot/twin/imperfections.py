@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ballbot.estimation.interface import EstimatorName
+from ballbot.mechanics.geometry import rotation_to
 from ballbot.mechanics.model import Model
 from ballbot.robot import Body, Friction, Robot
 from ballbot.simulation.imperfections import Imperfections, RollerContacts
@@ -33,8 +34,10 @@ _BEYOND = {
 }
 _ALUMINIUM = 2700.0  # [kg/m^3], of a payload
 #: MuJoCo's contacts give way by so much for each newton, times the square of their time constant [1/kg], and creep by
-#: so much under a force along them, over it [kg]; on the BBR, by the masses of ball and roller
-_GIVE, _CREEP = 0.16, 140.0
+#: so much under a force along them, over it [kg]: of the BBR by the masses of ball and roller, measured on its twin
+_GIVE, _CREEP = 0.0855, 280.0
+#: over that time constant, damping by stiffness of a contact that is critically damped
+_DAMPED = 2.0
 
 
 def with_identified(scenario: Scenario, friction: Friction) -> Scenario:
@@ -64,9 +67,13 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
     """
     normal = floor_normal(scenario)
     timing, loop, payload = scenario.timing, scenario.current_loop, scenario.payload
-    give = 1.0 / scenario.softness.stiffness if scenario.softness else _GIVE * scenario.contact_time**2
+    soft = scenario.softness
     contacts = RollerContacts(
-        rollers=scenario.rollers, give=give, grip=scenario.roller_grip, creep=_CREEP / scenario.contact_time
+        rollers=scenario.rollers,
+        give=1.0 / soft.stiffness if soft else _GIVE * scenario.contact_time**2,
+        grip=scenario.roller_grip,
+        creep=_CREEP / scenario.contact_time,
+        relaxation=soft.damping / soft.stiffness if soft else _DAMPED * scenario.contact_time,
     )
     return Imperfections(
         sensors=scenario.sensors,
@@ -117,9 +124,7 @@ def loaded_body(body: Body, payload: Payload) -> Body:
     inertia = body.inertia_about_ball_center() + payload.mass * (
         (place @ place + 0.4 * radius**2) * np.eye(3) - np.outer(place, place)
     )
-    up = moment / np.linalg.norm(moment)
-    turn = np.array([[0.0, 0.0, up[0]], [0.0, 0.0, up[1]], [-up[0], -up[1], 0.0]])
-    turn = np.eye(3) + turn + turn @ turn / (1.0 + up[2])  # e_z to `up`
+    turn = rotation_to(moment)
     J = turn.T @ inertia @ turn
     return replace(
         body,

@@ -126,7 +126,10 @@ def energies(
     """Return kinetic and potential energy (...), 1/2 q_dot . M q_dot + m_r g l (R e).e."""
     a = _attitude_at(q)
     nu = np.stack(in_order(*_velocities(selected, a, q_dot)), axis=-1)
-    return 0.5 * np.einsum("...i,...ij,...j", nu, _body_mass(selected, P, a), nu) + P.ml * P.g * a.R[2][2]
+    return (
+        0.5 * np.einsum("...i,...ij,...j", nu, _body_mass(selected, P, a), nu)
+        + P.ml * P.gravity[2] * a.R[2][2]
+    )
 
 
 def _parts(vectors: NDArray) -> tuple:
