@@ -1,6 +1,6 @@
 """How well identification's intervals predict the estimate from another log: twins with all faults, two logs each.
 
-.venv/bin/python -m campaigns.evidence between_logs coulomb_variation effective
+.venv/bin/python -m campaigns.evidence between_logs effective
 .venv/bin/python -m campaigns.between_logs prior
 
 Each robot is the nominal twin with every fault of a scenario at once, of random sizes. Its two logs differ in the
@@ -27,17 +27,15 @@ from ballbot.control.references import named_reference
 from ballbot.files import write_text
 from ballbot.fitting.between_logs import RobotLogs, fit_prior
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty, assess
-from ballbot.fitting.model_selection import gain_between
 from ballbot.fitting.run import Run, Threads
 from ballbot.fitting.search import at_bound
 from ballbot.fitting.uncertainty import discrepancy
-from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.identify import estimated_parameters, speed_groups
 from ballbot.identification.laws import LawName
 from ballbot.identification.parameters import Bounds, Coordinates
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION
-from ballbot.identification.stages import IdentificationOptions, errors, prepare, refine
+from ballbot.identification.stages import IdentificationOptions, prepare, refine
 from ballbot.identification.variation import (
     PRIOR_FILE,
     LogEstimates,
@@ -47,10 +45,8 @@ from ballbot.identification.variation import (
     shipped_priors,
     widened,
 )
-from ballbot.identification.verdict import window_blocks
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Supply
@@ -360,67 +356,6 @@ def _binomial(count: int, of: int) -> tuple[float, float]:
 
 
 SEEDS = range(1, 11)
-#: on which the Coulomb equivalent was not chosen
-OTHER_SEEDS = range(11, 19)
-
-
-def coulomb_variation() -> Section:
-    """Identify ten logs of the nominal twin and return the section of docs/generated/evidence.md."""
-    fits = {
-        law: [fit_of(nominal_log(seed), f"nominal_{seed:02d}", law=law) for seed in SEEDS]
-        for law in ("coulomb", "stribeck")
-    }
-    rows = []
-    for law, found in fits.items():
-        c = np.array([one.values[3:6] for one in found])
-        rows.append([f"c, law {law}", *_variation_cells(c)])
-    for seeds in (SEEDS, OTHER_SEEDS):
-        logs = {seed: nominal_log(seed) for seed in seeds}
-        compared = [_equivalent(fit_of(log, f"nominal_{seed:02d}"), log) for seed, log in logs.items()]
-        name = f"Coulomb equivalent, law stribeck, seeds {seeds[0]} to {seeds[-1]}"
-        rows.append([name, *_variation_cells(np.array(compared))])
-    gains = [
-        100.0 * _held_out_gain(nominal_log(seed), inner, outer)
-        for seed, inner, outer in zip(SEEDS, fits["coulomb"], fits["stribeck"], strict=True)
-    ]
-    return Section(
-        title="Coulomb friction over ten logs",
-        before=f"Ten logs of 48 s of the nominal twin around the square (seeds {SEEDS[0]} to {SEEDS[-1]}), each "
-        "identified by itself: mean and coefficient of variation of each wheel.",
-        columns=["", *(f"wheel {i}" for i in (1, 2, 3))],
-        rows=rows,
-        after="On each log's held-out windows the error with the Stribeck law is smaller than with the Coulomb law by "
-        f"{np.mean(gains):.1f} % in the mean ({min(gains):.1f} to {max(gains):.1f} %), but such a log does not "
-        "separate c from s. To compare logs and robots, `results.json` has the Coulomb equivalent: "
-        "the value at rest of the straight line nearest to the dry "
-        "friction over the speeds driven (`src/ballbot/identification/coulomb.py`). It was chosen on the "
-        "ten logs; the last row is of others.",
-    )
-
-
-def _held_out_gain(log: Log, inner: Fit, outer: Fit) -> float:
-    """Return the share by which the one fit's error on held-out windows is below the other's."""
-    coordinates = outer.coordinates
-    predictor = Predictor(robot=ROBOT, formulation="exact", step=STEP, layout=coordinates.layout, threads=1)
-    run = Run(seed=0, executor=Threads(count=1))
-    windows = prepare(predictor, coordinates, [log], window=0.25, run=run).held_out
-    # NaN are v_s and delta of a law without s
-    squares = [
-        errors(predictor, windows, np.where(np.isfinite(one.values), one.values, 1.0)).squares_with
-        for one in (outer, inner)
-    ]
-    return gain_between(squares[0], squares[1], window_blocks(windows.spans)).share
-
-
-def _equivalent(fit: Fit, log: Log) -> NDArray[np.float64]:
-    p, states = len(fit.values), log.states
-    return coulomb_equivalent(
-        fit.coordinates.layout,
-        fit.values,
-        covariance=np.full((p, p), np.nan),
-        wheel_speeds=Model(ROBOT).wheel_speed(states[:, :5], states[:, 5:]),
-    ).values
-
 
 DRY_SPEED = 0.5  # [rad/s]
 
@@ -436,11 +371,6 @@ def _dry(values: NDArray[np.float64]) -> NDArray[np.float64]:
         rolling=0.0,
     )
     return wheel_friction(np.full(3, DRY_SPEED), friction)
-
-
-def _variation_cells(values: NDArray[np.float64]) -> list[str]:
-    mean, deviation = values.mean(axis=0), values.std(axis=0, ddof=1)
-    return [f"{m:.4f} N m, {100.0 * d / m:.1f} %" for m, d in zip(mean, deviation, strict=True)]
 
 
 #: the nominal twin with one fault switched off

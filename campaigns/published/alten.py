@@ -14,7 +14,6 @@ from itertools import combinations
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign, lqr
@@ -24,18 +23,16 @@ from ballbot.mechanics.model import LinearModel, Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
-from ballbot.twin.scenario import Scenario
 from campaigns.published.printed import (
     PERIOD,
     SETTLED,
     SIDE,
-    Track,
     mixture_model,
     track,
     unstable_poles,
 )
 from campaigns.reproduce import markdown_table
-from tests.support.lagrangian import Corrections, equations
+from tests.support.lagrangian import Corrections
 
 #: each correction, by its name in `Corrections`, as the page calls what it mends
 APPROXIMATIONS: Mapping[str, str] = {
@@ -142,24 +139,6 @@ def shares(values: Mapping[Mixture, float]) -> dict[str, float]:
     return found
 
 
-def change_while_moving(robot: Robot, name: str, *, states: int = 200) -> float:
-    """Return by how much accelerations are off where one correction alone is not made, relative, root mean square.
-
-    Over random states: lean U(-0.1, 0.1) rad, any heading, rates U(-1, 1), torques U(-2, 2) N m.
-    """
-    rng = np.random.default_rng(1)
-    lacking = equations(robot, corrections_with(set(APPROXIMATIONS) - {name}))
-    exact = equations(robot, "exact")
-    off, size = 0.0, 0.0
-    for _ in range(states):
-        q = rng.uniform([0.0, 0.0, -0.1, -0.1, -np.pi], [0.0, 0.0, 0.1, 0.1, np.pi])
-        q_dot, u = rng.uniform(-1.0, 1.0, 5), rng.uniform(-2.0, 2.0, robot.wheel_count)
-        right = exact.acceleration(q, q_dot, u)
-        off += float(np.sum((lacking.acceleration(q, q_dot, u) - right) ** 2))
-        size += float(np.sum(right**2))
-    return float(np.sqrt(off / size))
-
-
 #: (V.2) T_owb and (V.3) its inverse, as printed
 PRINTED_T_OWB = ((-1.2346, 0.0, 1.2346), (0.6173, -1.0692, 1.2346), (0.6173, 1.0692, 1.2346))
 PRINTED_T_OBW = ((-0.5400, 0.2700, 0.2700), (0.0, -0.4676, 0.4676), (0.2700, 0.2700, 0.2700))
@@ -173,16 +152,13 @@ _ENTRIES = (
     ("y_dd/u1 [1/(kg m)]", "B", 6, 0),
     ("psi_dd/u1 [1/(kg m^2)]", "B", 9, 0),
 )
-#: the first wheel's gain that is not zero: it drives y, theta and psi
-_FIRST_WHEEL = {"y": 1, "theta": 2, "psi": 4, "y_dot": 6, "theta_dot": 7, "psi_dot": 9}
 
 
 def section(robot: Robot, *, progress: ProgressCallback = ignore_progress) -> str:
     """Return the source's part of the page, computed; some tens of seconds, most of them to derive the mixtures."""
     frictionless = robot.replace(friction=Friction.none(robot.wheel_count))
     found = mixture_outcomes(frictionless, progress=progress)
-    parts = [_model_part(frictionless), _gain_part(frictionless), _blame_part(frictionless, found)]
-    return "\n".join(parts)
+    return "\n".join([_model_part(frictionless), _blame_part(frictionless, found)])
 
 
 def _model_part(robot: Robot) -> str:
@@ -213,31 +189,6 @@ The printed model falls with {thesis_pole:.3f} rad/s where the robot falls with 
 """
 
 
-def _gain_part(robot: Robot) -> str:
-    """Return the gains and how they track, of the robot without friction."""
-    tracks = _tracks(robot)
-    return f"""\
-### Gains
-
-LQR with the nominal scenario's weights, sampled at {1e3 * robot.sensors.sample_time:g} ms. The
-first wheel's row has all that is to be known of a symmetric robot. The poles are those of either gain on the exact
-model [rad/s].
-
-{_gain_table(robot)}
-
-### Closed-loop tracking
-
-Twice around a square of {SIDE:g} m by steps, {PERIOD / 4:g} s a corner. "Left" is the root mean square distance from
-the corner over its last {SETTLED:g} s. The friction is the nominal scenario's, uncompensated.
-
-{_tracking_table(tracks)}
-
-On its own model the thesis's gain leaves {1e3 * tracks["thesis", "thesis"].settled_error:.1f} mm, on the exact one
-{1e3 * tracks["thesis", "exact"].settled_error:.1f} mm, where the exact model's gain leaves
-{1e3 * tracks["exact", "exact"].settled_error:.1f} mm. With friction, the friction determines the settled error.
-"""
-
-
 def _blame_part(robot: Robot, found: Mapping[Mixture, Outcome]) -> str:
     """Return which approximation causes how much, of the robot without friction."""
     return f"""\
@@ -246,12 +197,10 @@ def _blame_part(robot: Robot, found: Mapping[Mixture, Outcome]) -> str:
 {_share_table(robot, found)}
 
 A share is what the correction changes, averaged over all orders of making the corrections, so that the shares add up to
-the difference. Tracking is of the gain on the exact model without friction.
-
-One by one, on the unstable pole and away from rest. The last column is how far the exact model's accelerations are off,
-root mean square over random states of motion, where this one correction is not made.
-
-{_single_table(robot, found)}
+the difference. The gain is the first wheel's, of an LQR with the nominal scenario's weights, sampled at
+{1e3 * robot.sensors.sample_time:g} ms. It is tried on the exact model without friction, twice around a square of
+{SIDE:g} m by steps, {PERIOD / 4:g} s a corner: "left" is the root mean square distance from the corner over its last
+{SETTLED:g} s.
 """
 
 
@@ -275,52 +224,6 @@ def _model_table(robot: Robot) -> str:
     return markdown_table(["", "thesis", "exact", "thesis/exact"], rows)
 
 
-def _gain(robot: Robot, formulation: Formulation) -> NDArray[np.float64]:
-    return nominal_lqr(robot, Model(robot, formulation).linearize()).gain
-
-
-def _gain_table(robot: Robot) -> str:
-    exact = Model(robot).linearize()
-    gains = {name: _gain(robot, name) for name in _FORMULATIONS}
-    rows = []
-    for name, gain in gains.items():
-        poles = np.linalg.eigvals(exact.A - exact.B @ gain).real
-        values = [f"{gain[0, place]:.4g}" for place in _FIRST_WHEEL.values()]
-        rows.append([name, *values, f"{poles.max():.3f}", f"{poles.min():.2f}"])
-    ratio = [f"{gains['thesis'][0, place] / gains['exact'][0, place]:.3f}" for place in _FIRST_WHEEL.values()]
-    rows.append(["thesis/exact", *ratio, "", ""])
-    return markdown_table(["gain on", *_FIRST_WHEEL, "slowest pole", "fastest pole"], rows)
-
-
-def _tracks(robot: Robot) -> dict[tuple[str, str], Track]:
-    """Return each formulation's gain on each plant, by (gain, plant)."""
-    controllers = [Controller(robot, _gain(robot, name)) for name in _FORMULATIONS]
-    rubbing = robot.replace(friction=Scenario.nominal(robot).friction)
-    plants = {"thesis": Model(robot, "thesis"), "exact": Model(robot), "exact, with friction": Model(rubbing)}
-    return {
-        (name, plant): one
-        for plant, model in plants.items()
-        for name, one in zip(_FORMULATIONS, track(model, controllers), strict=True)
-    }
-
-
-def _tracking_table(tracks: Mapping[tuple[str, str], Track]) -> str:
-    rows = [[gain, plant, *_track_cells(one)] for (gain, plant), one in tracks.items()]
-    return markdown_table(
-        ["gain of", "on the model", "left [mm]", "whole run [mm]", "largest lean [deg]"], rows
-    )
-
-
-def _track_cells(one: Track) -> list[str]:
-    if one.fell:
-        return ["fell", "fell", "fell"]
-    return [
-        f"{1e3 * one.settled_error:.2f}",
-        f"{1e3 * one.rms_error:.1f}",
-        f"{np.degrees(one.peak_lean):.3f}",
-    ]
-
-
 def _share_table(robot: Robot, found: Mapping[Mixture, Outcome]) -> str:
     columns: Mapping[str, Callable[[Outcome], float]] = {
         "pole [rad/s]": lambda outcome: outcome.pole,
@@ -342,15 +245,3 @@ def _share_table(robot: Robot, found: Mapping[Mixture, Outcome]) -> str:
 
 def _unsigned_zero(value: float) -> float:
     return 0.0 if abs(value) < 5e-5 else value
-
-
-def _single_table(robot: Robot, found: Mapping[Mixture, Outcome]) -> str:
-    everything = max(found, key=len)
-    rows = []
-    for name, label in APPROXIMATIONS.items():
-        alone = unstable_poles(mixture_model(robot, corrections_with({name})))[0]
-        lacking = found[everything - {name}].pole
-        rows.append(
-            [label, f"{alone:.4f}", f"{lacking:.4f}", f"{100 * change_while_moving(robot, name):.2f} %"]
-        )
-    return markdown_table(["", "thesis with this mended", "exact without it", "off while moving"], rows)

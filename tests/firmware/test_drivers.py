@@ -126,16 +126,6 @@ heads = st.sampled_from([bytes.fromhex(one) for one in ("fa", "faff36", "faff360
 noise = st.lists(heads | st.binary(max_size=300), max_size=4).map(b"".join)
 
 
-@given(st.integers(1, 41))
-def test_lost_byte_loses_one_message(place):
-    wire = measured(rotation(0.1, 0.2, 0.3), [1.0, 2.0, 3.0])
-    sensor = Sensor()
-    sensor.take(wire[:place] + wire[place + 1 :])
-    assert sensor.read() is None
-    sensor.take(wire)
-    assert sensor.read() is not None
-
-
 @pytest.mark.parametrize("length", [0.0, 0.9, 1.1, math.nan, math.inf])
 def test_quaternion_that_is_no_rotation_is_not_taken(length):
     sensor = Sensor()

@@ -16,9 +16,9 @@ import unicorn
 from ballbot import InputError, Robot
 from ballbot.firmware.emulator import FLASH, FLASH_SIZE, Board, Image, branch_target, compile_image, read_elf
 from ballbot.firmware.header import SOURCES
-from campaigns import firmware_math
 from campaigns.firmware_numbers import controllers
 from campaigns.firmware_timing import estimator_runs, image, law_runs
+from tests.support import firmware_math
 
 ALTEN = Robot.load("alten")
 

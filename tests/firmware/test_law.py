@@ -1,28 +1,26 @@
 """The control law in C: the numbers of Python's law, without undefined behaviour."""
 
-import subprocess
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ballbot import Controller, InputError
+from ballbot import Controller
 from ballbot.control.law import ALLOWED, LAW, MEMORY, control_law
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
 from ballbot.firmware.build import compile_sources, compilers
 from ballbot.firmware.header import SOURCES
 from campaigns import firmware_numbers
-from campaigns.firmware_estimators import DOUBLE
 from campaigns.firmware_numbers import TOLERANCE, Update, compare, of_a_branch, python_torques, updates
+from tests.support.compiled_estimators import DOUBLE
 from tests.support.compiled_firmware import Library, library
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
 CONTROLLERS = firmware_numbers.controllers()
-HERE = Path(__file__).parent
 LAW_SOURCES = [SOURCES / "law.c", SOURCES / "attitude.c", *sorted((SOURCES / "parts").glob("*.c"))]
 
 
@@ -137,27 +135,3 @@ def test_invalid_state_gives_no_torque_and_leaves_the_memory(value):
         assert (library().control_law(law, memory, state, update.reference, torques) == ALLOWED).all()
         assert not torques.any()
         assert memory.tobytes() == update.memory.tobytes()
-
-
-@pytest.mark.board
-def test_sanitizers_find_nothing_and_change_no_bit(tmp_path):
-    replay = tmp_path / "replay"
-    flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    try:
-        compile_sources(replay, [*LAW_SOURCES, SOURCES / "ballbot_math.c", HERE / "replay.c"], flags=flags)
-    except InputError as refusal:
-        pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
-    for controller in (everything(four_wheeled(friction=True)), CONTROLLERS["precise, 3 wheels"]()):
-        law, n = converted(controller.record, LAW), len(controller.gain)
-        given, wanted = law.tobytes(), b""
-        for update, torques in updates(controller, library(), lanes=20, count=30, seed=7):
-            memory = update.memory.copy()
-            library().control_law(law, memory, update.state, update.reference, torques)
-            for k in range(20):
-                given += (
-                    update.memory[k].tobytes() + update.state[k].tobytes() + update.reference[k].tobytes()
-                )
-                wanted += torques[k].tobytes() + memory[k].tobytes()
-        done = subprocess.run([replay, str(n)], input=given, capture_output=True, check=False)
-        assert done.returncode == 0, done.stderr.decode()
-        assert done.stdout == wanted

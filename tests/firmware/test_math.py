@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns import firmware_math
-from campaigns.firmware_math import STATED, called, largest_errors
+from tests.support import firmware_math
+from tests.support.firmware_math import STATED, called, largest_errors
 
 #: a prime, so that every last bit of the mantissa takes part
 STEP = 20011

@@ -11,9 +11,12 @@ pytest.importorskip("unicorn", reason="unicorn, of the extra `test`, is not inst
 
 from ballbot import Controller, InputError
 from ballbot.firmware import processor_load
-from ballbot.firmware.emulator import CLOCK, CYCLES, Board
-from ballbot.firmware.export import export_controller
+from ballbot.firmware.build import source_files
+from ballbot.firmware.emulator import CLOCK, CYCLES, Board, compile_image
+from ballbot.firmware.export import PROJECT, export_controller
+from ballbot.firmware.header import SOURCES
 from ballbot.firmware.processor_load import SAMPLES, check_clock, measure_load, rehearse, what_to_install
+from ballbot.link.emulated import HARDWARE
 from campaigns.firmware_timing import firmware_runs, image, law_runs, presets
 from tests.support.control_examples import FRICTION, alten, everything
 
@@ -57,6 +60,17 @@ def test_load_is_the_rehearsal_s():
     assert load.flash > exported.parameter_bytes + 30_000
     # a robot has parameters twice, in use and as a host writes them, and the state
     assert load.ram > 2 * exported.parameter_bytes + exported.state_bytes
+
+
+def test_link_fits_into_the_stack_that_the_task_s_example_names():
+    """What `ballbot export` reports for an update, and 512 bytes more (examples/rtos_task.c)."""
+    robot = compile_image(
+        [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c"))],
+        include=(SOURCES, PROJECT, HARDWARE),
+    )
+    bound = robot.stack_bound("ballbot_update") + 512
+    assert robot.stack_bound("ballbot_link_receive") < bound
+    assert robot.stack_bound("ballbot_link_update") < bound
 
 
 @pytest.mark.parametrize("clock", [0.0, -72e6, 72.0, 1e12, float("nan")])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from ballbot.robot.components import PARAMETERS, Friction
 from ballbot.thesis.reproduce import mistakes
 from campaigns.published import alten, kugle, page, rezero
 from campaigns.published.printed import Entry, entry_table, mixture_model, track, unstable_poles
-from tests.support.lagrangian import Corrections, corrections_of, equations
+from tests.support.lagrangian import corrections_of, equations
 from tests.support.paths import ROOT
 from tests.support.symbolic_oracle import random_state
 
@@ -69,19 +69,6 @@ def test_mixtures_end_in_the_two_formulations(formulation: Formulation) -> None:
     model = Model(ALTEN, formulation).linearize()
     assert pytest.approx(model.A, abs=1e-10) == mixture.A
     assert pytest.approx(model.B, abs=1e-10) == mixture.B
-
-
-def test_mixtures_know_every_correction() -> None:
-    assert set(alten.APPROXIMATIONS) == {field.name for field in fields(Corrections)}
-    assert len(alten.mixtures()) == 2 ** len(alten.AT_REST)
-
-
-@pytest.mark.slow
-def test_a_correction_of_motion_changes_nothing_at_rest() -> None:
-    name = "nonholonomic_wheels"  # its force in motion: mistake 16, below
-    without, having = (mixture_model(ALTEN, alten.corrections_with(names)) for names in ((), (name,)))
-    assert pytest.approx(without.A, abs=1e-12) == having.A
-    assert pytest.approx(without.B, abs=1e-12) == having.B
 
 
 def test_shapley_shares_of_a_known_game() -> None:
@@ -138,11 +125,9 @@ def test_the_page_in_docs_is_what_the_command_computes() -> None:
     load = Robot.load
     for part in (
         alten._model_part(robot),
-        alten._gain_part(robot),
         kugle.section(load("kugle")),
         rezero.section(load("rezero")),
         page.parameters_section(load("rob311"), load("cmu")),
-        page.presets_section(),
     ):
         begin = words.index(NUMBER.sub("\0", part))
         first, computed = words[:begin].count("\0"), NUMBER.findall(part)

@@ -95,16 +95,6 @@ def test_scrubbing_shows_the_time_and_another_picture(tab, replay):
     keep(first, "side_light")
 
 
-def test_slow_motion_is_slow(tab, replay):
-    tab.open(replay)
-    choose(tab, "Speed", "0.1")
-    scrub(tab, 1.0)
-    begun = time.monotonic()
-    tab.wait(f"{CLOCK} > 1.1")
-    # 0.1 s at a tenth of the speed take a second; pictures may be late on a busy machine, never early
-    assert time.monotonic() - begun > 0.9
-
-
 def test_space_key_pauses_and_arrows_step(tab, replay):
     tab.open(replay)
     tab.wait(f"{CLOCK} > 0.1")
