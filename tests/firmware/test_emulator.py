@@ -14,7 +14,7 @@ pytest.importorskip("unicorn", reason="unicorn, of the extra `test`, is not inst
 import unicorn
 
 from ballbot import InputError, Robot
-from ballbot.firmware.emulator import FLASH, FLASH_SIZE, Board, Image, branch_target, compile_image, read_elf
+from ballbot.firmware.emulator import FLASH, FLASH_SIZE, Board, Image, compile_image, read_elf
 from ballbot.firmware.header import SOURCES
 from campaigns.firmware_numbers import controllers
 from campaigns.firmware_timing import estimator_runs, image, law_runs
@@ -26,17 +26,6 @@ ALTEN = Robot.load("alten")
 @cache
 def math_image() -> Image:
     return compile_image([SOURCES / "ballbot_math.c", Path(firmware_math.__file__).with_suffix(".c")])
-
-
-def code(text: str) -> bytes:
-    """Return instructions from their half words as the manual writes them."""
-    return b"".join(int(word, 16).to_bytes(2, "little") for word in text.split())
-
-
-def test_branch_goes_where_the_linker_wrote():
-    assert branch_target(code("f7ff fffe"), 0x100) == 0x100
-    assert branch_target(code("f000 f802"), 0x100) == 0x108
-    assert branch_target(code("ee31 1a41"), 0x100) is None
 
 
 def random_floats(count: int, seed: int) -> np.ndarray:
@@ -131,8 +120,3 @@ def test_recursion_and_unknown_functions_are_refused(tmp_path):
         compile_image([source])
     with pytest.raises(InputError, match="no 32-bit ELF"):
         read_elf(b"nothing" * 10)
-
-
-def test_ram_that_is_full_is_refused():
-    with pytest.raises(InputError, match="RAM is full"):
-        Board(math_image()).place(np.zeros(300_000, np.uint8))

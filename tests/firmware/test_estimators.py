@@ -152,19 +152,6 @@ def test_nothing_is_known_before_a_whole_reading():
         assert not estimator.memory["started"]
 
 
-@pytest.mark.parametrize("name", MEMORIES)
-def test_reset_starts_at_the_position(name):
-    estimator, fresh = Compiled(name, ALTEN), Compiled(name, ALTEN)
-    given = list(readings(ALTEN, samples=20))
-    for reading in given:
-        estimator.update(reading)
-    for one in (estimator, fresh):
-        one.reset(position=(1.5, -2.0))
-    again = [(estimator.update(reading), fresh.update(reading)) for reading in given]
-    assert all((a == b).all() for a, b in again)
-    np.testing.assert_allclose(again[0][0][:2], [1.5, -2.0], rtol=1e-6)
-
-
 def test_encoder_counts_may_wrap_around():
     given = [reading_record(reading, robot=ALTEN) for reading in readings(ALTEN, samples=300)]
     plain, wrapped = Compiled("kalman", ALTEN), Compiled("kalman", ALTEN)

@@ -71,14 +71,6 @@ def test_nothing_moves_before_it_is_armed_nor_after():
     assert made.stop is None
 
 
-@pytest.mark.parametrize("name", ["schema", "wheel_count", "estimator"])
-def test_parameters_of_another_version_are_refused(name):
-    record = parameter_record(nominal_controller(ROBOT), LIMITS)
-    record[name] += 5
-    with pytest.raises(InputError, match="does not know these parameters"):
-        Firmware(record)
-
-
 @pytest.mark.parametrize("bad", [math.nan, -1.0, 1e30, math.inf])
 @pytest.mark.parametrize("name", ["sample_time", "self_test_torque", "torque_limit", "lean", "max_interval"])
 def test_parameters_that_bound_nothing_are_refused(name, bad):
@@ -95,16 +87,6 @@ def test_parameters_that_bound_nothing_are_refused(name, bad):
     else:
         with pytest.raises(InputError, match="does not know these parameters"):
             Firmware(record)
-
-
-def test_reference_that_is_refused_is_ignored():
-    made, other = firmware(), firmware()
-    given, refused = np.zeros(10), np.zeros(10)
-    given[0], refused[2] = 0.2, 0.1
-    for k in range(20):
-        torques = made.update(reading(k), k * 5000, given if k < 5 else refused)
-        assert (torques == other.update(reading(k), k * 5000, given)).all()
-    assert made.stop is None
 
 
 @pytest.mark.parametrize(
@@ -135,13 +117,6 @@ def test_reasons_have_the_numbers_of_their_order():
     assert words == ["", *StopReason, ""]
 
 
-def test_torques_are_zero_while_there_was_never_a_state():
-    made = firmware()
-    assert not run(made, 2, gyro=np.nan).any()
-    assert made.stop is None
-    assert run(made, 1, first=2).all()
-
-
 def test_late_loop_stops_and_the_clock_may_wrap_around():
     made = firmware()
     times = [2**32 - 7000, 2**32 - 2000, 2**32 + 3000, 2**32 + 8000]
@@ -161,19 +136,6 @@ def test_torque_that_is_not_a_number_stops(place):
     assert not run(made, 1).any()
     assert made.stop is StopReason.TORQUE
     assert made.state["safety"]["stop_wheel"] == place + 1
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_self_test_torque_that_is_not_a_number_stops(bad):
-    record = parameter_record(nominal_controller(ROBOT), LIMITS)
-    made = Firmware(record)
-    made.skip_imu_check()
-    made.start_self_test()
-    record["self_test_torque"] = bad  # as a flipped bit in memory would
-    assert not run(made, 1).any()
-    assert made.stop is StopReason.TORQUE
-    assert not run(made, 3, first=1).any()
-    assert made.self_test is SelfTestOutcome.STOPPED
 
 
 def test_disarming_ends_the_self_test():

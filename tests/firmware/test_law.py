@@ -8,7 +8,7 @@ import pytest
 
 from ballbot import Controller
 from ballbot.control.law import ALLOWED, LAW, MEMORY, control_law
-from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.records import converted
 from ballbot.firmware.build import compile_sources, compilers
 from ballbot.firmware.header import SOURCES
@@ -57,23 +57,6 @@ def test_torque_at_a_threshold_is_that_of_a_branch():
     assert of_a_branch(controller, update, torques).all()
     wrong = torques + np.float32(3.0 * TOLERANCE * controller.torque_limit) * (np.abs(torques) < 5.9)
     assert not of_a_branch(controller, update, wrong)[other].any()
-
-
-def test_reference_at_the_limit_of_speed_gives_the_torque_of_a_branch():
-    controller = precise_controller(alten(FRICTION))
-    random = np.random.default_rng(3)
-    memory, state = np.zeros(200, MEMORY.dtype("single")), np.zeros((200, 10), dtype=np.float32)
-    law, torques = converted(controller.record, LAW), np.zeros((200, 3), dtype=np.float32)
-    library().control_law(law, memory, state, state, torques)
-    angle, length = random.uniform(0.0, 6.3, 200), 0.0025 * (1.0 + random.uniform(-1e-7, 1e-7, 200))
-    reference = state.copy()
-    reference[:, 0], reference[:, 1] = length * np.cos(angle), length * np.sin(angle)
-    update = Update(memory=memory.copy(), state=state, reference=reference)
-    library().control_law(law, memory, state, reference, torques)
-    exact, _ = python_torques(controller, update)
-    other = np.abs(torques - exact).max(axis=1) > TOLERANCE * controller.torque_limit
-    assert other.any()
-    assert of_a_branch(controller, update, torques).all()
 
 
 @cache

@@ -10,12 +10,11 @@ pytest.importorskip("ziglang", reason="ziglang, of the extra `test`, is not inst
 pytest.importorskip("unicorn", reason="unicorn, of the extra `test`, is not installed")
 
 from ballbot import Controller, InputError
-from ballbot.firmware import processor_load
 from ballbot.firmware.build import source_files
 from ballbot.firmware.emulator import CLOCK, CYCLES, Board, compile_image
 from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.header import SOURCES
-from ballbot.firmware.processor_load import SAMPLES, check_clock, measure_load, rehearse, what_to_install
+from ballbot.firmware.processor_load import SAMPLES, check_clock, measure_load, rehearse
 from ballbot.link.emulated import HARDWARE
 from campaigns.firmware_timing import firmware_runs, image, law_runs, presets
 from tests.support.control_examples import FRICTION, alten, everything
@@ -77,9 +76,3 @@ def test_link_fits_into_the_stack_that_the_task_s_example_names():
 def test_impossible_clock_is_refused(clock):
     with pytest.raises(InputError, match="clock of the processor must be between"):
         check_clock(clock)
-
-
-def test_missing_packages_are_named(monkeypatch):
-    assert what_to_install() == ""
-    monkeypatch.setattr(processor_load, "_NEEDED", ("numpy", "no_such_package"))
-    assert what_to_install().endswith("need `pip install no_such_package`.")

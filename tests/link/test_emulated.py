@@ -79,14 +79,6 @@ def test_robot_balances_and_follows_a_reference():
     assert sum(session.counts.refused) == 0
 
 
-def test_equal_runs_are_equal_bit_for_bit():
-    runs = []
-    for _ in range(2):
-        session = balancing(emulated(seed=3))
-        runs.append([(one.time, *one.torques, *one.estimate) for one in states(session, 0.5)])
-    assert runs[0] == runs[1]
-
-
 def session_number(**start) -> int:
     """Return the session of a robot whose sensors give nothing, after three samples."""
     line = LockStep(CompiledRobot(parameters(), **start), sample_time=H)
@@ -102,12 +94,6 @@ def test_sessions_after_a_reset_differ_by_the_number_of_the_start_alone(monkeypa
     assert sessions[1] == sessions[3]  # nothing else differs
     monkeypatch.setattr("ballbot.link.session.secrets.randbelow", lambda most: most // 5)
     assert session_number(starts=1) not in sessions  # as it does by the host's number alone
-
-
-def test_nothing_arms_before_the_self_test_passes():
-    session = connected(emulated())
-    assert session.arm(lambda: True) is Result.SELF_TEST
-    assert not session.state.armed
 
 
 def test_arming_needs_the_person_at_the_host():
@@ -155,13 +141,6 @@ def test_controller_on_the_host_balances_through_the_robots_safety_layer():
     assert not found[-1].torques.any()
 
 
-def test_silent_controller_on_the_host_stops_the_robot():
-    session = balancing(emulated(), controller=ControllerPlace.HOST)
-    found = states(session, 0.2)  # the session is alive, no torques come
-    assert stop_reason(found[-1]) is StopReason.LINK
-    assert found[-1].time - next(one.time for one in found if one.stop) > 0.1
-
-
 def test_parameters_are_read_and_written_while_disarmed_only():
     robot = emulated()
     session = connected(robot)
@@ -176,19 +155,6 @@ def test_parameters_are_read_and_written_while_disarmed_only():
     session.write_parameters(changed)
     assert session.read_parameters().tobytes() == changed.tobytes()
     assert session.arm(lambda: True) is Result.SELF_TEST  # once more, with the new numbers
-
-
-def test_fallen_robot_is_stopped_and_can_be_armed_again():
-    robot = emulated()
-    session = balancing(robot)
-    given = robot.plant.step
-    robot.plant.step = lambda torques, duration: given(-torques, duration)  # away from upright
-    found = states(session, 3.0)
-    assert stop_reason(found[-1]) in (StopReason.LEAN, StopReason.STUCK)
-    assert not found[-1].torques.any()
-    robot.plant.step = given
-    assert session.arm(lambda: True) is Result.OK
-    assert all(one.armed and not one.stop for one in states(session, 1.0)[1:])
 
 
 @pytest.mark.parametrize("place", list(ControllerPlace))

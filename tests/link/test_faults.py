@@ -309,20 +309,6 @@ def test_command_whose_answer_is_lost_is_sent_again():
     session.write_parameters(session.read_parameters())
 
 
-def test_silence_ends_a_self_test():
-    robot = Recording(emulated())
-    session = Session(robot, clock=robot.robot.clock)
-    session.connect()
-    session.start_self_test()
-    for _ in range(60):
-        robot.read(0.0)
-    assert not robot.motors[-1][1]
-    session.connect()
-    session.poll(0.1)
-    assert session.state.self_test == SelfTestOutcome.STOPPED
-    assert session.arm(lambda: True) is Result.SELF_TEST
-
-
 def test_host_says_that_the_robot_is_silent_and_stops_sending():
     robot = Recording(emulated())
     link = FaultyTransport(robot, Faults(), seed=0)

@@ -59,19 +59,6 @@ def test_a_ball_lies_between_solid_and_thin_shell() -> None:
     assert re.search("solid", refusal(ball=ball(inertia=0.01)))
 
 
-def test_principal_moments_are_positive() -> None:
-    assert re.search(
-        "principal moments -0.5, .* each must be above zero",
-        refusal(body=body(inertia=(1.0, 1.0, 1.0, 1.5, 0.0, 0.0))),
-    )
-
-
-def test_the_triangle_inequality_holds_about_the_given_point() -> None:
-    assert re.search(
-        "no body has one larger than the sum", refusal(body=body(inertia=(4.37, 4.37, 9.0, 0.0, 0.0, 0.0)))
-    )
-
-
 def test_the_triangle_inequality_is_that_of_the_principal_moments() -> None:
     # rotating a body that can exist leaves it one, though its diagonal alone could look wrong
     turn, _ = np.linalg.qr(np.array([[1.0, 0.3, 0.2], [-0.4, 1.0, 0.5], [0.1, -0.2, 1.0]]))

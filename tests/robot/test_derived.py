@@ -9,11 +9,9 @@ from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.robot.derived import (
     derived_quantities,
-    encoder_step,
     inertia_from_swing,
     reflected_rotor_inertia,
     shell_wall,
-    solid_sphere_inertia,
     thick_shell_inertia,
     thin_shell_inertia,
     wheel_speed_limit,
@@ -38,14 +36,6 @@ def test_thick_shell_is_a_sum_of_thin_ones(wall: float) -> None:
     r = 0.11 - wall + 0.5 * wall * (nodes + 1.0)
     summed = 3.0 * np.sum(weights * r**2 * (2.0 / 3.0) * r**2) / np.sum(weights * r**2)
     assert thick_shell_inertia(mass=3.0, radius=0.11, wall=wall) == pytest.approx(summed, rel=1e-13)
-
-
-def test_a_shell_without_cavity_is_a_solid_sphere() -> None:
-    density = 3.0 / (4.0 / 3.0 * math.pi * 0.11**3)
-    # the cavity's radius is the cube root of a difference that cancels: 1e-16 of r^3 leaves 1e-5 of r
-    assert shell_wall(mass=3.0, radius=0.11, density=density * (1 + 1e-15)) == pytest.approx(0.11, rel=1e-4)
-    solid = solid_sphere_inertia(mass=3.0, radius=0.11)
-    assert thick_shell_inertia(mass=3.0, radius=0.11, wall=0.11) == pytest.approx(solid, rel=1e-15)
 
 
 def test_impossible_shells_are_refused() -> None:
@@ -82,10 +72,6 @@ def test_reflected_inertia_is_twice_the_wheels() -> None:
     # Kugle prints its rotor's share: (13/3)^2 (1.21e-4 + 1.2e-6), of .00319464 with a wheel of .0009
     kugle = reflected_rotor_inertia(gear_ratio=13.0 / 3.0, motor_inertia=1.21e-4, gear_inertia=1.2e-6)
     assert 0.0009 + kugle == pytest.approx(0.00319464, abs=5e-9)
-
-
-def test_an_encoder_turn_is_a_wheel_turn_over_the_gear() -> None:
-    assert 2000 * 27.6 * encoder_step(encoder_counts=2000, gear_ratio=27.6) == pytest.approx(2.0 * math.pi)
 
 
 def test_derived_quantities_of_alten() -> None:

@@ -99,31 +99,6 @@ class TestFile:
             Robot.load(tmp_path / "bad.toml")
 
     @pytest.mark.parametrize(
-        ("stated", "says"),
-        [
-            ("inf", "give its least and greatest value under"),
-            ("nan", "zero or more, or inf where it is unknown"),
-        ],
-    )
-    def test_an_unknown_deviation_needs_an_interval(self, stated: str, says: str, tmp_path: Path):
-        text = robot_text(ALTEN).replace(
-            'value = 0.393, unit = "m"', f'value = 0.393, unit = "m", standard_deviation = {stated}'
-        )
-        (tmp_path / "mine.toml").write_text(text)
-        with pytest.raises(InputError, match=says):
-            Robot.load(tmp_path / "mine.toml")
-
-    def test_units_and_one_number_for_every_wheel(self, tmp_path: Path):
-        text = robot_text(ALTEN)
-        text = text.replace('240.0], unit = "deg"', '240.0], unit = "deg", standard_deviation = 0.5')
-        text = text.replace('0.393, unit = "m"', '39.3, unit = "cm", standard_deviation = 0.4')
-        (tmp_path / "mine.toml").write_text(text)
-        read = Robot.load(tmp_path / "mine.toml")
-        assert read.standard_deviations["wheels.azimuths"] == (math.radians(0.5),) * 3
-        assert read.standard_deviations["body.center_of_mass"] == 0.004
-        assert "standard_deviation = [0.5, 0.5, 0.5]" in robot_text(read)
-
-    @pytest.mark.parametrize(
         ("old", "new", "says"),
         [
             (
@@ -155,10 +130,6 @@ class TestFile:
         (tmp_path / "bad.toml").write_text(text.replace(old, new))
         with pytest.raises(InputError, match=says):
             Robot.load(tmp_path / "bad.toml")
-
-    def test_what_is_no_parameter_has_none(self):
-        with pytest.raises(InputError, match="not a parameter that can have one"):
-            known_to({"ball.colour": 1.0})
 
     def test_a_value_that_changes_loses_it(self):
         robot = known_to(SOME)
@@ -262,17 +233,3 @@ class TestCommands:
         assert main(["design", str(robot), "--out", str(tmp_path / "soft")]) == 0
         gain = json.loads((tmp_path / "soft" / "results.json").read_text())
         assert np.shape(gain["gain_standard_deviation"]) == (3, 10)
-
-    @pytest.mark.slow
-    @pytest.mark.usefixtures("undrawn")
-    def test_without_any_nothing_is_claimed(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-        assert main(["check", "alten", "--out", str(tmp_path)]) == 0
-        assert "No value in the file has a standard_deviation" in capsys.readouterr().out
-        assert json.loads((tmp_path / "results.json").read_text())["unstable_pole_uncertainty"] is None
-        rolling, without = tmp_path / "rolling.toml", tmp_path / "designed"
-        resisted = ALTEN.replace(friction=replace(ALTEN.friction, rolling=0.01))
-        # the gain does not depend on it
-        write_robot(known_to({"friction.rolling": 0.001}, resisted), rolling)
-        assert main(["design", str(rolling), "--out", str(without)]) == 0
-        assert "Standard deviation of each entry" not in capsys.readouterr().out
-        assert "Standard deviation of each entry" not in (without / "report.html").read_text("utf-8")

@@ -18,7 +18,6 @@ from ballbot.robot.file import write_robot
 from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, Push, Supply, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import CurrentLoop, Payload, Timing
 from ballbot.twin.imperfections import imperfections_of, left_out, true_model
@@ -70,24 +69,6 @@ def test_without_imperfections_it_is_the_model():
     assert [one.t for one in sensed] == [one.t for one in model]
     # the lean is measured without error here
     np.testing.assert_array_equal([one.state[2:5] for one in sensed], truths(sensed)[:, 2:5])
-
-
-def test_same_seed_gives_the_same_run():
-    imperfections = replace(
-        NOMINAL,
-        sensor_faults=SensorFaults(gyro_bias=0.01, lean_error=0.01),
-        accelerometer=Accelerometer(),
-        fix=FixSource(rate=10.0),
-    )
-    plant = SensedPlant(STUCK, imperfections, estimator="kalman")
-    torques = torques_of(1, 40)
-    first, again, other = (run(plant, torques, seed=seed) for seed in (3, 3, 4))
-    for k in range(41):
-        np.testing.assert_array_equal(first[k].state, again[k].state)
-        np.testing.assert_array_equal(first[k].truth, again[k].truth)
-        np.testing.assert_array_equal(first[k].acceleration, again[k].acceleration)
-    assert not np.array_equal(first[-1].state, other[-1].state)
-    assert not np.array_equal(first[-1].truth, other[-1].truth)
 
 
 @pytest.mark.parametrize("delay", [1, 3])
@@ -142,13 +123,6 @@ def test_a_motor_at_its_highest_speed_drives_no_more_but_brakes():
     free, driven, braked = (run(plant, [u * TURNING], spinning)[-1].truth[9] for u in (0.0, 1.0, -1.0))
     assert abs(driven - free) < 1e-9
     assert abs(braked) < abs(free) - 1e-3
-
-
-def test_torques_are_clipped_to_the_drivers_limit():
-    plant = SensedPlant(FREE, PERFECT)
-    limit = DRIVE.torque_limit
-    most, beyond = (run(plant, [u * TURNING])[-1].truth for u in (limit, 5.0 * limit))
-    np.testing.assert_array_equal(most, beyond)
 
 
 # --- play ---
@@ -212,27 +186,6 @@ def test_motors_stay_within_their_play_and_push_only_at_its_stops(play, seed, si
         assert np.all(force * place >= 0.0)
 
 
-def test_play_that_vanishes_leaves_the_model():
-    controller = nominal_controller(STUCK.robot)
-    start = leaning(0.05, -0.03)
-    model = simulate(ModelPlant(STUCK), controller, square(period=4.0), duration=4.0, initial_state=start)
-    close = simulate(
-        geared(STUCK, 1e-8, SAMPLE), controller, square(period=4.0), duration=4.0, initial_state=start
-    )
-    # first order against fourth, through stick and slip and two corners of 0.5 m
-    np.testing.assert_allclose(close.states[:, :5], model.states[:, :5], atol=2e-3)
-
-
-@pytest.mark.sample  # compiles the play of a pivoting ball, for this test alone
-def test_a_ball_that_hardly_pivots_has_the_same_play_as_one_that_does_not():
-    firm = geared(Model(alten(FRICTION), pivoting=100.0), sample=SAMPLE)
-    torques = torques_of(5, 100, size=0.5)
-    start = leaning(0.02, 0.01)
-    # the sixth velocity is held at zero to about 1e-9 rad/s
-    held, none = truths(run(firm, torques, start)), truths(run(geared(STUCK, sample=SAMPLE), torques, start))
-    np.testing.assert_allclose(held, none, atol=1e-7)
-
-
 def test_energy_is_never_gained_in_the_play():
     # without torque and friction, turning about the vertical: gravity has no part
     plant = geared(FREE)
@@ -288,31 +241,6 @@ def test_the_twins_floor_tilt_is_the_slope():
     ]
     # first order in a slope of 3.6 %
     np.testing.assert_allclose(leans[0], leans[1], atol=0.03 * np.abs(leans[0]).max())
-
-
-def test_estimator_may_use_another_robot_than_the_plant():
-    robot = alten()
-    known = robot.replace(wheels=replace(robot.wheels, radius=1.1 * robot.wheels.radius))
-    moving = np.zeros(10)
-    moving[5] = 0.3
-    own, other = (
-        run(SensedPlant(FREE, replace(PERFECT, known=one)), [np.zeros(3)], moving)[-1]
-        for one in (None, known)
-    )
-    np.testing.assert_array_equal(own.truth, other.truth)
-    # v is the counts' turning by the wheels' radius; the body has hardly begun to turn
-    assert other.state[5] == pytest.approx(1.1 * own.state[5], rel=2e-3)
-    assert own.state[5] == pytest.approx(0.3, rel=0.02)  # of about 60 counts
-
-
-def test_a_run_ends_at_the_scenarios_lean():
-    plant = SensedPlant(FREE, replace(PERFECT, fallen_lean=0.3))
-    measured = plant.reset(leaning(0.2))
-    while measured.ended is None and measured.t < 2.0:
-        measured = plant.step(np.zeros(3), SAMPLE)
-    assert measured.ended is not None
-    assert measured.ended.startswith("fallen: lean past 0.3 rad at t = ")
-    assert 0.3 <= abs(measured.truth[2]) < 0.35
 
 
 @pytest.mark.parametrize(
@@ -417,10 +345,3 @@ def test_simulate_takes_a_scenario_and_the_controllers_estimator(tmp_path):
     plant = SensedPlant(STUCK, replace(NOMINAL, delay=2, contacts=None), estimator="kalman")
     expected = simulate(plant, controller, square(), duration=1.0, seed=3)
     np.testing.assert_allclose(logs[0].states, expected.states, rtol=1e-9, atol=1e-12)  # digits of the file
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_simulate_names_what_the_equations_leave_out_of_a_scenario(tmp_path, capsys):
-    words = ["simulate", "alten", "--scenario", "resonant", "--duration", "0.5"]
-    assert main([*words, "--out", str(tmp_path / "run")]) == 0
-    assert "Left out: the drivelines' resonance" in capsys.readouterr().out

@@ -247,26 +247,6 @@ def test_twin_becomes_the_exact_model_as_contacts_get_stiffer_and_steps_shorter(
     assert (found[-1] < [1e-5, 3e-4, 1e-3, 2e-3]).all()
 
 
-def test_sparse_solver_agrees_with_dense(alten: Robot) -> None:
-    """MuJoCo 4.0.0 has a fault in its sparse factorisation (its issue 3767); it must not touch this model."""
-    twin = Twin(alten)
-    twin.reset(np.array([0.3, 0, 0.05, -0.03, 0.2, 0.1, 0.1, 0, 0, 0.2]), seed=3)
-    model, data = twin.engine.model, twin.engine.data
-    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
-    second = mujoco.MjData(model)
-    for _ in range(60):
-        twin.step(np.array([0.2, -0.3, 0.1]), 0.005)
-        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-        found = []
-        for jacobian in (mujoco.mjtJacobian.mjJAC_DENSE, mujoco.mjtJacobian.mjJAC_SPARSE):
-            model.opt.jacobian = jacobian
-            mujoco.mj_setState(model, second, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-            mujoco.mj_forward(model, second)
-            found.append(second.qacc.copy())
-        scale = np.abs(found[0]).max()
-        np.testing.assert_allclose(found[1], found[0], atol=1e-8 * scale)  # the solver's tolerance
-
-
 def test_attitude_and_quaternion_agree_with_scipy() -> None:
     random = np.random.default_rng(5)
     for angles in random.uniform(-1.2, 1.2, (200, 3)):

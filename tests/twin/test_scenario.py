@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.imperfections import Push, Supply
-from ballbot.twin import Scenario, Twin, mjcf
+from ballbot.twin import Scenario, mjcf
 from ballbot.twin.faults import (
     Compliance,
     CurrentLoop,
@@ -20,7 +20,7 @@ from ballbot.twin.faults import (
     Softness,
     Timing,
 )
-from ballbot.twin.scenario_file import EXAMPLES, load_scenario, scenario_text, write_scenario
+from ballbot.twin.scenario_file import EXAMPLES, load_scenario, scenario_text
 from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
@@ -31,15 +31,6 @@ def read(text: str, folder: Path) -> Scenario:
     path = folder / "mine.toml"
     path.write_text(text, encoding="utf-8")
     return load_scenario(path, ALTEN)
-
-
-@pytest.mark.parametrize("name", Scenario.names())
-def test_named_scenarios_round_trip(name: str, tmp_path: Path) -> None:
-    scenario = Scenario.named(name, ALTEN)
-    write_scenario(scenario, tmp_path / "one.toml")
-    assert load_scenario(tmp_path / "one.toml", ALTEN) == scenario
-    assert load_scenario(tmp_path / "one.toml", ALTEN) == scenario
-    assert load_scenario(name, ALTEN) == scenario
 
 
 # up to the size of a wall socket's frequency or a wrestler's push; the smallest keeps products from underflowing
@@ -85,11 +76,6 @@ def test_scenario_file_contains_only_differences(tmp_path: Path) -> None:
         backlash=0.0,
         compliance=Compliance(frequency=9.0, damping_ratio=0.1),
     )
-
-
-def test_false_switches_off_what_the_base_has(tmp_path: Path) -> None:
-    found = read('base = "resonant"\nname = "nominal"\ncompliance = false\n', tmp_path)
-    assert found == NOMINAL
 
 
 def test_the_examples_of_what_is_off_can_be_switched_on(tmp_path: Path) -> None:
@@ -144,17 +130,6 @@ def test_a_friction_term_that_the_twin_does_not_simulate_is_refused(term: str, m
         mjcf.twin_mjcf(ALTEN, scenario)
 
 
-def test_unknown_scenario_lists_the_known_ones(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="did you mean 'nominal'"):
-        load_scenario("nominl", ALTEN)
-    path = tmp_path / "bytes.toml"
-    path.write_bytes(b"\xff\xfe")
-    with pytest.raises(InputError, match="UTF-8"):
-        load_scenario(path, ALTEN)
-    with pytest.raises(InputError, match="cannot be read"):
-        load_scenario(tmp_path, ALTEN)
-
-
 def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "twin.md").read_text(encoding="utf-8")
     example = page.split("```toml\n")[1].split("```")[0]
@@ -163,17 +138,3 @@ def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
     assert len(found.pushes) == 1
     for name in Scenario.names():
         assert f"`{name}`" in page
-
-
-def test_an_old_file_is_read_without_a_hint_if_its_keys_have_not_changed() -> None:
-    found = load_scenario(ROOT / "tests" / "golden" / "files" / "scenario.toml", ALTEN)
-    assert found == Scenario.named("resonant", ALTEN)
-
-
-def test_a_robot_and_a_scenario_are_given_by_value_or_name() -> None:
-    assert Scenario.nominal("alten") == NOMINAL
-    assert Scenario.named("ideal", "alten") == Scenario.ideal(ALTEN) == load_scenario("ideal", "alten")
-    assert Twin("alten", "ideal").scenario == Scenario.ideal(ALTEN)
-    assert Twin("alten").scenario == NOMINAL
-    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
-        Twin("altn")

@@ -138,18 +138,6 @@ def test_torques_that_follow_no_law_are_refused():
         recover_gain(_log_of(random.normal(size=(500, 10)), random.normal(size=(500, 3))))
 
 
-def test_the_heading_error_is_a_turn_by_minus_psi():
-    random = np.random.default_rng(5)
-    states, references = random.normal(size=(2, 20, 10))
-    turned = heading_error(states, references)
-    e = references - states
-    for first, second in ((0, 1), (2, 3), (5, 6), (7, 8)):
-        as_complex = (e[:, first] + 1j * e[:, second]) * np.exp(-1j * states[:, 4])
-        np.testing.assert_allclose(turned[:, first], as_complex.real, atol=1e-12)
-        np.testing.assert_allclose(turned[:, second], as_complex.imag, atol=1e-12)
-    np.testing.assert_array_equal(turned[:, [4, 9]], e[:, [4, 9]])
-
-
 def test_another_controller_than_the_logs_is_refused():
     own, other = Controller(true_robot(), gain()), Controller(true_robot(), 3.0 * gain())
     assert delay_of(own, perfect_log()) == 0
@@ -232,17 +220,6 @@ def test_only_holdout_intervals_count():
     )
     np.testing.assert_array_equal(clean.prediction.residuals, other.prediction.residuals)
     assert clean.duration == pytest.approx(5.0, abs=0.01)
-
-
-@pytest.mark.slow
-def test_a_wrapped_heading_is_counted_on():
-    log = noisy_log().between(0.0, 6.0)
-    heading = log["psi"] % (2.0 * np.pi)
-    assert np.abs(np.diff(heading)).max() > 6.0
-    wrapped = log.with_columns({"psi": heading})
-    plain, counted_on = (_open_loop(validate(true_robot(), one)).errors.first.rmse for one in (log, wrapped))
-    # a whole turn more changes sines and cosines by rounding
-    np.testing.assert_allclose(counted_on, plain, atol=1e-9)
 
 
 @pytest.mark.slow

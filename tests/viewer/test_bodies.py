@@ -47,22 +47,3 @@ def test_twin_answers_a_push_and_a_slope_as_the_model_does():
     for of_model, of_twin in zip(found[:2], found[2:], strict=True):
         difference = np.linalg.norm(of_twin[5:9] - of_model[5:9])
         assert difference < 0.35 * np.linalg.norm(of_model[5:9])
-
-
-@pytest.mark.slow
-def test_changed_twin_goes_on_from_where_it_was():
-    controller = nominal_controller(ALTEN)
-    body = TwinBody(ALTEN, Scenario.nominal(ALTEN), controller)
-    body.reset(np.zeros(10))
-    for _ in range(20):
-        before = body.step(np.array([0.8, -0.4, 0.1]), 0.005, (0.0, 0.0), 0.0)
-    ball = body.ball()
-    body.change(scaled_friction(body.robot.friction, 2.0), (0.02, 0.0))
-    after = body.step(np.zeros(3), 0.005, (0.0, 0.0), 0.0)
-    assert after.t == pytest.approx(before.t + 0.005)
-    # 5 ms at the speeds that it has
-    np.testing.assert_allclose(
-        after.truth[:5], before.truth[:5], atol=0.005 * np.abs(before.truth[5:]).max() * 1.5
-    )
-    np.testing.assert_allclose(after.wheel_angles, before.wheel_angles, atol=0.1)
-    assert abs(np.dot(ball, body.ball())) > 0.999

@@ -201,13 +201,6 @@ def test_any_other_message_ends_the_connection(message, code):
     assert requests == []
 
 
-def test_each_view_has_a_token_of_its_own_that_no_repr_shows():
-    first, second = Access(), Access()
-    assert first.token != second.token
-    assert len(first.token) >= 32  # 24 random bytes
-    assert first.token not in repr(first)
-
-
 @pytest.mark.parametrize(
     ("bound", "named", "allowed"),
     [
