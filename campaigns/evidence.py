@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from ballbot.files import write_text
-from campaigns.section import EARLIER, DataMissingError
+from campaigns.section import DataMissingError
 
 PAGE = Path(__file__).parents[1] / "docs" / "generated" / "evidence.md"
 
@@ -76,7 +76,6 @@ def main(names: Sequence[str]) -> None:
     if unknown:
         raise SystemExit(f"There is no campaign {unknown[0]!r}; there are {', '.join(CAMPAIGNS)}.")
     for name in names or CAMPAIGNS:
-        EARLIER.clear()
         started = perf_counter()
         module, _, function = CAMPAIGNS[name].partition(":")
         try:
@@ -100,11 +99,9 @@ def written_sections() -> dict[str, str]:
 
 
 def _origin(name: str, seconds: float) -> str:
-    # a run that reads results of an earlier one takes less than the campaign does
-    time = "from results that an earlier run kept," if EARLIER else f"{seconds:.0f} s"
     versions = f"NumPy {np.__version__}, SciPy {scipy.__version__}, Numba {numba.__version__}"
     return (
-        f"`python -m campaigns.evidence {name}`, {time} on {platform.machine()} {platform.system()}, "
+        f"`python -m campaigns.evidence {name}`, {seconds:.0f} s on {platform.machine()} {platform.system()}, "
         f"Python {platform.python_version()}, {versions}."
     )
 

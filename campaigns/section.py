@@ -7,7 +7,6 @@ import hashlib
 import os
 import pickle
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -43,20 +42,6 @@ class Section:
         lines += [f"| {' | '.join(self.columns)} |", f"|---|{'---:|' * (len(self.columns) - 1)}"]
         lines += [f"| {' | '.join(row)} |" for row in self.rows]
         return "\n".join([*lines, "", *([self.after, ""] if self.after else [])])
-
-
-_BEGUN = time.time()
-#: files of results that this run reads and an earlier one made
-EARLIER: set[Path] = set()
-
-
-def is_kept(path: Path) -> bool:
-    """Return whether a file of results exists; enter it in `EARLIER` if an earlier run made it."""
-    if not path.exists():
-        return False
-    if path.stat().st_mtime < _BEGUN:
-        EARLIER.add(path)
-    return True
 
 
 #: holds what campaigns have finished
@@ -107,9 +92,7 @@ def finished(
         print(f"\r{name}: {now.done} of {now.total}", end="", file=sys.stderr, flush=True)
 
     progress = report if len(runs) > 1 else ignore_progress
-    found, before = folder.complete(make, runs, workers=workers, stage=name, progress=progress)
-    EARLIER.update(folder.path / one for one in before)
-    return found
+    return folder.complete(make, runs, workers=workers, stage=name, progress=progress)[0]
 
 
 def compared(
@@ -122,8 +105,7 @@ def compared(
 ) -> Comparison:
     """Return a comparison by the files of its runs; those that the folder lacks are made."""
     kept = RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result)
-    found, before = kept.complete(ComparedRun.result, runs, workers=Processes(count=processes), stage=stage)
-    EARLIER.update(folder / name for name in before)
+    found, _ = kept.complete(ComparedRun.result, runs, workers=Processes(count=processes), stage=stage)
     return Comparison(runs=tuple(runs.values()), results=tuple(found.values()))
 
 
