@@ -49,7 +49,6 @@ CAMPAIGNS = {
     "spin": "campaigns.spin",
     "fuzz": "campaigns.fuzz",
     "mapping_corpus": "campaigns.mapping_corpus",
-    "firmware_estimators": "campaigns.firmware_estimators",
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
     "firmware_fuzz": "campaigns.firmware_fuzz",

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from ballbot.control.lqr import LqrDesign, lqr
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
-from ballbot.robot.derived import reflected_rotor_inertia
 from campaigns.published.printed import (
     Entry,
     SourceModel,
@@ -60,11 +59,8 @@ PRINTED_GAIN = (22.34, 4.63, 0.0, 0.0, -0.36, -0.29, 0.36, 0.53, 0.0, 0.0)
 def as_modelled(robot: Robot) -> Robot:
     """Return the robot with wheel and rotor as one inertia, Theta_W, and no rotor (with `ABSOLUTE_WHEELS`)."""
     drive = robot.drive
-    rotor = reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
     return robot.replace(
-        wheels=replace(robot.wheels, inertia=robot.wheels.inertia + rotor),
+        wheels=replace(robot.wheels, inertia=robot.wheels.inertia + drive.reflected_inertia),
         drive=replace(drive, motor_inertia=0.0, gear_inertia=0.0),
     )
 
