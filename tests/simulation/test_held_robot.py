@@ -53,12 +53,11 @@ def test_upside_down_the_ball_turns_as_on_clamped_wheels():
         found.append(plant.ball_omega)
     wanted = simulate_balls(
         ClampedBall.of_robot(robot),
-        frictions=[robot.friction],
+        friction=robot.friction,
         initial=np.zeros((1, 3)),
         torques=torques[None],
         sample_time=STEP,
-        threads=1,
-    )[0, 0]
+    )[0]
     np.testing.assert_allclose(found, wanted, atol=1e-12)
     assert abs(measured.state[2] - np.pi) < 0.1
 

@@ -165,11 +165,11 @@ class BallWindows:
         """Return the squared errors (w, 3) of the Omega that a friction predicts, means over each window."""
         predicted = simulate_balls(
             ClampedBall.of_robot(robot),
-            frictions=[friction],
+            friction=friction,
             initial=self.initial,
             torques=self.torques,
             sample_time=self.sample_time,
-        )[0]
+        )
         return ((predicted - self.measured) ** 2).mean(axis=1)
 
 

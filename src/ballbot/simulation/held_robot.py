@@ -175,12 +175,11 @@ class HeldRobot:
             return
         self._omega = simulate_balls(
             self._ball,
-            frictions=[self._robot.friction],
+            friction=self._robot.friction,
             initial=self._omega[None],
             torques=torques[None, None],
             sample_time=h,
-            threads=1,
-        )[0, 0, 0]
+        )[0, 0]
         self._speeds = self._ball.A @ self._omega
         self._angles = self._angles + 0.5 * h * (before + self._speeds)
 
