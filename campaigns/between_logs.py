@@ -13,14 +13,12 @@ that an interrupted campaign continues; delete the folder after a change of the 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta
 
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
@@ -64,10 +62,10 @@ from ballbot.twin.faults import (
 )
 from campaigns.coverage import BEGIN
 from campaigns.faulty_twins import asymmetric
-from campaigns.section import HERE, Section, finished
+from campaigns.section import Section, kept, share_words
 
-T = TypeVar("T")
-
+#: the folder of what is finished, within build
+KEPT = "between_logs"
 ROBOT = Robot.load("alten")
 NOMINAL = Scenario.nominal(ROBOT)
 DURATION = 24.0  # [s] of each log of a pair
@@ -157,7 +155,7 @@ def pair_log(seed: int, which: int) -> Log:
                 return log.without_truth()
         raise RuntimeError(f"The twin {seed} falls with {_SEEDS} seeds.")
 
-    return _kept(f"{seed:04d}_{which}", make)
+    return kept(KEPT, f"{seed:04d}_{which}", make)
 
 
 def nominal_log(seed: int, scenario: Scenario = NOMINAL, *, duration: float = 48.0) -> Log:
@@ -170,11 +168,7 @@ def nominal_log(seed: int, scenario: Scenario = NOMINAL, *, duration: float = 48
             twin, nominal_controller(ROBOT), reference, duration=duration, seed=seed
         ).without_truth()
 
-    return _kept(f"{scenario.name.replace(' ', '_')}_{duration:.0f}_{seed:02d}", make)
-
-
-def _kept(name: str, make: Callable[[], T]) -> T:
-    return finished("between_logs", lambda _: make(), {name: None}, workers=HERE)[name]
+    return kept(KEPT, f"{scenario.name.replace(' ', '_')}_{duration:.0f}_{seed:02d}", make)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,7 +215,7 @@ def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
             ),
         )
 
-    return _kept(f"fit_{name}_{law}", make)
+    return kept(KEPT, f"fit_{name}_{law}", make)
 
 
 def pairs(seeds: Sequence[int]) -> Iterator[tuple[Fit, Fit]]:
@@ -308,9 +302,7 @@ def coverage_row(name: str, judged: Sequence[Judged]) -> list[str]:
         ]
     cells = []
     for count, width in zip(held.tolist(), np.median(relative, axis=0).tolist(), strict=True):
-        low, high = _binomial(count, len(judged))
-        share = f"{100 * count / len(judged):.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
-        cells += [f"{count} of {len(judged)}, {share}", f"{width:.2f}"]
+        cells += [f"{count} of {len(judged)}, {share_words(count, len(judged))}", f"{width:.2f}"]
     return [name, *cells]
 
 
@@ -346,13 +338,6 @@ def campaign() -> Section:
 
 
 _SYMBOLS = ("b", "c", "s", "v_s", "delta", "C_rr")
-
-
-def _binomial(count: int, of: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Clopper and Pearson 1934)."""
-    low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
-    high = float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
-    return low, high
 
 
 SEEDS = range(1, 11)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from matplotlib.figure import Figure
+from scipy.stats import binomtest
 
 import ballbot
 from ballbot.files import read_sealed, write_sealed, write_text
@@ -46,8 +47,6 @@ class Section:
 
 #: holds what campaigns have finished
 BUILD = Path(__file__).parents[1] / "build"
-#: for a run that is made where it is asked for
-HERE = Processes(count=1)
 
 
 @cache
@@ -93,6 +92,17 @@ def finished(
 
     progress = report if len(runs) > 1 else ignore_progress
     return folder.complete(make, runs, workers=workers, stage=name, progress=progress)[0]
+
+
+def kept(folder: str, name: str, make: Callable[[], Made]) -> Made:
+    """Return what is made here, or read from the file of that name in build/FOLDER."""
+    return finished(folder, lambda _: make(), {name: None}, workers=Processes(count=1))[name]
+
+
+def share_words(count: int, of: int) -> str:
+    """Return a share in per cent with its 95 % interval (Clopper and Pearson 1934)."""
+    share = binomtest(count, of).proportion_ci()
+    return f"{100 * count / of:.0f} % ({100 * share.low:.0f} to {100 * share.high:.0f} %)"
 
 
 def compared(

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import binomtest
 
 from ballbot.identification.driveline import NAMES, fit_driveline, sweeps_of
 from ballbot.identification.upside_down import WIDENED, identify_upside_down
@@ -22,7 +21,7 @@ from ballbot.log import Log
 from ballbot.robot import Friction, Robot
 from ballbot.twin.bench import multisine_torques, run_bench, sweep_torques
 from ballbot.twin.scenario import Scenario
-from campaigns.section import Section, finished
+from campaigns.section import Section, finished, share_words
 
 ROBOT = Robot.load("alten")
 NOMINAL = Scenario.nominal(ROBOT)
@@ -53,11 +52,7 @@ def covered(done: Sequence[Counted]) -> tuple[int, int]:
 
 def _share_cells(done: Sequence[Counted]) -> list[str]:
     inside, count = covered(done)
-    share = binomtest(inside, count).proportion_ci()
-    return [
-        f"{inside} of {count}",
-        f"{100.0 * inside / count:.0f} % ({100.0 * share.low:.0f} to {100.0 * share.high:.0f})",
-    ]
+    return [f"{inside} of {count}", share_words(inside, count)]
 
 
 def of_sweep(seed: int) -> dict[str, list[Counted]]:

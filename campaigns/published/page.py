@@ -13,7 +13,6 @@ import numpy as np
 
 from ballbot.files import write_text
 from ballbot.mechanics.model import Model
-from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import solid_sphere_inertia, thin_shell_inertia
 from campaigns.published import alten, kugle, rezero
@@ -84,18 +83,12 @@ where the reproduced one rounds to the printed one. Items are the thesis's
 """
 
 
-def published_page(*, progress: ProgressCallback = ignore_progress) -> str:
-    """Return the whole page in Markdown; about a minute, most of it to derive the thesis's mixtures.
-
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with the progress.
-    """
+def published_page() -> str:
+    """Return the whole page in Markdown."""
     load = Robot.load
     parts = [
         _HEAD,
-        alten.section(load("alten"), progress=progress),
+        alten.section(load("alten")),
         kugle.section(load("kugle")),
         rezero.section(load("rezero")),
         parameters_section(load("rob311"), load("cmu")),
