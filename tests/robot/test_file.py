@@ -5,119 +5,35 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.file_formats import without_format
-from ballbot.robot import Ball, Body, Drive, Friction, Robot, Rollers, Sensors, Wheels
+from ballbot.robot import Robot
 from ballbot.robot import robot as robot_module
 from ballbot.robot.components import PARAMETERS
 from ballbot.robot.file import robot_text
-from ballbot.robot.parameters import SOURCES, UNITS, from_si, to_si
+from ballbot.robot.parameters import SOURCES, UNITS, from_si, to_si, value_of
+from ballbot.robot.variations import draw_robots
 
 PRESET = Path(robot_module.__file__).parent / "presets" / "alten.toml"
 TEXT = PRESET.read_text(encoding="utf-8")
 
 
-def size(low: float, high: float) -> st.SearchStrategy[float]:
-    return st.floats(low, high, allow_subnormal=False)
-
-
-@st.composite
-def bodies(draw: st.DrawFn) -> Body:
-    # positive sums of squares a, b, c make principal moments b+c, a+c, a+b, which any body could have
-    a, b, c = (draw(size(0.01, 2.0)) for _ in range(3))
-    turn, _ = np.linalg.qr(
-        np.array([[draw(size(-1.0, 1.0)) for _ in range(3)] for _ in range(3)]) + 3.0 * np.eye(3)
-    )
-    central = turn @ np.diag([b + c, a + c, a + b]) @ turn.T
-    mass, height = draw(size(0.5, 60.0)), draw(size(0.05, 1.0))
-    about_ball = draw(st.booleans())
-    j = central + (mass * height**2 * np.diag([1.0, 1.0, 0.0]) if about_ball else 0.0)
-    return Body(
-        mass=mass,
-        center_of_mass=height,
-        inertia=tuple(float(j[i, k]) for i, k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),  # type: ignore[arg-type]
-        inertia_about="ball_center" if about_ball else "center_of_mass",
-    )
-
-
-@st.composite
-def drives(draw: st.DrawFn) -> Drive:
-    torque_constant = draw(size(1e-3, 1.0))
-    return Drive(
-        gear_ratio=draw(size(1.0, 200.0)),
-        motor_inertia=draw(size(0.0, 1e-3)),
-        gear_inertia=draw(size(0.0, 1e-3)),
-        torque_constant=torque_constant,
-        speed_constant=draw(size(0.5, 2.0)) / torque_constant,
-        supply_voltage=draw(size(3.0, 80.0)),
-        torque_limit=draw(size(0.1, 50.0)),
-        backlash=draw(size(0.0, 0.1)),
-    )
-
-
-@st.composite
-def robots(draw: st.DrawFn) -> Robot:
-    count = draw(st.sampled_from([3, 4]))
-    first = draw(size(-math.pi, math.pi))
-    # within a third of a step of an even spread: never two wheels in one place
-    azimuths = tuple((first + (i + draw(size(-0.3, 0.3))) * 2 * math.pi / count) % 6.28 for i in range(count))
-    radius, mass = draw(size(0.02, 0.4)), draw(size(0.05, 20.0))
-    wheel = draw(size(0.01, 0.2))
-    each = st.tuples(*[size(0.0, 5.0)] * count)
-    return Robot(
-        name=draw(st.text("aZ09_- é\"\\'#", min_size=1)),
-        ball=Ball(radius=radius, mass=mass, inertia=draw(size(0.4, 0.66)) * mass * radius**2),
-        body=draw(bodies()),
-        wheels=Wheels(
-            radius=wheel,
-            inertia=draw(size(0.0, 0.1)),
-            tilt=draw(size(0.3, 1.3)),
-            azimuths=azimuths,
-            rollers=Rollers(
-                rows=draw(st.integers(1, 3)),
-                per_row=draw(st.integers(3, 20)),
-                radius=0.3 * wheel,
-                row_spacing=draw(size(0.0, 0.1)),
-            ),
-        ),
-        drive=draw(drives()),
-        sensors=Sensors(
-            sample_time=draw(size(1e-4, 0.1)),
-            encoder_counts=draw(st.integers(1, 10**6)),
-            gyro_noise=draw(size(0.0, 0.5)),
-            attitude_noise=draw(size(0.0, 0.1)),
-            heading_drift=draw(size(-0.1, 0.1)),
-        ),
-        friction=Friction(
-            viscous=draw(each),
-            coulomb=draw(each),
-            stribeck=draw(each),
-            stribeck_speed=draw(size(1e-3, 10.0)),
-            stribeck_exponent=draw(size(0.1, 5.0)),
-            rolling=draw(size(0.0, 0.1)),
-        ),
-        gravity=draw(size(1.6, 25.0)),
-        sources={
-            one.name: f'{draw(st.sampled_from(SOURCES))}: "by" me'
-            for one in PARAMETERS[::3]
-            if one.default != ()
-        },
-    )
-
-
-@settings(max_examples=30, deadline=None)
-@given(robot=robots())
-def test_what_is_written_reads_back_as_the_same_floats(
-    robot: Robot, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    path = tmp_path_factory.mktemp("robots") / "robot.toml"
-    robot.write(path)
-    read = Robot.load(path)
-    assert read == robot
-    assert read.sources == {one.name: robot.sources.get(one.name, "assumed") for one in PARAMETERS}
+@pytest.mark.parametrize("preset", ["rezero", "cmu"])  # three wheels, and four
+def test_what_is_written_reads_back_as_the_same_floats(preset: str, tmp_path: Path) -> None:
+    robot = Robot.load(preset)
+    real = [one for one in PARAMETERS if one.shape != "whole number" and one.default != ()]
+    spread = {one.name: (0.03 * np.abs(value_of(robot, one))).tolist() for one in real}
+    known = {name: tuple(one) if isinstance(one, list) else one for name, one in spread.items()}
+    for k, drawn in enumerate(draw_robots(robot.annotated(standard_deviations=known), 15, seed=4)):
+        sources = {one.name: f'{SOURCES[k % len(SOURCES)]}: "by" me' for one in real[::3]}
+        other = drawn.replace(name=f"aZ_- é\"\\'# {k}").annotated(sources=sources)
+        other.write(tmp_path / "robot.toml")
+        read = Robot.load(tmp_path / "robot.toml")
+        assert read == other
+        assert read.sources == {one.name: sources.get(one.name, "assumed") for one in PARAMETERS}
 
 
 def test_the_preset_is_written_as_any_robot_is() -> None:

@@ -15,7 +15,7 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.file import write_robot
-from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, Push, Supply, rest_on_slope
+from ballbot.simulation.imperfections import Imperfections, Push, Supply, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
@@ -222,36 +222,16 @@ def test_a_robot_with_integral_action_rests_on_a_slope(backlash):
     np.testing.assert_allclose(log.torques[-400:].mean(axis=0), torques, atol=0.05 * np.abs(torques).max())
 
 
-def test_the_twins_floor_tilt_is_the_slope():
-    robot = Robot.load("alten")
-    scenario = replace(Scenario.ideal(robot), wheel_contact="point", floor_tilt=(0.02, 0.03))
-    controller = precise_controller(alten())
-    leans = [
-        simulate(plant, controller, hold(), duration=8.0).truth().states[-200:, 2:4].mean(axis=0)
-        for plant in (
-            Twin(robot, scenario),
-            SensedPlant(true_model(robot, scenario), imperfections_of(scenario)),
-        )
-    ]
-    # first order in a slope of 3.6 %
-    np.testing.assert_allclose(leans[0], leans[1], atol=0.03 * np.abs(leans[0]).max())
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"delay": -1}, "delay is -1 samples"),
-        ({"delay": MAX_DELAY + 1}, "at most 1000"),
         ({"torque_noise": -0.1}, "torque_noise"),
-        ({"torque_noise": math.nan}, "torque_noise"),
         ({"backlash": -1e-3}, "backlash"),
         ({"slope": (0.3, 0.0)}, r"slope of the floor is 0\.3"),
         ({"speed_window": 0}, "speed_window"),
-        ({"speed_window": 10**9}, "speed_window"),
         ({"fallen_lean": 1.3}, "fallen_lean"),
         ({"sensors": replace(PERFECT.sensors, sample_time=0.0)}, "sample_time"),
-        ({"sensors": replace(PERFECT.sensors, encoder_counts=0)}, "encoder_counts"),
-        ({"sensors": replace(PERFECT.sensors, gyro_noise=-1.0)}, "gyro_noise"),
     ],
 )
 def test_impossible_imperfections_are_refused(change, words):

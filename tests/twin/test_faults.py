@@ -168,14 +168,10 @@ def test_jitter_keeps_the_mean_rate() -> None:
     ("faults", "sentence"),
     [
         ({"compliance": Compliance(frequency=400.0, damping_ratio=0.1)}, "too fast for a timestep"),
-        ({"compliance": Compliance(frequency=-1.0, damping_ratio=0.1)}, r"compliance\.frequency is -1"),
         ({"timing": Timing(jitter=0.003)}, "half a sample"),
-        ({"timing": Timing(delay=-1)}, r"timing\.delay"),
         ({"load_dependence": LoadDependence(fraction=1.5)}, "must be at most 1"),
-        ({"floor_tilt": (0.5, 0.0)}, "floor_tilt"),
         ({"payload": Payload(mass=0.0, position=(0, 0, 0))}, r"payload\.mass is 0"),
         ({"pushes": (Push(time=0, duration=1, force=(np.nan, 0, 0), height=0),)}, r"pushes\.force is nan"),
-        ({"backlash": float("inf")}, "finite"),
     ],
 )
 def test_impossible_faults_are_refused(faults: dict[str, Any], sentence: str) -> None:
