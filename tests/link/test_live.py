@@ -12,15 +12,13 @@ from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.export import export_controller
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
-from ballbot.link.frames import FrameReader, message_of
 from ballbot.link.live import (
-    ControlFromHost,
     FollowReference,
     LiveRobot,
     TorqueProgram,
     log_columns,
 )
-from ballbot.link.messages import TO_ROBOT, ControllerPlace, Torques
+from ballbot.link.messages import ControllerPlace
 from ballbot.link.operators import EmulatedOperator
 from ballbot.link.references import CourseReference
 from ballbot.link.session import Session
@@ -75,22 +73,16 @@ class Connected:
 
 
 class Line:
-    """A transport that can be cut, and remembers the torques that were sent."""
+    """A transport that can be cut."""
 
     def __init__(self, transport):
-        self._transport, self.mute, self.torques = transport, False, []
-        self._reader = FrameReader(TO_ROBOT)
+        self._transport, self.mute = transport, False
 
     def read(self, timeout):
         found = self._transport.read(timeout)
         return b"" if self.mute else found
 
     def write(self, data):
-        self.torques += [
-            message.torques
-            for frame in self._reader.feed(data)
-            if isinstance(message := message_of(frame), Torques)
-        ]
         self._transport.write(data)
 
     def close(self):
@@ -142,17 +134,6 @@ def test_reference_that_is_lost_is_sent_again():
 def _sensed():
     scenario = load_scenario("nominal", ROBOT)
     return true_model(ROBOT, scenario), imperfections_of(scenario, known=ROBOT)
-
-
-def test_controller_on_the_host_balances():
-    live = Connected()
-    commander = ControlFromHost(nominal_controller(ROBOT), CourseReference(square()))
-    log = live.run(commander, place=ControllerPlace.HOST, duration=3.0)
-    assert live.ending.kind == "time"
-    assert np.abs(log["theta"]).max() < 0.1
-    # the torques of a row are those that the host computed for the sample before; the first two samples come together
-    sent = np.array(live.line.torques)
-    np.testing.assert_array_equal(log.torques[2:], sent[1 : len(log) - 1, :3])
 
 
 def test_sweep_of_free_wheels_gives_its_torques():
