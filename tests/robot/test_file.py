@@ -12,7 +12,7 @@ from ballbot.errors import InputError
 from ballbot.file_formats import without_format
 from ballbot.robot import Robot
 from ballbot.robot import robot as robot_module
-from ballbot.robot.components import PARAMETERS
+from ballbot.robot.components import PARAMETERS, Correlation
 from ballbot.robot.file import robot_text
 from ballbot.robot.parameters import SOURCES, UNITS, from_si, to_si, value_of
 from ballbot.robot.variations import draw_robots
@@ -27,12 +27,20 @@ def test_what_is_written_reads_back_as_the_same_floats(preset: str, tmp_path: Pa
     real = [one for one in PARAMETERS if one.shape != "whole number" and one.default != ()]
     spread = {one.name: (0.03 * np.abs(value_of(robot, one))).tolist() for one in real}
     known = {name: tuple(one) if isinstance(one, list) else one for name, one in spread.items()}
-    for k, drawn in enumerate(draw_robots(robot.annotated(standard_deviations=known), 15, seed=4)):
+    drawn_robots = draw_robots(robot.annotated(standard_deviations=known), 15, seed=4)
+    matrix = np.array([[1.0, -0.123456, 0.3], [-0.123456, 1.0, 0.0], [0.3, 0.0, 1.0]])
+    correlation = Correlation.of_matrix(["body.mass", "ball.radius", "wheels.azimuths[1]"], matrix)
+    for k, drawn in enumerate(drawn_robots):
         sources = {one.name: f'{SOURCES[k % len(SOURCES)]}: "by" me' for one in real[::3]}
-        other = drawn.replace(name=f"aZ_- é\"\\'# {k}").annotated(sources=sources)
+        other = drawn.replace(name=f"aZ_- é\"\\'# {k}").annotated(
+            sources=sources, standard_deviations=known, correlation=correlation
+        )
         other.write(tmp_path / "robot.toml")
         read = Robot.load(tmp_path / "robot.toml")
         assert read == other
+        assert read.standard_deviations == known
+        assert read.correlation == correlation
+        assert read.correlation.matrix() == pytest.approx(matrix, abs=1e-5)  # five decimals
         assert read.sources == {one.name: sources.get(one.name, "assumed") for one in PARAMETERS}
 
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ballbot import InputError, Model, Robot
 from ballbot.cli.main import main
@@ -33,44 +31,6 @@ def known_to(deviations: dict[str, float | tuple[float, ...]], robot: Robot = AL
 
 
 class TestFile:
-    @settings(max_examples=20, deadline=None)
-    @given(data=st.data())
-    def test_what_is_written_reads_back_as_the_same_floats(
-        self, data, tmp_path_factory: pytest.TempPathFactory
-    ):
-        able = [one for one in PARAMETERS if one.shape != "whole number" and one.default != ()]
-        size = st.floats(0.0, 10.0, allow_subnormal=False)
-        chosen = data.draw(st.lists(st.sampled_from(able), unique_by=lambda one: one.name))
-        deviations = {
-            one.name: data.draw(st.tuples(size, size, size)) if one.shape == "list" else data.draw(size)
-            for one in chosen
-        }
-        path = tmp_path_factory.mktemp("robots") / "robot.toml"
-        write_robot(known_to(deviations), path)
-        read = Robot.load(path)
-        assert read == ALTEN
-        assert read.standard_deviations == deviations
-        assert read.sources == ALTEN.sources
-
-    @settings(max_examples=20, deadline=None)
-    @given(seed=st.integers(0, 2**32 - 1), sizes=st.tuples(*[st.floats(1e-9, 10.0)] * 4))
-    def test_any_correlations_read_back_as_the_same_numbers(
-        self, seed, sizes, tmp_path_factory: pytest.TempPathFactory
-    ):
-        deviations = {"friction.coulomb": sizes[:3], "friction.rolling": sizes[3]}
-        labels = [*(f"friction.coulomb[{i}]" for i in range(3)), "friction.rolling"]
-        random = np.random.default_rng(seed)
-        mixed = random.standard_normal((4, 4))
-        C = mixed @ mixed.T
-        R = C / np.sqrt(np.outer(C.diagonal(), C.diagonal()))
-        robot = known_to(deviations).annotated(correlation=Correlation.of_matrix(labels, R))
-        path = tmp_path_factory.mktemp("robots") / "robot.toml"
-        write_robot(robot, path)
-        read = Robot.load(path)
-        assert read.correlation == robot.correlation
-        assert read.standard_deviations == deviations
-        np.testing.assert_allclose(read.correlation.matrix(), R, atol=1e-5)  # five decimals
-
     @pytest.mark.parametrize(
         ("of", "lower", "says"),
         [

@@ -209,22 +209,6 @@ class TestTermsByDirectionAndLoad:
         unloaded = self.in_direction(np.sign(torque), 0.0)
         np.testing.assert_allclose(self.law.steady_friction(at), unloaded.steady_friction(at), rtol=1e-14)
 
-    @pytest.mark.parametrize("direction", [1.0, -1.0])
-    def test_break_away_at_the_limit_of_the_direction(self, direction):
-        dry = self.law.coulomb + self.law.stribeck
-        shift = self.terms.coulomb_asymmetry + self.terms.stribeck_asymmetry
-        limit = (dry + direction * shift) / (
-            1.0 - self.terms.load
-        )  # the torque itself adds its share of load
-        held, moved = (
-            simulate_driveline(
-                wheel(self.law), np.full(20, direction * limit * (1.0 + more)), sample_time=0.005
-            )
-            for more in (-1e-9, 1e-9)
-        )
-        assert not held.speeds.any()
-        assert (direction * moved.speeds > 0.0).all()
-
     def test_asymmetry_beyond_the_friction_is_refused(self):
         with pytest.raises(InputError, match=r"asymmetries are 0\.2 and 0"):
             Classical(viscous=0.01, coulomb=0.1, terms=WheelTerms(coulomb_asymmetry=0.2))

@@ -20,7 +20,7 @@ from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import CurrentLoop, Payload, Timing
-from ballbot.twin.imperfections import imperfections_of, left_out, true_model
+from ballbot.twin.imperfections import imperfections_of, true_model
 from tests.support.control_examples import FRICTION, alten, leaning
 
 pytestmark = pytest.mark.slow  # its engine takes long to compile
@@ -250,17 +250,6 @@ def test_models_without_encoders_wheels_or_rotors_are_refused():
 
 
 # --- the twin ---
-
-
-def test_faults_that_the_equations_do_not_have_are_named():
-    robot = Robot.load("alten")
-    nominal = Scenario.nominal(robot)
-    slips = "slip of wheels and ball"
-    assert left_out(Scenario.named("single_point", robot)) == (slips,)
-    assert left_out(nominal) == (slips,)
-    assert left_out(Scenario.named("resonant", robot))[0] == "the drivelines' resonance"
-    assert left_out(Scenario.named("soft_ball", robot))[0] == "the ball's softness"
-    assert imperfections_of(Scenario.named("resonant", robot)) == imperfections_of(nominal)
 
 
 def test_a_scenarios_drive_pushes_and_timing_are_the_loops():
