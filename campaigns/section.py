@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import pickle
@@ -135,23 +134,6 @@ def data_folder() -> Path:
     if not folder or not Path(folder).is_dir():
         raise DataMissingError("it needs public data; set BALLBOT_DATA to the folder that holds them")
     return Path(folder)
-
-
-def print_section(campaign: Callable[[], Section], *, description: str, holds: str) -> None:
-    """Print the section of a campaign on public data; the option --data names their folder.
-
-    Parameters
-    ----------
-    campaign : callable
-    description : str
-        What the campaign does, one sentence.
-    holds : str
-        The file or folder that the folder of public data must hold.
-    """
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--data", required=True, help=f"the folder that holds {holds}")
-    os.environ["BALLBOT_DATA"] = parser.parse_args().data
-    print(campaign().markdown())
 
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"

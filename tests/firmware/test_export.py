@@ -98,7 +98,7 @@ def test_controller_that_cannot_be_exported_is_refused_in_one_sentence(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("lean", ["0", "-1", "nan", "inf", "1.21", "20"])
+@pytest.mark.parametrize("lean", ["0", "nan", "1.21"])
 def test_lean_that_no_robot_recovers_from_is_refused_in_one_sentence(given, tmp_path, capsys, lean):
     assert export(given, tmp_path / "out", f"--lean={lean}") == 2
     refusal = capsys.readouterr().err

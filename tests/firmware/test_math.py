@@ -1,4 +1,4 @@
-"""The firmware's functions against float64; `make evidence` measures every float."""
+"""The firmware's functions against float64, at a sample of all floats."""
 
 import math
 

@@ -1,6 +1,5 @@
 """Standard deviations of a robot's parameters: in its file, and carried through to poles and gains."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -9,10 +8,9 @@ import numpy as np
 import pytest
 
 from ballbot import InputError, Model, Robot
-from ballbot.cli.main import main
 from ballbot.control.presets import design_gain
 from ballbot.robot.components import PARAMETERS, Correlation
-from ballbot.robot.file import robot_text, write_robot
+from ballbot.robot.file import robot_text
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
 from ballbot.workflows.robot_check import pole_spread
@@ -176,20 +174,3 @@ class TestPropagation:
             draw_robots(known_to({"ball.inertia": 1.0}), 20, seed=0)
         with pytest.raises(InputError, match=r"ball\.inertia cannot vary"):
             propagate(known_to({"ball.inertia": 1.0}), lambda one: np.array(one.ball.mass))
-
-
-class TestCommands:
-    @pytest.mark.slow
-    @pytest.mark.usefixtures("undrawn")
-    def test_check_and_design_carry_it_through(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-        robot = tmp_path / "mine.toml"
-        write_robot(known_to(SOME), robot)
-        assert main(["check", str(robot), "--out", str(tmp_path)]) == 0
-        assert "its standard deviation is 0.0" in capsys.readouterr().out
-        results = json.loads((tmp_path / "results.json").read_text())
-        pole = results["unstable_pole_uncertainty"]
-        assert pole["interval_95"][0] < results["unstable_pole"] < pole["interval_95"][1]
-        assert results["standard_deviations"]["wheels.azimuths"] == [0.004, 0.0, 0.008]
-        assert main(["design", str(robot), "--out", str(tmp_path / "soft")]) == 0
-        gain = json.loads((tmp_path / "soft" / "results.json").read_text())
-        assert np.shape(gain["gain_standard_deviation"]) == (3, 10)

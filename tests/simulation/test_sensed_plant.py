@@ -8,13 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot import InputError, Log, Model, Robot, simulate
-from ballbot.cli.main import main
-from ballbot.control.file import read_controller, write_controller
+from ballbot import InputError, Model, Robot, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.references import hold, square
+from ballbot.control.references import hold
 from ballbot.robot.derived import encoder_step
-from ballbot.robot.file import write_robot
 from ballbot.simulation.imperfections import Imperfections, Push, Supply, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -287,24 +284,3 @@ def test_a_payload_off_the_axis_leans_the_robot_as_the_twin():
 
 
 # --- the command ---
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_simulate_takes_a_scenario_and_the_controllers_estimator(tmp_path):
-    robot = tmp_path / "robot.toml"
-    write_robot(STUCK.robot, robot)
-    write_controller(nominal_controller(STUCK.robot).with_estimator("kalman"), tmp_path / "kalman.toml")
-    words = ["simulate", str(robot), "--duration", "1", "--controller", str(tmp_path / "kalman.toml")]
-    scenario = tmp_path / "late.toml"
-    scenario.write_text('base = "nominal"\n[timing]\ndelay = 2\n')
-    logs = []
-    for name, more in (("a", ["--seed", "3"]), ("b", ["--seed", "3"]), ("c", ["--seed", "4"])):
-        assert main([*words, "--scenario", str(scenario), *more, "--out", str(tmp_path / name)]) == 0
-        logs.append(Log.read(tmp_path / name / "log.csv"))
-    np.testing.assert_array_equal(logs[0].states, logs[1].states)
-    assert not np.array_equal(logs[0].states, logs[2].states)
-    controller = read_controller(tmp_path / "kalman.toml", STUCK.robot)
-    # the robot's friction contains what rollers take
-    plant = SensedPlant(STUCK, replace(NOMINAL, delay=2, contacts=None), estimator="kalman")
-    expected = simulate(plant, controller, square(), duration=1.0, seed=3)
-    np.testing.assert_allclose(logs[0].states, expected.states, rtol=1e-9, atol=1e-12)  # digits of the file

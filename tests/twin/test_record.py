@@ -75,14 +75,13 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
-@pytest.mark.parametrize("experiment", ["driveline_sweep", "upside_down"])
 def test_the_command_in_the_folder_makes_the_run_again(
-    experiment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from ballbot.cli.main import main
 
     out = tmp_path / "one"
-    command = ["record", "resonant", "--experiment", experiment, "--duration", "0.2", "--seed", "7"]
+    command = ["record", "resonant", "--experiment", "upside_down", "--duration", "0.2", "--seed", "7"]
     command += ["--estimator", "kalman"]
     assert main([*command, "--compensation", "partial", "--reference", "hold", "--out", str(out)]) == 0
     again = tomllib.loads((out / "record.toml").read_text())["run"]["command"].split()
@@ -207,32 +206,3 @@ def test_finished_run_is_verified_by_its_checksums(
 def test_invalid_seed_lists_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="1-200"):
         parse_seeds(text)
-
-
-def test_export_writes_a_model_that_mujoco_reads(tmp_path: Path) -> None:
-    import mujoco
-
-    from ballbot.cli.main import main
-
-    for mounting, balls in (("floor", 1), ("stand", 0), ("upside_down", 1)):
-        path = tmp_path / f"{mounting}.xml"
-        command = [
-            "twin",
-            "export",
-            "alten",
-            "--scenario",
-            "resonant",
-            "--mounting",
-            mounting,
-            "--out",
-            str(path),
-        ]
-        assert main(command) == 0
-        model = mujoco.MjModel.from_xml_path(str(path))
-        assert model.nu == 3
-        assert model.ntendon == 3
-        names = [model.body(i).name for i in range(model.nbody)]
-        assert names.count("ball") == balls
-        assert sum(name.startswith("roller") for name in names) == 54
-    assert main(["twin", "scenario", "resonant", "--out", str(tmp_path / "mine.toml")]) == 0
-    assert "frequency = 40.0" in (tmp_path / "mine.toml").read_text()

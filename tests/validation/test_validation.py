@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import square
@@ -22,7 +21,6 @@ from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
 from ballbot.validation import (
     ModelPair,
-    StateErrors,
     Validation,
     findings,
     join_validations,
@@ -31,7 +29,7 @@ from ballbot.validation import (
     validate_pair,
 )
 from ballbot.validation.closed_loop import closed_loop, delay_of, heading_error
-from ballbot.validation.models import forecast, recoverable_lean, stretches, thesis_error, window_starts
+from ballbot.validation.models import forecast, recoverable_lean, stretches, window_starts
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import predict
 from ballbot.validation.result import weak_states
@@ -56,22 +54,6 @@ def _models(robot: Robot) -> ModelPair:
 
 
 # --- errors ---
-
-
-@given(arrays(float, (17, 3), elements=st.floats(-1e3, 1e3)))
-def test_rmse_is_the_thesis_error_times_root_n(difference):
-    rmse = np.sqrt(np.mean(difference**2, axis=0))
-    # the two differ by rounding only
-    np.testing.assert_allclose(thesis_error(difference) * np.sqrt(17), rmse, rtol=1e-12, atol=1e-12)
-
-
-def test_errors_of_runs_of_unequal_length():
-    random = np.random.default_rng(1)
-    runs = [random.normal(size=(n, 10)) for n in (5, 40, 200)]
-    errors = StateErrors.of_runs(runs)
-    np.testing.assert_allclose(errors.rmse, np.sqrt(np.mean(np.concatenate(runs) ** 2, axis=0)), rtol=1e-12)
-    by_definition = [np.sqrt((run**2).sum(axis=0)) / len(run) for run in runs]
-    np.testing.assert_allclose(errors.error, np.mean(by_definition, axis=0), rtol=1e-12)
 
 
 # --- rows that count ---
