@@ -20,7 +20,6 @@ import numpy as np
 from ballbot.errors import InputError, every
 from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.robot.components import BY_NAME, PARAMETERS
-from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Value, numbers_of, to_si, value_of
 from ballbot.robot.robot import Robot, with_values
 
@@ -92,13 +91,6 @@ _CHECKS = {
     "tilt": _Check(
         "robot-wheels", "wheels.tilt", (25.0, 65.0), (10.0, 80.0), "{} deg from the ball's zenith"
     ),
-    "gap": _Check(
-        "robot-wheels",
-        "wheels.azimuths",
-        (0.6, 1.01),
-        (0.25, 1.01),
-        "two wheels are {} of an even spacing apart",
-    ),
     "crowding": _Check(
         "robot-wheels",
         "wheels.radius wheels.tilt wheels.azimuths ball.radius",
@@ -169,13 +161,6 @@ _CHECKS = {
         "{} of the time in which the body falls e-fold",
     ),
     "sensors.sample_time": _Check("robot-sensors", "sensors.sample_time", (2e-4, 1.0), (2e-5, 1.0)),
-    "encoder_step": _Check(
-        "robot-sensors",
-        "sensors.encoder_counts drive.gear_ratio",
-        (1e-7, 0.05),
-        (1e-12, 1.0),
-        "{} rad of the wheel a count",
-    ),
     # of poor sensors; more was meant in degrees
     "sensors.gyro_noise": _Check(
         "robot-sensors", "sensors.gyro_noise", (0.0, 0.1), _ANY, "was it meant in deg/s?"
@@ -248,7 +233,6 @@ def _of_wheels(robot: Robot) -> dict[str, float]:
     return {
         "wheel_over_ball": wheels.radius / ball.radius,
         "tilt": math.degrees(wheels.tilt),
-        "gap": gap * robot.wheel_count / (2.0 * math.pi),
         "crowding": wheels.radius / room,
         "roller": wheels.rollers.radius / wheels.radius,
         "spacing": wheels.rollers.row_spacing / wheels.radius,
@@ -266,9 +250,6 @@ def _of_drive(robot: Robot) -> dict[str, float]:
         "rim_speed": drive.top_speed * wheels.radius,
         "current": drive.torque_limit / (drive.gear_ratio * drive.torque_constant),
         "play": math.degrees(drive.backlash),
-        "encoder_step": encoder_step(
-            encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio
-        ),
         "dry_friction": max(friction.breakaway) / drive.torque_limit,
         "viscous_speed": drive.torque_limit / max(max(friction.viscous), 1e-300) * wheels.radius,
     }
