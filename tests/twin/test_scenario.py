@@ -54,20 +54,12 @@ def test_the_examples_of_what_is_off_can_be_switched_on(tmp_path: Path) -> None:
     ("text", "sentence"),
     [
         ("bcklash = 1", "bcklash is not a key of a scenario file; did you mean 'backlash'?"),
-        ("[compliance]\nfreqency = 1", "did you mean 'frequency'?"),
         ("[[pushes]]\nwhen = 1", "pushes[1].when is not a key"),
         ("[compliance]\nfrequency = 1", "compliance.damping_ratio is missing"),
-        ("backlash = 'a'", "backlash is 'a'; it must be a number"),
-        ("backlash = true", "backlash is true; it must be a number"),
         ("backlash = nan", "backlash is nan rad; it must be finite"),
-        ("compliance = 3", "compliance is 3; it must be a table"),
-        ("pushes = 3", "pushes is 3; it must be a list"),
         ("[friction]\ncoulomb = [0.1, 0.1]", "friction for 2 wheels"),
         ("base = 'nomnal'", "did you mean 'nominal'?"),
         ("base = 3", "base is 3"),
-        ("[timing]\ndelay = 1.5", "timing.delay is 1.5; it must be a whole number"),
-        ("wheel_contact = 'wheels'", "wheel_contact is 'wheels'"),
-        ("x = ", "not valid TOML"),
     ],
 )
 def test_refuses_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> None:
