@@ -20,7 +20,7 @@ fast: .venv/.test  ## the fast tests alone
 browser: .venv/.test  ## pages in headless Chromium; skips without Chromium, with the reason
 	$(BIN)/python -m pytest -m browser -rs
 
-board: .venv/.test  ## the firmware under cppcheck, sanitizers and, as a whole board, QEMU; skips what is not installed, with the reason
+board: .venv/.test  ## the firmware under cppcheck and sanitizers; skips what is not installed, with the reason
 	$(BIN)/python -m pytest -m board -rs
 
 samples: .venv/.test  ## a sample of each campaign and of the goldens; pages and examples made anew; engines that one test alone compiles; every array walked under bounds checks

@@ -1,6 +1,6 @@
 """How well identification's intervals predict the estimate from another log: twins with all faults, two logs each.
 
-.venv/bin/python -m campaigns.evidence between_logs coulomb_variation effective
+.venv/bin/python -m campaigns.evidence between_logs effective
 .venv/bin/python -m campaigns.between_logs prior
 
 Each robot is the nominal twin with every fault of a scenario at once, of random sizes. Its two logs differ in the
@@ -13,31 +13,27 @@ that an interrupted campaign continues; delete the folder after a change of the 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta
 
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.files import write_text
 from ballbot.fitting.between_logs import RobotLogs, fit_prior
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty, assess
-from ballbot.fitting.model_selection import gain_between
 from ballbot.fitting.run import Run, Threads
 from ballbot.fitting.search import at_bound
 from ballbot.fitting.uncertainty import discrepancy
-from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.identify import estimated_parameters, speed_groups
 from ballbot.identification.laws import LawName
 from ballbot.identification.parameters import Bounds, Coordinates
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION
-from ballbot.identification.stages import IdentificationOptions, errors, prepare, refine
+from ballbot.identification.stages import IdentificationOptions, prepare, refine
 from ballbot.identification.variation import (
     PRIOR_FILE,
     LogEstimates,
@@ -47,10 +43,8 @@ from ballbot.identification.variation import (
     shipped_priors,
     widened,
 )
-from ballbot.identification.verdict import window_blocks
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Supply
@@ -68,10 +62,10 @@ from ballbot.twin.faults import (
 )
 from campaigns.coverage import BEGIN
 from campaigns.faulty_twins import asymmetric
-from campaigns.section import HERE, Section, finished
+from campaigns.section import Section, kept, share_words
 
-T = TypeVar("T")
-
+#: the folder of what is finished, within build
+KEPT = "between_logs"
 ROBOT = Robot.load("alten")
 NOMINAL = Scenario.nominal(ROBOT)
 DURATION = 24.0  # [s] of each log of a pair
@@ -161,7 +155,7 @@ def pair_log(seed: int, which: int) -> Log:
                 return log.without_truth()
         raise RuntimeError(f"The twin {seed} falls with {_SEEDS} seeds.")
 
-    return _kept(f"{seed:04d}_{which}", make)
+    return kept(KEPT, f"{seed:04d}_{which}", make)
 
 
 def nominal_log(seed: int, scenario: Scenario = NOMINAL, *, duration: float = 48.0) -> Log:
@@ -174,11 +168,7 @@ def nominal_log(seed: int, scenario: Scenario = NOMINAL, *, duration: float = 48
             twin, nominal_controller(ROBOT), reference, duration=duration, seed=seed
         ).without_truth()
 
-    return _kept(f"{scenario.name.replace(' ', '_')}_{duration:.0f}_{seed:02d}", make)
-
-
-def _kept(name: str, make: Callable[[], T]) -> T:
-    return finished("between_logs", lambda _: make(), {name: None}, workers=HERE)[name]
+    return kept(KEPT, f"{scenario.name.replace(' ', '_')}_{duration:.0f}_{seed:02d}", make)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -225,7 +215,7 @@ def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
             ),
         )
 
-    return _kept(f"fit_{name}_{law}", make)
+    return kept(KEPT, f"fit_{name}_{law}", make)
 
 
 def pairs(seeds: Sequence[int]) -> Iterator[tuple[Fit, Fit]]:
@@ -312,9 +302,7 @@ def coverage_row(name: str, judged: Sequence[Judged]) -> list[str]:
         ]
     cells = []
     for count, width in zip(held.tolist(), np.median(relative, axis=0).tolist(), strict=True):
-        low, high = _binomial(count, len(judged))
-        share = f"{100 * count / len(judged):.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
-        cells += [f"{count} of {len(judged)}, {share}", f"{width:.2f}"]
+        cells += [f"{count} of {len(judged)}, {share_words(count, len(judged))}", f"{width:.2f}"]
     return [name, *cells]
 
 
@@ -352,75 +340,7 @@ def campaign() -> Section:
 _SYMBOLS = ("b", "c", "s", "v_s", "delta", "C_rr")
 
 
-def _binomial(count: int, of: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Clopper and Pearson 1934)."""
-    low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
-    high = float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
-    return low, high
-
-
 SEEDS = range(1, 11)
-#: on which the Coulomb equivalent was not chosen
-OTHER_SEEDS = range(11, 19)
-
-
-def coulomb_variation() -> Section:
-    """Identify ten logs of the nominal twin and return the section of docs/generated/evidence.md."""
-    fits = {
-        law: [fit_of(nominal_log(seed), f"nominal_{seed:02d}", law=law) for seed in SEEDS]
-        for law in ("coulomb", "stribeck")
-    }
-    rows = []
-    for law, found in fits.items():
-        c = np.array([one.values[3:6] for one in found])
-        rows.append([f"c, law {law}", *_variation_cells(c)])
-    for seeds in (SEEDS, OTHER_SEEDS):
-        logs = {seed: nominal_log(seed) for seed in seeds}
-        compared = [_equivalent(fit_of(log, f"nominal_{seed:02d}"), log) for seed, log in logs.items()]
-        name = f"Coulomb equivalent, law stribeck, seeds {seeds[0]} to {seeds[-1]}"
-        rows.append([name, *_variation_cells(np.array(compared))])
-    gains = [
-        100.0 * _held_out_gain(nominal_log(seed), inner, outer)
-        for seed, inner, outer in zip(SEEDS, fits["coulomb"], fits["stribeck"], strict=True)
-    ]
-    return Section(
-        title="Coulomb friction over ten logs",
-        before=f"Ten logs of 48 s of the nominal twin around the square (seeds {SEEDS[0]} to {SEEDS[-1]}), each "
-        "identified by itself: mean and coefficient of variation of each wheel.",
-        columns=["", *(f"wheel {i}" for i in (1, 2, 3))],
-        rows=rows,
-        after="On each log's held-out windows the error with the Stribeck law is smaller than with the Coulomb law by "
-        f"{np.mean(gains):.1f} % in the mean ({min(gains):.1f} to {max(gains):.1f} %), but such a log does not "
-        "separate c from s. To compare logs and robots, `results.json` has the Coulomb equivalent: "
-        "the value at rest of the straight line nearest to the dry "
-        "friction over the speeds driven (`src/ballbot/identification/coulomb.py`). It was chosen on the "
-        "ten logs; the last row is of others.",
-    )
-
-
-def _held_out_gain(log: Log, inner: Fit, outer: Fit) -> float:
-    """Return the share by which the one fit's error on held-out windows is below the other's."""
-    coordinates = outer.coordinates
-    predictor = Predictor(robot=ROBOT, formulation="exact", step=STEP, layout=coordinates.layout, threads=1)
-    run = Run(seed=0, executor=Threads(count=1))
-    windows = prepare(predictor, coordinates, [log], window=0.25, run=run).held_out
-    # NaN are v_s and delta of a law without s
-    squares = [
-        errors(predictor, windows, np.where(np.isfinite(one.values), one.values, 1.0)).squares_with
-        for one in (outer, inner)
-    ]
-    return gain_between(squares[0], squares[1], window_blocks(windows.spans)).share
-
-
-def _equivalent(fit: Fit, log: Log) -> NDArray[np.float64]:
-    p, states = len(fit.values), log.states
-    return coulomb_equivalent(
-        fit.coordinates.layout,
-        fit.values,
-        covariance=np.full((p, p), np.nan),
-        wheel_speeds=Model(ROBOT).wheel_speed(states[:, :5], states[:, 5:]),
-    ).values
-
 
 DRY_SPEED = 0.5  # [rad/s]
 
@@ -436,11 +356,6 @@ def _dry(values: NDArray[np.float64]) -> NDArray[np.float64]:
         rolling=0.0,
     )
     return wheel_friction(np.full(3, DRY_SPEED), friction)
-
-
-def _variation_cells(values: NDArray[np.float64]) -> list[str]:
-    mean, deviation = values.mean(axis=0), values.std(axis=0, ddof=1)
-    return [f"{m:.4f} N m, {100.0 * d / m:.1f} %" for m, d in zip(mean, deviation, strict=True)]
 
 
 #: the nominal twin with one fault switched off

@@ -1,7 +1,6 @@
 """Intervals for the estimate from another log, on a real robot: all pairs of three public logs.
 
-.venv/bin/python -m campaigns.course_robot --data DIR    prints the section
-.venv/bin/python -m campaigns.evidence course_robot      writes it, with BALLBOT_DATA=DIR
+.venv/bin/python -m campaigns.evidence course_robot      with BALLBOT_DATA=DIR
 
 The logs are of the robots of the University of Michigan's course ROB 311 (https://github.com/michiganrobotics/rob311).
 They carry no licence and are not part of Ballbot: put them into the folder rob311 of DIR. `ballbot check-log` proposes
@@ -30,7 +29,7 @@ from ballbot.identification.windows import common_back_emf
 from ballbot.log import Log
 from ballbot.robot import Robot
 from campaigns.between_logs import COLUMNS, Judged, coverage_row
-from campaigns.section import DataMissingError, Section, data_folder, print_section
+from campaigns.section import DataMissingError, Section, data_folder
 
 SOURCE = "https://github.com/michiganrobotics/rob311"
 
@@ -129,7 +128,6 @@ def campaign() -> Section:
             *(coverage_row(f"{one} for {other}", judged[one, other]) for one, other in judged),
             coverage_row("all", [one for pair in judged.values() for one in pair]),
         ],
-        after="`python -m campaigns.course_robot --data DIR` prints this section.",
     )
 
 
@@ -143,7 +141,3 @@ def judge_pair(one: Identification, other: Identification) -> list[Judged]:
             ends = np.clip([(kind[label].lower, kind[label].upper) for kind in kinds], *bounds)
             judged.append(Judged(label=label, own=own, other=others, ends=ends))
     return judged
-
-
-if __name__ == "__main__":
-    print_section(campaign, description="Compare all pairs of logs of the course's robots.", holds="rob311")

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.presets import design_gain, nominal_controller
-from ballbot.control.references import Reference, named_reference, square
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import Reference, named_reference
 from ballbot.estimation.interface import EstimationErrors, Estimator, Reading, state_errors
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.kalman_model import FilterNoise
@@ -23,7 +23,6 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.workflows.comparison import ComparedRun, Comparison, mean_with_interval
 from campaigns.section import Section
 
 REFERENCES = ("square", "hold", "figure_eight")
@@ -32,8 +31,6 @@ DURATION = 180.0  # of each run [s]: the thesis's three minutes
 THREADS = 2
 
 THESIS, ALONE, FIXED = "thesis", "filter", "filter, a fix every 10 s"
-SURE = "filter, sure of the lean"
-SURE_LEAN = np.radians(0.02)  # in place of the filter's 0.2 degrees of slow lean error
 _FIXES = FixSource(rate=0.1, position_noise=0.01, heading_noise=0.02)
 
 #: a worse AHRS than the nominal: a bias that turns its frame away, a slow lean error, a sample late
@@ -96,42 +93,6 @@ def side_by_side(
     }
 
 
-def in_closed_loop(robot: Robot, *, seeds: Sequence[int], duration: float = 64.0) -> Comparison:
-    """Return how near to a square the robot stays where the estimator steers; compensation of the true friction."""
-    nominal = Scenario.nominal(robot)
-    biased = replace(nominal, name="biased", sensor_faults=BIASED)
-    knowing = robot.replace(friction=nominal.friction)
-    controllers = {kind: nominal_controller(knowing, compensation=kind) for kind in ("none", "partial")}
-    h = nominal.sensors.sample_time
-    sure = replace(FilterNoise.of(robot), lean_error=SURE_LEAN)
-    loops: dict[str, tuple[Scenario, Callable[[], Estimator]]] = {
-        THESIS: (nominal, lambda: OnboardState(robot, sample_time=h)),
-        ALONE: (nominal, lambda: KalmanFilter(robot, sample_time=h)),
-        FIXED: (replace(nominal, fix=_FIXES), lambda: KalmanFilter(robot, sample_time=h)),
-        SURE: (nominal, lambda: KalmanFilter(robot, sample_time=h, noise=sure)),
-        f"biased AHRS: {THESIS}": (biased, lambda: OnboardState(robot, sample_time=h)),
-        f"biased AHRS: {ALONE}": (biased, lambda: KalmanFilter(robot, sample_time=h)),
-    }
-    runs = [
-        ComparedRun(
-            candidate=name,
-            controller=controller,
-            plant=lambda _, scenario=scenario, estimator=estimator: Twin(
-                robot, scenario, estimator=estimator()
-            ),
-            reference=square,
-            duration=duration,
-            seed=seed,
-            course=loop,
-        )
-        for loop, (scenario, estimator) in loops.items()
-        for name, controller in controllers.items()
-        for seed in seeds
-    ]
-    with ThreadPoolExecutor(THREADS) as pool:
-        return Comparison(runs=tuple(runs), results=tuple(pool.map(ComparedRun.result, runs)))
-
-
 def rows(name: str, found: Sequence[dict[str, EstimationErrors]]) -> list[list[str]]:
     """Return a row for each estimator: means over the runs, and the worst drift over the thesis's on the same run."""
     table = []
@@ -189,47 +150,7 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
             "over the thesis's",
         ],
         rows=table,
-        after=f"{_loops(in_closed_loop(robot, seeds=seeds))}\n\n{_why(robot)}",
-    )
-
-
-def _loops(found: Comparison) -> str:
-    lines = [
-        "With the estimator in the loop, two rounds of the square, true position from the reference once settled; "
-        "torque noise is the torque's RMS change from sample to sample.",
-        "",
-        "| estimator | RMS [mm] | peak [mm] | torque noise [N m] | RMS, compensated | peak, compensated "
-        "| torque noise, compensated | falls |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    for name in dict.fromkeys(one.course for one in found.runs):
-        cells, falls = [], 0
-        for kind in ("none", "partial"):
-            scores = found.scores_of(kind, name)
-            stood = [one for one in scores if one.ended is None]
-            falls += len(scores) - len(stood)
-            for scale, key, shape in (
-                (1e3, "rms_position_error", ".0f"),
-                (1e3, "peak_position_error", ".0f"),
-                (1.0, "rms_torque_change", ".3f"),
-            ):
-                cells.append(
-                    f"{scale * mean_with_interval([getattr(one, key) for one in stood]).mean:{shape}}"
-                )
-        lines.append(f"| {name} | {' | '.join(cells)} | {falls} |")
-    return "\n".join(lines)
-
-
-def _why(robot: Robot) -> str:
-    gain = np.abs(design_gain(robot).gain)
-    moved = np.radians(gain[:, 3].max() / gain[:, 0].max())
-    return (
-        f"A lean error of one degree moves the equilibrium by {moved:.2f} m (the ratio of the gain's entries for lean "
-        "and position). The nominal AHRS's lean has only white noise, so that the thesis's way loses "
-        "nothing by using it directly. The filter models a slow lean error of "
-        f"{np.degrees(FilterNoise.of(robot).lean_error):.1f} degrees and attributes a part of the rolling friction to "
-        f"it; with a smaller one (`FilterNoise(lean_error=...)`, {np.degrees(SURE_LEAN):.2f} degrees) its errors "
-        "are below those of the thesis's way. The biased AHRS, whose lean has a slow error, shows the benefit of the "
-        "filter's model. The torque noise of the thesis's way has one advantage: it acts as a dither on the dry "
-        "friction."
+        after="The nominal AHRS's lean has only white noise, so that the thesis's way loses nothing by using it "
+        "directly. The filter models a slow lean error of "
+        f"{np.degrees(FilterNoise.of(robot).lean_error):.1f} degrees, which the biased AHRS has.",
     )

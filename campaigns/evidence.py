@@ -19,14 +19,13 @@ import numpy as np
 import scipy
 
 from ballbot.files import write_text
-from campaigns.section import EARLIER, DataMissingError
+from campaigns.section import DataMissingError
 
 PAGE = Path(__file__).parents[1] / "docs" / "generated" / "evidence.md"
 
 #: sections in the page's order, and the module whose `campaign()`, or the function after the colon, returns each
 CAMPAIGNS = {
     "convergence": "campaigns.convergence",
-    "twin_convergence": "campaigns.twin_convergence",
     "twin_observed": "campaigns.twin_observed",
     "estimation": "campaigns.estimation",
     "agreement": "campaigns.agreement",
@@ -35,38 +34,29 @@ CAMPAIGNS = {
     "robust_design": "campaigns.robust_design",
     "choice": "campaigns.controller_choice:choice",
     "factors": "campaigns.controller_factors",
-    "delay": "campaigns.delay",
-    "lean_limit": "campaigns.lean_limit",
     "optima": "campaigns.optima",
     "coverage": "campaigns.coverage",
     "between_logs": "campaigns.between_logs",
     "course_robot": "campaigns.course_robot",
-    "coulomb_variation": "campaigns.between_logs:coulomb_variation",
     "effective": "campaigns.between_logs:effective",
     "one_axis": "campaigns.one_axis",
     "axis_machines": "campaigns.one_axis:machines",
     "drivelines": "campaigns.identified_twin:drivelines",
-    "driveline_coverage": "campaigns.driveline_coverage",
-    "upside_down": "campaigns.upside_down_coverage",
+    "driveline_coverage": "campaigns.stage_coverage:drivelines",
+    "upside_down": "campaigns.stage_coverage:upside_down",
     "killed_sweep": "campaigns.killed_sweep",
     "identified_friction": "campaigns.identified_twin:identified_friction",
     "spin": "campaigns.spin",
     "fuzz": "campaigns.fuzz",
     "mapping_corpus": "campaigns.mapping_corpus",
-    "firmware_math": "campaigns.firmware_math",
-    "firmware_estimators": "campaigns.firmware_estimators",
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
-    "firmware_beside": "campaigns.firmware_loop",
-    "link_fuzz": "campaigns.link_fuzz",
-    "link_timing": "campaigns.link_timing",
     "firmware_fuzz": "campaigns.firmware_fuzz",
 }
 
 #: campaigns whose section the page does not have, and why
 NOT_ON_THE_PAGE = {
     "axis_machines": "not run yet since one method replaced several; docs/axis.md has a sample of it",
-    "firmware_math": "not run yet over every float; tests/firmware/test_math.py measures a sample of them",
 }
 
 _HEAD = """# Evidence
@@ -85,7 +75,6 @@ def main(names: Sequence[str]) -> None:
     if unknown:
         raise SystemExit(f"There is no campaign {unknown[0]!r}; there are {', '.join(CAMPAIGNS)}.")
     for name in names or CAMPAIGNS:
-        EARLIER.clear()
         started = perf_counter()
         module, _, function = CAMPAIGNS[name].partition(":")
         try:
@@ -109,11 +98,9 @@ def written_sections() -> dict[str, str]:
 
 
 def _origin(name: str, seconds: float) -> str:
-    # a run that reads results of an earlier one takes less than the campaign does
-    time = "from results that an earlier run kept," if EARLIER else f"{seconds:.0f} s"
     versions = f"NumPy {np.__version__}, SciPy {scipy.__version__}, Numba {numba.__version__}"
     return (
-        f"`python -m campaigns.evidence {name}`, {time} on {platform.machine()} {platform.system()}, "
+        f"`python -m campaigns.evidence {name}`, {seconds:.0f} s on {platform.machine()} {platform.system()}, "
         f"Python {platform.python_version()}, {versions}."
     )
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,7 +41,7 @@ from ballbot.workflows.controller_choice import (
     choose_controller,
     draw_plants,
 )
-from campaigns.section import HERE, finished
+from campaigns.section import finished, kept
 
 #: the folder of what is finished, within build
 KEPT = "controller_prediction"
@@ -67,7 +66,6 @@ class FaultyTwin:
     torque_scale: tuple[float, ...] = (1.0, 1.0, 1.0)  #: what the motors give of the torques commanded
 
 
-T = TypeVar("T")
 Fault = Callable[[FaultyTwin, np.random.Generator, float], FaultyTwin]
 
 
@@ -247,7 +245,7 @@ class Studied:
 
 def studied() -> Studied:
     """Return the study, from file if it is there."""
-    return _kept("study.pickle", _study)
+    return kept(KEPT, "study.pickle", _study)
 
 
 def _study_logs() -> list[Log]:
@@ -299,7 +297,3 @@ def recorded(twins: Sequence[FaultyTwin], *, of: str) -> list[dict[str, Log]]:
 
 def _recorded_one(run: tuple[FaultyTwin, str]) -> Log:
     return record(studied(), *run)
-
-
-def _kept(name: str, make: Callable[[], T]) -> T:
-    return finished(KEPT, lambda _: make(), {name: None}, workers=HERE)[name]

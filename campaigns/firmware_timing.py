@@ -27,9 +27,9 @@ from ballbot.firmware.export import export_controller
 from ballbot.firmware.processor_load import SAMPLES, Update, readings, rehearse
 from ballbot.firmware.records import PARAMETERS, STATE
 from ballbot.twin import Scenario
-from campaigns.firmware_estimators import Compiled
 from campaigns.firmware_numbers import controllers, updates
 from campaigns.section import Section
+from tests.support.compiled_estimators import Compiled
 from tests.support.compiled_firmware import Firmware, library
 
 _SAMPLES = 400  # of each estimator

@@ -27,7 +27,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 from ballbot.errors import InputError
 from ballbot.log import Log
@@ -266,9 +266,8 @@ def campaign() -> Section:
 def _share(count: int, total: int) -> str:
     if not total:
         return "-"
-    low = 0.0 if count == 0 else float(beta.ppf(0.025, count, total - count + 1))
-    high = 1.0 if count == total else float(beta.ppf(0.975, count + 1, total - count))
-    return f"{count} ({100 * count / total:.1f} %, {100 * low:.1f} to {100 * high:.1f} %)"
+    share = binomtest(count, total).proportion_ci()
+    return f"{count} ({100 * count / total:.1f} %, {100 * share.low:.1f} to {100 * share.high:.1f} %)"
 
 
 def _followed(count: int) -> Iterator[Outcome]:

@@ -28,7 +28,6 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.imperfections import imperfections_of, true_model
 from campaigns.foreign_logs import commands
-from campaigns.section import is_kept
 
 Floats = NDArray[np.float64]
 
@@ -124,7 +123,7 @@ ROBOTS = (*PRESETS, *(line.split()[0] for line in OWN_ROBOTS.strip().splitlines(
 def recording(robot: str, motion: str) -> Log:
     """Return the log of a robot's own sensors, from `KEPT` if it was recorded before."""
     path = KEPT / f"{robot}_{motion}.parquet"
-    if not is_kept(path):
+    if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         _recorded(robot, motion).write(path)
     return Log.read(path)

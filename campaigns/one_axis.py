@@ -1,7 +1,6 @@
 """Identify one axis: the public EMPS record, compared with what is published, and simulated machines.
 
-.venv/bin/python -m campaigns.one_axis --data DIR    prints the section of the EMPS record
-.venv/bin/python -m campaigns.evidence one_axis      writes it, with BALLBOT_DATA=DIR
+.venv/bin/python -m campaigns.evidence one_axis          with BALLBOT_DATA=DIR
 .venv/bin/python -m campaigns.evidence axis_machines
 
 The record DATA_EMPS.mat is the training record of A. Janot, M. Gautier, M. Brunot, Data set and reference models of
@@ -26,7 +25,7 @@ from ballbot.identification.axis.identify import AxisEstimate
 from ballbot.identification.axis.model import LAWS
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from campaigns.axis_machines import Drive, Logging, Machine, Motion, record_of
-from campaigns.section import DataMissingError, Section, data_folder, print_section
+from campaigns.section import DataMissingError, Section, data_folder
 
 #: of the record
 SHA_256 = "6cf6814ae14618795da0101aae2bb97ff0c6351b0501b5492751b02b07facf7e"
@@ -220,9 +219,3 @@ def _distribution(trials: Sequence[Trial]) -> list[str]:
             covered += f" ({100.0 * share.low:.0f} to {100.0 * share.high:.0f} %)"
         texts += [f"{np.median(sizes):.2g}, {sizes.max():.2g}; {np.median(halves):.2g}", covered]
     return texts
-
-
-if __name__ == "__main__":
-    print_section(
-        campaign, description="Identify the axis of the public EMPS record.", holds="emps/DATA_EMPS.mat"
-    )

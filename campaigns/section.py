@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import pickle
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -15,6 +13,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from matplotlib.figure import Figure
+from scipy.stats import binomtest
 
 import ballbot
 from ballbot.files import read_sealed, write_sealed, write_text
@@ -45,24 +44,8 @@ class Section:
         return "\n".join([*lines, "", *([self.after, ""] if self.after else [])])
 
 
-_BEGUN = time.time()
-#: files of results that this run reads and an earlier one made
-EARLIER: set[Path] = set()
-
-
-def is_kept(path: Path) -> bool:
-    """Return whether a file of results exists; enter it in `EARLIER` if an earlier run made it."""
-    if not path.exists():
-        return False
-    if path.stat().st_mtime < _BEGUN:
-        EARLIER.add(path)
-    return True
-
-
 #: holds what campaigns have finished
 BUILD = Path(__file__).parents[1] / "build"
-#: for a run that is made where it is asked for
-HERE = Processes(count=1)
 
 
 @cache
@@ -107,9 +90,18 @@ def finished(
         print(f"\r{name}: {now.done} of {now.total}", end="", file=sys.stderr, flush=True)
 
     progress = report if len(runs) > 1 else ignore_progress
-    found, before = folder.complete(make, runs, workers=workers, stage=name, progress=progress)
-    EARLIER.update(folder.path / one for one in before)
-    return found
+    return folder.complete(make, runs, workers=workers, stage=name, progress=progress)[0]
+
+
+def kept(folder: str, name: str, make: Callable[[], Made]) -> Made:
+    """Return what is made here, or read from the file of that name in build/FOLDER."""
+    return finished(folder, lambda _: make(), {name: None}, workers=Processes(count=1))[name]
+
+
+def share_words(count: int, of: int) -> str:
+    """Return a share in per cent with its 95 % interval (Clopper and Pearson 1934)."""
+    share = binomtest(count, of).proportion_ci()
+    return f"{100 * count / of:.0f} % ({100 * share.low:.0f} to {100 * share.high:.0f} %)"
 
 
 def compared(
@@ -122,8 +114,7 @@ def compared(
 ) -> Comparison:
     """Return a comparison by the files of its runs; those that the folder lacks are made."""
     kept = RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result)
-    found, before = kept.complete(ComparedRun.result, runs, workers=Processes(count=processes), stage=stage)
-    EARLIER.update(folder / name for name in before)
+    found, _ = kept.complete(ComparedRun.result, runs, workers=Processes(count=processes), stage=stage)
     return Comparison(runs=tuple(runs.values()), results=tuple(found.values()))
 
 
@@ -143,23 +134,6 @@ def data_folder() -> Path:
     if not folder or not Path(folder).is_dir():
         raise DataMissingError("it needs public data; set BALLBOT_DATA to the folder that holds them")
     return Path(folder)
-
-
-def print_section(campaign: Callable[[], Section], *, description: str, holds: str) -> None:
-    """Print the section of a campaign on public data; the option --data names their folder.
-
-    Parameters
-    ----------
-    campaign : callable
-    description : str
-        What the campaign does, one sentence.
-    holds : str
-        The file or folder that the folder of public data must hold.
-    """
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--data", required=True, help=f"the folder that holds {holds}")
-    os.environ["BALLBOT_DATA"] = parser.parse_args().data
-    print(campaign().markdown())
 
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"

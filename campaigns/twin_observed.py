@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import welch
@@ -22,13 +21,12 @@ from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.processes import worker_pool
-from ballbot.report.comparison import RUN_LABELS, RUN_LOOKS
-from ballbot.report.palette import BLUE, INK, MUTED, ORANGE, SHADE
-from ballbot.report.style import LOOKS, REFERENCE, LineStyle, thinned
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
+from ballbot.report.style import LineStyle
 from ballbot.robot import Friction
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.bench import run_bench
-from ballbot.workflows.metrics import SETTLE, position_error, score, settled, true_place
+from ballbot.workflows.metrics import score
 from campaigns.section import Section, write_picture
 
 ROBOT = Robot.load("alten")
@@ -81,7 +79,6 @@ def roller_ripple(scenario: Scenario, *, seed: int) -> Ripple:
 class Impulses:
     """A run's wheel accelerations from sample to sample."""
 
-    t: NDArray[np.float64]  #: (N,) [s]
     acceleration: NDArray[np.float64]  #: (N, n) [rad/s^2]
 
     @property
@@ -98,7 +95,7 @@ class Impulses:
 
 def impulses(log: Log) -> Impulses:
     """Return the wheel accelerations of a run."""
-    return Impulses(t=log.t[1:], acceleration=np.diff(log.wheel_speeds, axis=0) / log.sample_time)
+    return Impulses(acceleration=np.diff(log.wheel_speeds, axis=0) / log.sample_time)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -164,28 +161,6 @@ _OFF: LineStyle = {"color": BLUE, "linestyle": "-", "linewidth": 1.0}
 _TURNS = 3.0  # that are shown of a wheel's
 
 
-def errors_figure(runs: Mapping[str, Log]) -> Figure:
-    """Return the paths around the square without and with compensation, and the distances from it over time."""
-    figure = Figure(figsize=(7.4, 3.0), layout="constrained")
-    paths, errors = figure.subplots(1, 2, width_ratios=(2, 3))
-    longest = max(runs.values(), key=len)
-    paths.plot(longest["ref_x"], longest["ref_y"], **REFERENCE)
-    for name in ("none", "partial"):
-        place = true_place(runs[name])
-        paths.plot(*thinned(place["x"], place["y"]), **LOOKS[RUN_LOOKS[name]])
-    paths.set_aspect("equal")
-    paths.set(xlabel="$x$ [m]", ylabel="$y$ [m]", title="True path")
-    _shade_settled(errors, longest)
-    for name, log in runs.items():
-        label = f"{RUN_LABELS[name]}: {score(log).peak_position_error:.2f} m"
-        errors.plot(*thinned(log.t, position_error(log)), label=label, **LOOKS[RUN_LOOKS[name]])
-    errors.set(xlabel="time [s]", ylabel="distance from the reference [m]", ylim=(0.0, 1.25))
-    errors.set_title("Distance, and its peak once settled (shaded)")
-    errors.legend(loc="upper right")
-    errors.margins(x=0.01)
-    return figure
-
-
 def rollers_figure(found: Mapping[str, Ripple]) -> Figure:
     """Return the wheel's speed over its angle, and the orders in it, of wheels of several kinds."""
     figure = Figure(figsize=(7.4, 1.35 * len(found)), layout="constrained")
@@ -207,35 +182,6 @@ def rollers_figure(found: Mapping[str, Ripple]) -> Figure:
     return figure
 
 
-def drift_figure(found: Drift) -> Figure:
-    """Return the heading's and the position's errors over time."""
-    figure = Figure(figsize=(7.4, 2.3), layout="constrained")
-    heading, position = figure.subplots(1, 2)
-    heading.plot(*thinned(found.t, found.heading), color=BLUE, linewidth=1.2)
-    heading.set(xlabel="time [s]", ylabel="on-board less true [deg]")
-    heading.set_title(f"Heading: {180 * found.rate:.1f} degrees in 3 minutes")
-    position.plot(*thinned(found.t, found.position), color=BLUE, linewidth=1.2)
-    position.set(xlabel="time [s]", ylabel="on-board from true [m]", ylim=(0.0, None))
-    position.set_title(f"Position: {found.largest(180.0):.2f} m at most")
-    return figure
-
-
-def play_figure(found: Mapping[str, Impulses]) -> Figure:
-    """Return the wheels' accelerations with and without play."""
-    figure = Figure(figsize=(7.4, 3.0), layout="constrained")
-    panels = figure.subplots(len(found), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    for axes, (name, one) in zip(panels, found.items(), strict=True):
-        shown = (one.t > 8.0) & (one.t < 14.0)
-        axes.plot(one.t[shown], one.acceleration[shown, 0], color=BLUE, linewidth=0.7)
-        axes.set_title(
-            f"{name}: up to {one.largest:.0f} rad/s$^2$, kurtosis {one.kurtosis:.1f} times a normal distribution's"
-        )
-    figure.supylabel("acceleration of wheel 1 [rad/s$^2$]", fontsize=8.5, color=INK)
-    panels[-1].set_xlabel("time [s]")
-    panels[-1].margins(x=0.01)
-    return figure
-
-
 def resonance_figure(on: Mapping[str, Spectrum], off: Mapping[str, Spectrum]) -> Figure:
     """Return the residuals' spectrum with the resonance switched on and off, without and with play."""
     figure = Figure(figsize=(7.4, 2.6), layout="constrained")
@@ -252,13 +198,6 @@ def resonance_figure(on: Mapping[str, Spectrum], off: Mapping[str, Spectrum]) ->
     panels[0].set_ylim(low, 8.0 * high)
     panels[0].set_ylabel(r"residual of $\dot{x}$ [m$^2$/s$^2$/Hz]")
     return figure
-
-
-def _shade_settled(axes: Axes, log: Log) -> None:
-    """Shade the times whose errors count."""
-    counted = np.concatenate([[False], settled(log, SETTLE), [False]])
-    for first, end in np.flatnonzero(np.diff(counted)).reshape(-1, 2):
-        axes.axvspan(float(log.t[first]), float(log.t[end - 1]), color=SHADE)
 
 
 SEEDS = range(1, 4)
@@ -321,7 +260,9 @@ def campaign() -> Section:
         name: [residual_spectrum(logs[Run(scenario=one)], NOMINAL.friction) for one in pair]
         for name, pair in RESONANCE.items()
     }
-    _draw(logs, ripples, kicks, spectra)
+    off, on = ({name: pair[k] for name, pair in spectra.items()} for k in (0, 1))
+    write_picture("twin_rollers", lambda: rollers_figure({name: found[0] for name, found in ripples.items()}))
+    write_picture("twin_resonance", lambda: resonance_figure(on, off))
     return Section(
         title="What the thesis observed, on the twin",
         before=f"The nominal twin under the nominal gain; 64 s and {len(SEEDS)} seeds unless stated otherwise; the "
@@ -341,22 +282,6 @@ def campaign() -> Section:
         "residuals (4.2). The resonance is set at 40 Hz: sampled feedback of the motors' speed lowers it; play, which "
         "is slack at first, lowers it further.",
     )
-
-
-def _draw(
-    logs: Mapping[Run, Log],
-    ripples: Mapping[str, list[Ripple]],
-    kicks: Mapping[str, list[Impulses]],
-    spectra: Mapping[str, list[Spectrum]],
-) -> None:
-    """Draw the first seed's."""
-    errors = {kind: logs[Run(compensation=kind)] for kind in COMPENSATIONS}
-    off, on = ({name: pair[k] for name, pair in spectra.items()} for k in (0, 1))
-    write_picture("twin_errors", lambda: errors_figure(errors))
-    write_picture("twin_rollers", lambda: rollers_figure({name: found[0] for name, found in ripples.items()}))
-    write_picture("twin_drift", lambda: drift_figure(drift(logs[DRIFTING])))
-    write_picture("twin_play", lambda: play_figure({name: found[0] for name, found in kicks.items()}))
-    write_picture("twin_resonance", lambda: resonance_figure(on, off))
 
 
 def _error_rows(logs: Mapping[Run, Log]) -> list[list[str]]:

@@ -1,164 +1,15 @@
-"""The thesis's robot ("alten"): printed geometry, poles, gains and tracking, and what each approximation does to them.
-
-The six corrections between the formulations "thesis" and "exact" can be made in any mixture (`Corrections`). Two of
-them change nothing upright and at rest; the sixteen mixtures of the other four are all computed. Each correction's
-share in a difference is its effect averaged over all orders in which the corrections can be made (Shapley's value), so
-that the shares add up to the whole.
-"""
+"""The thesis's robot ("alten"): printed geometry and poles, and what its approximations do to them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from itertools import combinations
-from math import factorial
-
 import numpy as np
-from numpy.typing import NDArray
 
-from ballbot.control.controller import Controller
-from ballbot.control.lqr import LqrDesign, lqr
-from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.model import LinearModel, Model
+from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
-from ballbot.twin.scenario import Scenario
-from campaigns.published.printed import (
-    PERIOD,
-    SETTLED,
-    SIDE,
-    Track,
-    mixture_model,
-    track,
-    unstable_poles,
-)
+from campaigns.published.printed import unstable_poles
 from campaigns.reproduce import markdown_table
-from tests.support.lagrangian import Corrections, equations
-
-#: each correction, by its name in `Corrections`, as the page calls what it mends
-APPROXIMATIONS: Mapping[str, str] = {
-    "inertia_about_center_of_mass": "m_r l^2 counted twice (II.22, II.25), item 5",
-    "locked_wheels_once": "locked wheels counted twice (II.27)",
-    "reflected_rotors": "rotors and gears left out (II.28), item 7",
-    "counter_torque": "the motors' counter-torque missing (II.32), item 6",
-    "body_rates": "Euler rates taken for the body's angular velocity (II.24), item 4",
-    "nonholonomic_wheels": "the wheels' speeds put into the energies of Lagrange's equation (II.34)",
-}
-#: the corrections that change anything upright and at rest
-AT_REST = tuple(APPROXIMATIONS)[:4]
-
-Mixture = frozenset[str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """What one mixture's linear model leads to; its gain is tried on the exact model without friction."""
-
-    pole: float  #: the faster unstable one [rad/s]
-    lean_gain: float  #: first wheel's, on theta [N m/rad]
-    lean_rate_gain: float  #: first wheel's, on theta_dot [N m s/rad]
-    settled_error: float  #: see `tracking.Track` [m]
-    peak_lean: float  #: [rad]
-
-
-def corrections_with(corrected: Iterable[str]) -> Corrections:
-    """Return the thesis's equations with the named corrections made and no other."""
-    named = set(corrected)
-    return Corrections(**{field.name: field.name in named for field in fields(Corrections)})
-
-
-def mixtures() -> list[Mixture]:
-    """Return every mixture of the corrections that matter at rest, none first and all last."""
-    return [frozenset(chosen) for size in range(len(AT_REST) + 1) for chosen in combinations(AT_REST, size)]
-
-
-def nominal_lqr(robot: Robot, model: LinearModel) -> LqrDesign:
-    """Return the gain with the nominal scenario's weights, sampled."""
-    weights = (NOMINAL_TORQUE_WEIGHT,) * robot.wheel_count
-    return lqr(model, NOMINAL_STATE_WEIGHTS, weights, sample_time=robot.sensors.sample_time)
-
-
-def outcomes(robot: Robot, models: Sequence[LinearModel]) -> list[Outcome]:
-    """Return what each of some linear models leads to.
-
-    Parameters
-    ----------
-    robot : Robot
-        Without friction; its exact model is what the gains are tried on.
-    models : sequence of LinearModel
-        What the gains are designed on.
-    """
-    designs = [nominal_lqr(robot, model) for model in models]
-    tracks = track(Model(robot), [Controller(robot, design.gain) for design in designs])
-    return [
-        Outcome(
-            pole=unstable_poles(model)[0],
-            lean_gain=float(design.gain[0, 2]),
-            lean_rate_gain=float(design.gain[0, 7]),
-            settled_error=tracked.settled_error,
-            peak_lean=tracked.peak_lean,
-        )
-        for model, design, tracked in zip(models, designs, tracks, strict=True)
-    ]
-
-
-def mixture_outcomes(robot: Robot, *, progress: ProgressCallback = ignore_progress) -> dict[Mixture, Outcome]:
-    """Return what each of the sixteen mixtures leads to; half a minute, to derive them.
-
-    Parameters
-    ----------
-    robot : Robot
-        Without friction.
-    progress : callable, optional
-        Called with the progress.
-    """
-    chosen, models = mixtures(), []
-    for mixture in chosen:
-        models.append(mixture_model(robot, corrections_with(mixture)))
-        progress(Progress(stage="the thesis's mixtures", done=len(models), total=len(chosen)))
-    return dict(zip(chosen, outcomes(robot, models), strict=True))
-
-
-def shares(values: Mapping[Mixture, float]) -> dict[str, float]:
-    """Return each correction's share in the difference between all corrections and none; they add up to it.
-
-    Shapley's value: what making the correction changes, averaged over all orders of making them all.
-
-    Parameters
-    ----------
-    values : mapping of frozenset of str to float
-        For every subset of the corrections.
-    """
-    players = max(values, key=len)
-    count = len(players)
-    found = dict.fromkeys(sorted(players, key=list(APPROXIMATIONS).index), 0.0)
-    for mixture, value in values.items():
-        for name in players:
-            before = len(mixture - {name})
-            weight = factorial(before) * factorial(count - before - 1) / factorial(count)
-            found[name] += weight * value if name in mixture else -weight * value
-    return found
-
-
-def change_while_moving(robot: Robot, name: str, *, states: int = 200) -> float:
-    """Return by how much accelerations are off where one correction alone is not made, relative, root mean square.
-
-    Over random states: lean U(-0.1, 0.1) rad, any heading, rates U(-1, 1), torques U(-2, 2) N m.
-    """
-    rng = np.random.default_rng(1)
-    lacking = equations(robot, corrections_with(set(APPROXIMATIONS) - {name}))
-    exact = equations(robot, "exact")
-    off, size = 0.0, 0.0
-    for _ in range(states):
-        q = rng.uniform([0.0, 0.0, -0.1, -0.1, -np.pi], [0.0, 0.0, 0.1, 0.1, np.pi])
-        q_dot, u = rng.uniform(-1.0, 1.0, 5), rng.uniform(-2.0, 2.0, robot.wheel_count)
-        right = exact.acceleration(q, q_dot, u)
-        off += float(np.sum((lacking.acceleration(q, q_dot, u) - right) ** 2))
-        size += float(np.sum(right**2))
-    return float(np.sqrt(off / size))
-
 
 #: (V.2) T_owb and (V.3) its inverse, as printed
 PRINTED_T_OWB = ((-1.2346, 0.0, 1.2346), (0.6173, -1.0692, 1.2346), (0.6173, 1.0692, 1.2346))
@@ -173,20 +24,11 @@ _ENTRIES = (
     ("y_dd/u1 [1/(kg m)]", "B", 6, 0),
     ("psi_dd/u1 [1/(kg m^2)]", "B", 9, 0),
 )
-#: the first wheel's gain that is not zero: it drives y, theta and psi
-_FIRST_WHEEL = {"y": 1, "theta": 2, "psi": 4, "y_dot": 6, "theta_dot": 7, "psi_dot": 9}
 
 
-def section(robot: Robot, *, progress: ProgressCallback = ignore_progress) -> str:
-    """Return the source's part of the page, computed; some tens of seconds, most of them to derive the mixtures."""
-    frictionless = robot.replace(friction=Friction.none(robot.wheel_count))
-    found = mixture_outcomes(frictionless, progress=progress)
-    parts = [_model_part(frictionless), _gain_part(frictionless), _blame_part(frictionless, found)]
-    return "\n".join(parts)
-
-
-def _model_part(robot: Robot) -> str:
-    """Return what the source does and what becomes of its linear model, of the robot without friction."""
+def section(robot: Robot) -> str:
+    """Return the source's part of the page, computed."""
+    robot = robot.replace(friction=Friction.none(robot.wheel_count))
     body, ball, wheels = robot.body, robot.ball, robot.wheels
     heading = np.divide(*(Model(robot, name).linearize().B[9, 0] for name in _FORMULATIONS))
     thesis_pole, exact_pole = (unstable_poles(Model(robot, name).linearize())[0] for name in _FORMULATIONS)
@@ -197,7 +39,7 @@ Source: the thesis, Appendices II, III and V; preset `alten`, formulation "thesi
 mended and its physics as printed) beside "exact". It prints no poles and no gains; the geometry that it prints comes
 out: (V.2) and (V.3) to {geometry_difference(robot):.1g}, less than half of a last digit.
 
-**What it does.** It makes {len(APPROXIMATIONS)} approximations, of which {len(AT_REST)} act upright and at rest. The
+**What it does.** It makes six approximations, of which four act upright and at rest. The
 body's inertia, {body.inertia[0]:.2f} kg m^2, was measured about the ball's centre and v_body moves the mass again, so
 that m_r l^2 = {body.mass * body.center_of_mass**2:.3f} kg m^2 counts twice. The locked wheels, in the body's inertia
 already, turn again with the wheels. Rotors and gears are left out. And the motors' counter-torque is missing, which
@@ -210,48 +52,6 @@ makes the body's torque (r_b + r_w)/r_b = {1.0 + wheels.radius / ball.radius:.3f
 
 The printed model falls with {thesis_pole:.3f} rad/s where the robot falls with {exact_pole:.3f}, that is
 {exact_pole / thesis_pole:.2f} times too slowly. Its torques turn the heading {heading:.2f} times too fast.
-"""
-
-
-def _gain_part(robot: Robot) -> str:
-    """Return the gains and how they track, of the robot without friction."""
-    tracks = _tracks(robot)
-    return f"""\
-### Gains
-
-LQR with the nominal scenario's weights, sampled at {1e3 * robot.sensors.sample_time:g} ms. The
-first wheel's row has all that is to be known of a symmetric robot. The poles are those of either gain on the exact
-model [rad/s].
-
-{_gain_table(robot)}
-
-### Closed-loop tracking
-
-Twice around a square of {SIDE:g} m by steps, {PERIOD / 4:g} s a corner. "Left" is the root mean square distance from
-the corner over its last {SETTLED:g} s. The friction is the nominal scenario's, uncompensated.
-
-{_tracking_table(tracks)}
-
-On its own model the thesis's gain leaves {1e3 * tracks["thesis", "thesis"].settled_error:.1f} mm, on the exact one
-{1e3 * tracks["thesis", "exact"].settled_error:.1f} mm, where the exact model's gain leaves
-{1e3 * tracks["exact", "exact"].settled_error:.1f} mm. With friction, the friction determines the settled error.
-"""
-
-
-def _blame_part(robot: Robot, found: Mapping[Mixture, Outcome]) -> str:
-    """Return which approximation causes how much, of the robot without friction."""
-    return f"""\
-### Which approximation causes how much
-
-{_share_table(robot, found)}
-
-A share is what the correction changes, averaged over all orders of making the corrections, so that the shares add up to
-the difference. Tracking is of the gain on the exact model without friction.
-
-One by one, on the unstable pole and away from rest. The last column is how far the exact model's accelerations are off,
-root mean square over random states of motion, where this one correction is not made.
-
-{_single_table(robot, found)}
 """
 
 
@@ -273,84 +73,3 @@ def _model_table(robot: Robot) -> str:
         ["unstable pole, twice [rad/s]", *(f"{pole:.4f}" for pole in poles), f"{poles[0] / poles[1]:.3f}"]
     )
     return markdown_table(["", "thesis", "exact", "thesis/exact"], rows)
-
-
-def _gain(robot: Robot, formulation: Formulation) -> NDArray[np.float64]:
-    return nominal_lqr(robot, Model(robot, formulation).linearize()).gain
-
-
-def _gain_table(robot: Robot) -> str:
-    exact = Model(robot).linearize()
-    gains = {name: _gain(robot, name) for name in _FORMULATIONS}
-    rows = []
-    for name, gain in gains.items():
-        poles = np.linalg.eigvals(exact.A - exact.B @ gain).real
-        values = [f"{gain[0, place]:.4g}" for place in _FIRST_WHEEL.values()]
-        rows.append([name, *values, f"{poles.max():.3f}", f"{poles.min():.2f}"])
-    ratio = [f"{gains['thesis'][0, place] / gains['exact'][0, place]:.3f}" for place in _FIRST_WHEEL.values()]
-    rows.append(["thesis/exact", *ratio, "", ""])
-    return markdown_table(["gain on", *_FIRST_WHEEL, "slowest pole", "fastest pole"], rows)
-
-
-def _tracks(robot: Robot) -> dict[tuple[str, str], Track]:
-    """Return each formulation's gain on each plant, by (gain, plant)."""
-    controllers = [Controller(robot, _gain(robot, name)) for name in _FORMULATIONS]
-    rubbing = robot.replace(friction=Scenario.nominal(robot).friction)
-    plants = {"thesis": Model(robot, "thesis"), "exact": Model(robot), "exact, with friction": Model(rubbing)}
-    return {
-        (name, plant): one
-        for plant, model in plants.items()
-        for name, one in zip(_FORMULATIONS, track(model, controllers), strict=True)
-    }
-
-
-def _tracking_table(tracks: Mapping[tuple[str, str], Track]) -> str:
-    rows = [[gain, plant, *_track_cells(one)] for (gain, plant), one in tracks.items()]
-    return markdown_table(
-        ["gain of", "on the model", "left [mm]", "whole run [mm]", "largest lean [deg]"], rows
-    )
-
-
-def _track_cells(one: Track) -> list[str]:
-    if one.fell:
-        return ["fell", "fell", "fell"]
-    return [
-        f"{1e3 * one.settled_error:.2f}",
-        f"{1e3 * one.rms_error:.1f}",
-        f"{np.degrees(one.peak_lean):.3f}",
-    ]
-
-
-def _share_table(robot: Robot, found: Mapping[Mixture, Outcome]) -> str:
-    columns: Mapping[str, Callable[[Outcome], float]] = {
-        "pole [rad/s]": lambda outcome: outcome.pole,
-        "gain on theta": lambda outcome: outcome.lean_gain,
-        "gain on theta_dot": lambda outcome: outcome.lean_rate_gain,
-        "left [mm]": lambda outcome: 1e3 * outcome.settled_error,
-        "largest lean [deg]": lambda outcome: float(np.degrees(outcome.peak_lean)),
-    }
-    none, corrected = found[min(found, key=len)], found[max(found, key=len)]
-    exact = outcomes(robot, [Model(robot).linearize()])[0]
-    blame = [shares({mixture: take(one) for mixture, one in found.items()}) for take in columns.values()]
-    rows = [["**thesis**", *(f"{take(none):.4f}" for take in columns.values())]]
-    rows += [[APPROXIMATIONS[name], *(f"{column[name]:+.4f}" for column in blame)] for name in blame[0]]
-    last = [take(exact) - take(corrected) for take in columns.values()]
-    rows.append(["the others, which act in motion only", *(f"{_unsigned_zero(step):+.4f}" for step in last)])
-    rows.append(["**exact**", *(f"{take(exact):.4f}" for take in columns.values())])
-    return markdown_table(["", *columns], rows)
-
-
-def _unsigned_zero(value: float) -> float:
-    return 0.0 if abs(value) < 5e-5 else value
-
-
-def _single_table(robot: Robot, found: Mapping[Mixture, Outcome]) -> str:
-    everything = max(found, key=len)
-    rows = []
-    for name, label in APPROXIMATIONS.items():
-        alone = unstable_poles(mixture_model(robot, corrections_with({name})))[0]
-        lacking = found[everything - {name}].pole
-        rows.append(
-            [label, f"{alone:.4f}", f"{lacking:.4f}", f"{100 * change_while_moving(robot, name):.2f} %"]
-        )
-    return markdown_table(["", "thesis with this mended", "exact without it", "off while moving"], rows)

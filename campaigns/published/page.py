@@ -1,4 +1,4 @@
-"""The page on published models: the sources' parts, the robots with published parameters only, and all presets.
+"""The page on published models: the sources' parts and the robots with published parameters only.
 
 Of ROB 311 and CMU's ballbot only parameters are published. CMU's planar equations are public (alpha, beta, gamma
 below); with massless wheels they must be ours.
@@ -13,12 +13,10 @@ import numpy as np
 
 from ballbot.files import write_text
 from ballbot.mechanics.model import Model
-from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
-from ballbot.robot.derived import reflected_rotor_inertia, solid_sphere_inertia, thin_shell_inertia
+from ballbot.robot.derived import solid_sphere_inertia, thin_shell_inertia
 from campaigns.published import alten, kugle, rezero
 from campaigns.published.printed import unstable_poles
-from campaigns.reproduce import markdown_table
 
 
 def planar_pole(robot: Robot) -> float:
@@ -71,41 +69,6 @@ The NXT ballbot is driven by two wheels, which no preset can have: a robot has t
 """
 
 
-def presets_section() -> str:
-    """Return the table of all presets, computed."""
-    rows = []
-    for name in Robot.presets():
-        robot = Robot.load(name)
-        fast, slow = unstable_poles(
-            Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
-        )
-        drive = robot.drive
-        rotor = reflected_rotor_inertia(
-            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-        )
-        rows.append(
-            [
-                name,
-                str(robot.wheel_count),
-                f"{robot.ball.mass:g} + {robot.body.mass:g}",
-                f"{robot.body.center_of_mass:g}",
-                f"{robot.ball.radius / robot.wheels.radius:.3f}",
-                f"{robot.wheels.inertia:g} + {rotor:.2g}",
-                f"{fast:.3f}, {slow:.3f}",
-            ]
-        )
-    headings = [
-        "preset",
-        "wheels",
-        "ball + body [kg]",
-        "l [m]",
-        "r_b/r_w",
-        "wheel + rotor [kg m^2]",
-        "falls with [rad/s]",
-    ]
-    return "## All presets, by the exact equations\n\n" + markdown_table(headings, rows) + "\n"
-
-
 COMMAND = "python -m campaigns.published.page"
 
 _HEAD = f"""\
@@ -120,22 +83,15 @@ where the reproduced one rounds to the printed one. Items are the thesis's
 """
 
 
-def published_page(*, progress: ProgressCallback = ignore_progress) -> str:
-    """Return the whole page in Markdown; about a minute, most of it to derive the thesis's mixtures.
-
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with the progress.
-    """
+def published_page() -> str:
+    """Return the whole page in Markdown."""
     load = Robot.load
     parts = [
         _HEAD,
-        alten.section(load("alten"), progress=progress),
+        alten.section(load("alten")),
         kugle.section(load("kugle")),
         rezero.section(load("rezero")),
         parameters_section(load("rob311"), load("cmu")),
-        presets_section(),
     ]
     return "\n".join(parts)
 

@@ -1,7 +1,6 @@
-"""What the sources have in common: printed numbers beside ours, linear models, and how gains track a square.
+"""What the sources have in common: printed numbers beside ours, and linear models.
 
-A linear model about upright is of any mixture of the thesis's approximations, or in a source's own state. The square
-of steps shows the error that a gain leaves on a model, and how far the robot leans for it.
+A linear model about upright is of any mixture of the thesis's approximations, or in a source's own state.
 """
 
 from __future__ import annotations
@@ -12,11 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.controller import Controller
-from ballbot.control.references import square
-from ballbot.mechanics.model import LinearModel, Model
+from ballbot.mechanics.model import LinearModel
 from ballbot.robot import Robot
-from ballbot.simulation.batch import simulate_batch
 from campaigns.reproduce import markdown_table
 from tests.support.lagrangian import Corrections
 
@@ -101,51 +97,3 @@ def unstable_poles(model: LinearModel) -> tuple[float, float]:
     """Return the poles [rad/s] with which the robot falls about its two horizontal axes, the faster first."""
     first, second = np.real(model.poles())[:2]
     return float(first), float(second)
-
-
-#: the path: once around, from corner to corner by steps of half a metre
-SIDE, PERIOD, ROUNDS = 0.5, 32.0, 2
-#: the last seconds at a corner, over which the settled error of the step is taken
-SETTLED = 2.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Track:
-    """How one controller did."""
-
-    settled_error: float  #: root mean square distance from the corner over its last two seconds [m]
-    rms_error: float  #: root mean square distance from the corner over the whole run [m]
-    peak_lean: float  #: largest of |theta| and |phi| [rad]
-    fell: bool
-
-
-def track(model: Model, controllers: Sequence[Controller]) -> list[Track]:
-    """Run each controller twice around the square on the model and return its errors.
-
-    Parameters
-    ----------
-    model : Model
-        With the friction that the runs are to have.
-    controllers : sequence of Controller
-        Of one sample time.
-    """
-    reference = square(side=SIDE, period=PERIOD)
-    batch = simulate_batch(
-        model, controllers, reference, duration=ROUNDS * PERIOD, initial_states=np.zeros(10)
-    )
-    wanted = np.stack([reference(t - controllers[0].sample_time) for t in batch.t])
-    distance = np.linalg.norm(batch.states[..., :2] - wanted[:, :2], axis=-1)
-    late = np.mod(batch.t, PERIOD / 4.0) > PERIOD / 4.0 - SETTLED
-    return [
-        Track(
-            settled_error=_rms(off[late]),
-            rms_error=_rms(off),
-            peak_lean=float(np.abs(states[:, 2:4]).max()),
-            fell=not survived,
-        )
-        for off, states, survived in zip(distance, batch.states, batch.survived, strict=True)
-    ]
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,16 +11,9 @@ from tests.support.scores import score_of
 
 pytest.importorskip("mujoco")
 
-from campaigns import agreement
 from campaigns.agreement import (
-    CONTROLLERS,
-    COURSES,
     FEWEST,
     Both,
-    both,
-    run_comparison,
-    run_twin,
-    runs_of,
     section,
 )
 
@@ -44,24 +36,3 @@ def test_orders_count_where_intervals_are_apart_on_both():
     words = section([soft, full, other, known("precise", 0.1, 0.4)], []).after
     assert "peak of soft and precise (nominal, hold)" in words
     assert "0 of 0 by roughness" in words
-
-
-@pytest.mark.sample
-def test_a_stopped_campaign_goes_on_and_makes_the_page_of_what_is_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    brief = tuple(replace(one, duration=1.0, settle=0.5) for one in COURSES[:2])
-    monkeypatch.setattr(agreement, "CONTROLLERS", {name: CONTROLLERS[name] for name in ("soft", "precise")})
-    runs = runs_of(brief, (0, 1), on="twin")
-    first = run_twin(runs[:3], folder=tmp_path, processes=1)
-    kept = {path: path.read_bytes() for path in tmp_path.glob("*.json")}
-    twin = run_twin(runs, folder=tmp_path, processes=1)
-    assert all(path.read_bytes() == content for path, content in kept.items())
-    assert twin.results[0].score == first.results[0].score
-    loop = run_comparison(runs_of(brief, range(8), on="model"))
-    found = both(brief, loop, twin)
-    # a second from the same start, before chaos: both lean and go alike
-    for one in found:
-        assert [len(scores) for scores in one.scores] == [8, 2]
-        assert 0.2 < one.ratio("peak") < 5.0
-    assert len(section(found, []).rows) == 4

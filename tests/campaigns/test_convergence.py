@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from ballbot import Model
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from campaigns.convergence import (
     SAMPLE_TIME,
-    EventDriven,
     changes,
     errors,
     follow,
     observed_order,
     reversing_cases,
-    robot,
     smooth_cases,
     sticking_cases,
     sticks,
@@ -84,24 +81,3 @@ def test_other_models_have_order_two_against_steps_of_two_microseconds(model: Mo
     # 1.6 and 1.7: at 4 ms several contacts change in one step
     assert observed_order(STEPS, found) > 1.5
     assert found[2] < 1e-5
-
-
-def test_event_driven_reference_comes_to_rest_with_the_robot() -> None:
-    """A pushed robot on a rough floor: wheels and ball stop one after another, in both, and stay."""
-    # a lean that friction holds, and 2 mm/s
-    start = np.array([0.0, 0.0, 1e-4, -5e-5, 0.3, 0.002, -0.0014, 0.0, 0.0, 0.01])
-    torques = np.zeros((6, 3))
-    known = EventDriven(robot()).follow(start, torques, SAMPLE_TIME)
-    assert known.phases[-1].mode.signs == (0, 0, 0)
-    assert not known.phases[-1].mode.rolls
-    assert_allclose(known.state[5:], 0.0, atol=1e-8)
-    end = at_step(start, torques, 1e-4)
-    assert_allclose(end[5:], 0.0, atol=0)
-    assert_allclose(end[:5], known.state[:5], atol=1e-9)
-
-
-def at_step(start: NDArray[np.float64], torques: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    model, state = Model(robot(), step=step), start
-    for u in torques:
-        state = model.advance(state, u, SAMPLE_TIME)
-    return state

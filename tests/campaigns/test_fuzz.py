@@ -1,7 +1,5 @@
 """A sample of the campaign on damaged input."""
 
-import os
-import time
 import warnings
 from importlib import import_module
 
@@ -70,20 +68,3 @@ def test_fuzzing_detects_failures(attempted, words):
         found = outcome(attempted, 0)
     assert found.kind == "failed"
     assert words in found.words
-
-
-def _crashes(_name, _seed, _count, parent):
-    parent.send("first")
-    os.abort()
-
-
-def _hangs(*_):
-    time.sleep(60.0)
-
-
-def test_crash_and_hang_of_the_worker_count_as_failures_of_the_input():
-    first, crash = outcomes("", 3, work=_crashes)
-    assert first == "first"
-    assert (crash.kind, crash.words) == ("failed", "ends the process (-6)")
-    (hang,) = outcomes("", 3, work=_hangs, patience=0.5)
-    assert (hang.kind, hang.words) == ("failed", "hangs")

@@ -5,9 +5,7 @@ import sys
 
 import pytest
 
-from ballbot.errors import InputError
-from ballbot.firmware import build
-from ballbot.firmware.build import kept_build, run_tool
+from ballbot.firmware.build import kept_build
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the cache folder is set by XDG_CACHE_HOME")
 
@@ -62,29 +60,3 @@ def test_folder_that_cannot_be_written_is_no_error(folder, obstacle):
     found = kept_build("robot.so", ["gcc"], builder)
     assert found.read_text() == "build 1"
     assert folder not in found.parents
-
-
-@pytest.mark.parametrize("home", ["", "~", "not/absolute"])
-def test_user_without_a_place_for_caches_is_no_error(home, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_CACHE_HOME", home)
-    monkeypatch.setattr("os.path.expanduser", lambda _: "~")  # as for a user whom the system does not know
-    builder = Builder()
-    assert kept_build("robot.so", ["gcc"], builder).read_text() == "build 1"
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_compiler_that_does_not_end_is_given_up(monkeypatch):
-    monkeypatch.setattr(build, "_PATIENCE", 0.1)
-    with pytest.raises(InputError, match=r"The compiler has not ended after 0\.1 s"):
-        run_tool(sys.executable, "-c", "import time; time.sleep(600.0)")
-
-
-def test_failed_build_leaves_nothing(folder):
-    def fails(path):
-        path.write_text("half")
-        raise InputError("gcc refuses the sources")
-
-    with pytest.raises(InputError, match="refuses"):
-        kept_build("robot.so", ["gcc"], fails)
-    assert list(folder.iterdir()) == []

@@ -13,14 +13,10 @@ pytest.importorskip("unicorn", reason="unicorn, of the extra `test`, is not inst
 
 import unicorn
 
-from ballbot import InputError, Robot
-from ballbot.firmware.emulator import FLASH, FLASH_SIZE, Board, Image, branch_target, compile_image, read_elf
+from ballbot import InputError
+from ballbot.firmware.emulator import FLASH, FLASH_SIZE, Board, Image, compile_image, read_elf
 from ballbot.firmware.header import SOURCES
-from campaigns import firmware_math
-from campaigns.firmware_numbers import controllers
-from campaigns.firmware_timing import estimator_runs, image, law_runs
-
-ALTEN = Robot.load("alten")
+from tests.support import firmware_math
 
 
 @cache
@@ -28,63 +24,9 @@ def math_image() -> Image:
     return compile_image([SOURCES / "ballbot_math.c", Path(firmware_math.__file__).with_suffix(".c")])
 
 
-def code(text: str) -> bytes:
-    """Return instructions from their half words as the manual writes them."""
-    return b"".join(int(word, 16).to_bytes(2, "little") for word in text.split())
-
-
-def test_branch_goes_where_the_linker_wrote():
-    assert branch_target(code("f7ff fffe"), 0x100) == 0x100
-    assert branch_target(code("f000 f802"), 0x100) == 0x108
-    assert branch_target(code("ee31 1a41"), 0x100) is None
-
-
 def random_floats(count: int, seed: int) -> np.ndarray:
     bits = np.random.default_rng(seed).integers(0, 2**32, count, dtype=np.uint32)
     return bits.view(np.float32)
-
-
-@pytest.mark.parametrize(
-    ("name", "arguments", "results"),
-    [
-        ("sine_cosine", 1, 2),
-        ("exponential", 1, 1),
-        ("power", 2, 1),
-        ("square_root", 1, 1),
-        ("arctangent", 2, 1),
-    ],
-)
-def test_functions_have_the_bits_of_this_computer(name, arguments, results):
-    count = 3000
-    given = [random_floats(count, seed) for seed in range(arguments)]
-    if name == "power":
-        given[1] = np.random.default_rng(7).uniform(-3.0, 3.0, count).astype(np.float32)
-    board = Board(math_image())
-    places = [board.place(one) for one in given]
-    answers = [board.place(np.zeros(count, np.float32)) for _ in range(results)]
-    board.call(name, count, *places, *answers)
-    for place, expected in zip(answers, firmware_math.called(name, *given, results=results), strict=True):
-        found = board.read(place, expected)
-        # the sign and the payload of a NaN are the processor's own
-        same = (found.view(np.uint32) == expected.view(np.uint32)) | (np.isnan(found) & np.isnan(expected))
-        assert same.all(), [one[~same][:3] for one in given]
-
-
-@pytest.mark.parametrize(
-    ("name", "most"), [pytest.param("kalman", 9_000, marks=pytest.mark.slow), ("onboard", 1_000)]
-)
-def test_estimators_have_the_bits_of_this_computer(name, most):
-    rows = list(estimator_runs(name, ALTEN, samples=60, missing=0.05))
-    assert all(same for _, same in rows)
-    assert max(run.instructions for run, _ in rows) < most
-    assert max(run.stack for run, _ in rows) <= image().stack_bound(f"ballbot_{name}_update")
-
-
-@pytest.mark.parametrize("name", ["every part, 3 wheels", "precise, 4 wheels"])
-def test_control_law_has_the_bits_of_this_computer(name):
-    rows = list(law_runs(controllers()[name](), lanes=10, count=4))
-    assert all(same for _, same in rows)
-    assert max(run.stack for run, _ in rows) <= image().stack_bound("ballbot_control_law")
 
 
 def test_instructions_are_counted_exactly():
@@ -131,8 +73,3 @@ def test_recursion_and_unknown_functions_are_refused(tmp_path):
         compile_image([source])
     with pytest.raises(InputError, match="no 32-bit ELF"):
         read_elf(b"nothing" * 10)
-
-
-def test_ram_that_is_full_is_refused():
-    with pytest.raises(InputError, match="RAM is full"):
-        Board(math_image()).place(np.zeros(300_000, np.uint8))

@@ -1,21 +1,19 @@
 """The front of the firmware: arming, the safety layer's reasons, and a loop that balances as Python's does."""
 
-import copy
 import ctypes
 import math
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot import Model, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import schema_of
-from ballbot.control.references import circle
 from ballbot.control.safety import SafetyLimits, StopReason
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
@@ -23,16 +21,15 @@ from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.records import SafetyRecord, SafetyState, SelfTestOutcome, parameter_record
-from campaigns.firmware_loop import beside, without_sums
-from tests.support.compiled_firmware import CompiledController, Firmware, library
+from tests.support.compiled_firmware import Firmware, library
 from tests.support.control_examples import FRICTION, alten
+from tests.support.firmware_beside import torques_beside
 from tests.support.firmware_safety import Safety, self_test_torques
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
 ROBOT, H = alten(FRICTION), 0.005
 LIMITS = SafetyLimits.on_robot(ROBOT, sample_time=H)
-STEP = 2.0 * math.pi / (4 * ROBOT.sensors.encoder_counts * ROBOT.drive.gear_ratio)
 
 
 def firmware(*, armed: bool = True, compensation="partial") -> Firmware:
@@ -74,14 +71,6 @@ def test_nothing_moves_before_it_is_armed_nor_after():
     assert made.stop is None
 
 
-@pytest.mark.parametrize("name", ["schema", "wheel_count", "estimator"])
-def test_parameters_of_another_version_are_refused(name):
-    record = parameter_record(nominal_controller(ROBOT), LIMITS)
-    record[name] += 5
-    with pytest.raises(InputError, match="does not know these parameters"):
-        Firmware(record)
-
-
 @pytest.mark.parametrize("bad", [math.nan, -1.0, 1e30, math.inf])
 @pytest.mark.parametrize("name", ["sample_time", "self_test_torque", "torque_limit", "lean", "max_interval"])
 def test_parameters_that_bound_nothing_are_refused(name, bad):
@@ -98,16 +87,6 @@ def test_parameters_that_bound_nothing_are_refused(name, bad):
     else:
         with pytest.raises(InputError, match="does not know these parameters"):
             Firmware(record)
-
-
-def test_reference_that_is_refused_is_ignored():
-    made, other = firmware(), firmware()
-    given, refused = np.zeros(10), np.zeros(10)
-    given[0], refused[2] = 0.2, 0.1
-    for k in range(20):
-        torques = made.update(reading(k), k * 5000, given if k < 5 else refused)
-        assert (torques == other.update(reading(k), k * 5000, given)).all()
-    assert made.stop is None
 
 
 @pytest.mark.parametrize(
@@ -138,21 +117,6 @@ def test_reasons_have_the_numbers_of_their_order():
     assert words == ["", *StopReason, ""]
 
 
-def test_gap_of_two_samples_is_bridged():
-    made = firmware()
-    run(made, 10)
-    assert run(made, 2, first=10, gyro=np.nan, attitude=np.nan).all()
-    assert run(made, 1, first=12).all()
-    assert made.stop is None
-
-
-def test_torques_are_zero_while_there_was_never_a_state():
-    made = firmware()
-    assert not run(made, 2, gyro=np.nan).any()
-    assert made.stop is None
-    assert run(made, 1, first=2).all()
-
-
 def test_late_loop_stops_and_the_clock_may_wrap_around():
     made = firmware()
     times = [2**32 - 7000, 2**32 - 2000, 2**32 + 3000, 2**32 + 8000]
@@ -160,18 +124,6 @@ def test_late_loop_stops_and_the_clock_may_wrap_around():
         assert made.update(reading(k), time, None).all()
     assert not made.update(reading(4), times[-1] + 17_600, None).any()
     assert made.stop is StopReason.LATE
-
-
-def test_encoder_that_does_not_count_stops():
-    made = firmware(compensation="none")
-    far = np.zeros(10)
-    far[0] = 30.0
-    for k in range(40):
-        one = reading(k)
-        one["wheel_counts"][0, 1] = 7
-        made.update(one, k * 5000, far)
-    assert made.stop is StopReason.STUCK
-    assert made.state["safety"]["stop_wheel"] == 2
 
 
 @pytest.mark.parametrize("place", range(3))
@@ -184,19 +136,6 @@ def test_torque_that_is_not_a_number_stops(place):
     assert not run(made, 1).any()
     assert made.stop is StopReason.TORQUE
     assert made.state["safety"]["stop_wheel"] == place + 1
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_self_test_torque_that_is_not_a_number_stops(bad):
-    record = parameter_record(nominal_controller(ROBOT), LIMITS)
-    made = Firmware(record)
-    made.skip_imu_check()
-    made.start_self_test()
-    record["self_test_torque"] = bad  # as a flipped bit in memory would
-    assert not run(made, 1).any()
-    assert made.stop is StopReason.TORQUE
-    assert not run(made, 3, first=1).any()
-    assert made.self_test is SelfTestOutcome.STOPPED
 
 
 def test_disarming_ends_the_self_test():
@@ -264,33 +203,23 @@ def test_safety_layer_decides_as_python_s(most_missing, most_unchanged, run):
 @pytest.mark.parametrize("kind", [nominal_controller, precise_controller])
 def test_firmware_balances_a_robot_with_the_torques_of_python(kind):
     """Sensors in, torques out, in a loop with noise, encoder counts and play; each has its own estimator and memory."""
-    loop = beside(kind(ROBOT, compensation="partial"), duration=4.0)
+    torques = torques_beside(kind(ROBOT, compensation="partial"), duration=4.0)
     # precise: the shaping's lags, whose last bits lie w^4 times in the torque; 9e-6 measured
-    assert loop.torques.max() < (1e-6 if kind is nominal_controller else 5e-5)
+    assert torques.max() < (1e-6 if kind is nominal_controller else 5e-5)
 
 
 @pytest.mark.sample
 def test_difference_over_a_whole_log_is_that_of_sums_that_nothing_sets_right_and_of_branches():
     """With the firmware's memory, only its estimate's rounding is left, and now and then another sign of a torque."""
     precise = precise_controller(ROBOT, compensation="partial")
-    loop = beside(precise, duration=30.0, taken="memory")
-    for torques in (loop.torques, beside(without_sums(precise), duration=30.0).torques):
+    without_sums = precise.with_parts(replace(precise.parts, disturbance_observer=None, integral=None))
+    for torques in (
+        torques_beside(precise, duration=30.0, same_memory=True),
+        torques_beside(without_sums, duration=30.0),
+    ):
         switched = torques > 1e-4  # 2.6e-5 measured otherwise
         assert switched.mean() <= 1e-3  # 1 or 2 of 6000
         assert torques.max() < 0.2  # the friction of a wheel
-
-
-def test_law_in_c_drives_a_model_as_python_s_does():
-    """Without play and noise the loop forgets a rounding: the runs stay together to a hundredth of a millimetre."""
-    controller = precise_controller(ROBOT)
-    compiled = copy.deepcopy(CompiledController(controller))
-    logs = [
-        simulate(Model(ROBOT), one, circle(radius=0.5, period=8.0), duration=3.0)
-        for one in (controller, compiled)
-    ]
-    assert np.abs(logs[0].states[:, :5] - logs[1].states[:, :5]).max() < 1e-5
-    with pytest.raises(InputError, match=r"The reference asks for theta = 0\.1"):
-        compiled.update(0.0, np.zeros(10), np.eye(10)[2] * 0.1)
 
 
 class Held:

@@ -1,6 +1,5 @@
 """The generated headers: structs as NumPy has the records, numbers that a compiler reads back bit for bit."""
 
-import re
 import subprocess
 from collections.abc import Iterator
 
@@ -19,7 +18,7 @@ from ballbot.firmware.header import (
     types_header,
 )
 from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
-from ballbot.firmware.records import FIRMWARE, PARAMETERS, parameter_record, schema_words
+from ballbot.firmware.records import FIRMWARE, PARAMETERS, parameter_record
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
 LIMITS = SafetyLimits.on_robot(alten(), sample_time=0.005)
@@ -67,20 +66,3 @@ def test_compiler_reads_the_numbers_back_bit_for_bit(robot, tmp_path):
     )
     compile_sources(tmp_path / "main", [tmp_path / "main.c"], flags=())
     assert subprocess.run([tmp_path / "main"], capture_output=True, check=True).stdout == record.tobytes()
-
-
-def test_digest_is_in_the_types_and_in_the_parameters():
-    assert f'BALLBOT_SCHEMA_DIGEST "{FIRMWARE.digest}"' in types_header()
-    words = ", ".join(map(str, schema_words(FIRMWARE)))
-    assert f"BALLBOT_SCHEMA_WORDS {{ {words} }}" in types_header()
-    text = parameters_header(parameter_record(everything(alten()), LIMITS), PARAMETERS, comment="")
-    assert f".schema = {{ {words} }}" in text
-
-
-def test_members_have_the_names_and_units_of_the_records():
-    text = types_header()
-    assert "struct ballbot_notch_record {\n    int32_t on;\n    float b_0; /* [1] */" in text
-    assert "float gain[BALLBOT_MAX_WHEELS][3]; /* [N m/(m s)] */" in text
-    assert "float lags[3][4]; /* [m] */" in text
-    members = set(re.findall(r"^    (?:float|int32_t|struct \w+) (\w+)", text, flags=re.M))
-    assert {line.split()[0].split(".")[-1] for line in FIRMWARE.lines()} <= members

@@ -69,12 +69,6 @@ def test_mounting_that_is_off_by_ten_degrees_about_the_vertical_passes():
     assert result(*sensed(Rotation.from_rotvec([0.0, 0.0, np.radians(10)])))[0] is SelfTestOutcome.IMU_PASSED
 
 
-@pytest.mark.parametrize("degrees", [180, -90])
-def test_imu_turned_about_the_vertical_is_found(degrees):
-    mounting = Rotation.from_rotvec([0.0, 0.0, np.radians(degrees)])
-    assert result(*sensed(mounting)) == (SelfTestOutcome.IMU_AXES, 1)
-
-
 @pytest.mark.parametrize(
     "offset", [[np.pi, 0.0], [0.0, np.pi / 2], [0.15, 0.0]], ids=["upside down", "on its side", "at an angle"]
 )
@@ -111,17 +105,6 @@ def test_exchanged_or_negated_axis_is_found_in_attitude_and_gyro(options, moveme
 def test_gyro_in_another_unit_or_dead_is_found(scale):
     gyro, attitude = sensed()
     assert result(scale * gyro, attitude) == (SelfTestOutcome.IMU_GYRO, 1)
-
-
-def test_attitude_that_is_not_updated_is_found():
-    gyro, attitude = sensed()
-    assert result(gyro, np.broadcast_to(attitude[0], attitude.shape)) == (SelfTestOutcome.IMU_AXES, 1)
-
-
-def test_missing_samples_and_a_robot_at_rest_pass_nothing():
-    gyro, attitude = sensed()
-    assert result(np.full_like(gyro, np.nan), attitude)[0] is SelfTestOutcome.HOLD_UPRIGHT
-    assert result(0.0 * gyro, 0.0 * attitude)[0] is SelfTestOutcome.TILT_FORWARD
 
 
 @pytest.mark.parametrize("seed", range(3))

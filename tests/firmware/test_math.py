@@ -1,4 +1,4 @@
-"""The firmware's functions against float64; `make evidence` measures every float."""
+"""The firmware's functions against float64, at a sample of all floats."""
 
 import math
 
@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns import firmware_math
-from campaigns.firmware_math import STATED, called, largest_errors
+from tests.support import firmware_math
+from tests.support.firmware_math import STATED, called, largest_errors
 
 #: a prime, so that every last bit of the mantissa takes part
 STEP = 20011

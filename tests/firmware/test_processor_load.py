@@ -10,10 +10,12 @@ pytest.importorskip("ziglang", reason="ziglang, of the extra `test`, is not inst
 pytest.importorskip("unicorn", reason="unicorn, of the extra `test`, is not installed")
 
 from ballbot import Controller, InputError
-from ballbot.firmware import processor_load
-from ballbot.firmware.emulator import CLOCK, CYCLES, Board
-from ballbot.firmware.export import export_controller
-from ballbot.firmware.processor_load import SAMPLES, check_clock, measure_load, rehearse, what_to_install
+from ballbot.firmware.build import source_files
+from ballbot.firmware.emulator import CLOCK, CYCLES, Board, compile_image
+from ballbot.firmware.export import PROJECT, export_controller
+from ballbot.firmware.header import SOURCES
+from ballbot.firmware.processor_load import SAMPLES, check_clock, measure_load, rehearse
+from ballbot.link.emulated import HARDWARE
 from campaigns.firmware_timing import firmware_runs, image, law_runs, presets
 from tests.support.control_examples import FRICTION, alten, everything
 
@@ -35,8 +37,9 @@ def test_rehearsal_goes_through_every_branch_that_random_states_find(name):
     assert random.executed - rehearsed.executed == set()
 
 
-def test_rehearsal_has_the_bits_of_this_computer():
-    assert all(same for _, same in firmware_runs(controllers()["everything"], samples=60))
+@pytest.mark.parametrize("name", ["nominal partial, onboard", "everything"])
+def test_rehearsal_has_the_bits_of_this_computer(name):
+    assert all(same for _, same in firmware_runs(controllers()[name], samples=60))
 
 
 @pytest.mark.slow
@@ -59,13 +62,18 @@ def test_load_is_the_rehearsal_s():
     assert load.ram > 2 * exported.parameter_bytes + exported.state_bytes
 
 
+def test_link_fits_into_the_stack_that_the_task_s_example_names():
+    """What `ballbot export` reports for an update, and 512 bytes more (examples/rtos_task.c)."""
+    robot = compile_image(
+        [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c"))],
+        include=(SOURCES, PROJECT, HARDWARE),
+    )
+    bound = robot.stack_bound("ballbot_update") + 512
+    assert robot.stack_bound("ballbot_link_receive") < bound
+    assert robot.stack_bound("ballbot_link_update") < bound
+
+
 @pytest.mark.parametrize("clock", [0.0, -72e6, 72.0, 1e12, float("nan")])
 def test_impossible_clock_is_refused(clock):
     with pytest.raises(InputError, match="clock of the processor must be between"):
         check_clock(clock)
-
-
-def test_missing_packages_are_named(monkeypatch):
-    assert what_to_install() == ""
-    monkeypatch.setattr(processor_load, "_NEEDED", ("numpy", "no_such_package"))
-    assert what_to_install().endswith("need `pip install no_such_package`.")

@@ -59,8 +59,8 @@ def run(
 ) -> np.ndarray:
     """Return Omega after each 5 ms sample of one run (samples, 3)."""
     return simulate_balls(
-        ball, frictions=[law], initial=[start], torques=[torques], sample_time=0.005, step=step, threads=1
-    )[0, 0]
+        ball, friction=law, initial=[start], torques=[torques], sample_time=0.005, step=step
+    )[0]
 
 
 def multisine(samples: int, *, seed: int, size: float = 0.3) -> np.ndarray:
@@ -148,25 +148,25 @@ class TestPlant:
         d, mu, u = np.array([0.03, -0.02, 0.01]), np.array([0.1, 0.05, 0.2]), np.array([0.25, -0.3, 0.4])
         torques = np.concatenate([np.tile(u, (60, 1)), np.tile(-u, (60, 1))])[None]
         directed = replace(FRICTION, coulomb_asymmetry=tuple(d), load=tuple(mu))
-        common = {"initial": np.zeros((1, 3)), "sample_time": 0.005, "threads": 1}
-        ours = simulate_balls(BALL, frictions=[directed], torques=torques, **common)
+        common = {"initial": np.zeros((1, 3)), "sample_time": 0.005}
+        ours = simulate_balls(BALL, friction=directed, torques=torques, **common)
         loaded = replace(FRICTION, coulomb=tuple(FRICTION.coulomb + mu * np.abs(u)))
-        theirs = simulate_balls(BALL, frictions=[loaded], torques=torques - d, **common)
+        theirs = simulate_balls(BALL, friction=loaded, torques=torques - d, **common)
         # the same law; only where a wheel reverses may the two choose another step, of first order, as the test below
-        np.testing.assert_allclose(ours[:, :, :60], theirs[:, :, :60], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(ours[:, :60], theirs[:, :60], rtol=0, atol=1e-12)
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5)
-        assert np.abs(ours[0, 0] @ BALL.A.T).max(axis=0).min() > 0.3  # every wheel turns
+        assert np.abs(ours[0] @ BALL.A.T).max(axis=0).min() > 0.3  # every wheel turns
 
     @pytest.mark.parametrize(
         ("change", "sentence"),
         [
-            ({"frictions": [Friction.none(4)]}, "not that of 3 wheels"),
+            ({"friction": Friction.none(4)}, "that of 4 wheels; the ball has 3"),
             ({"initial": [[np.nan, 0.0, 0.0]]}, "finite"),
         ],
     )
     def test_refusals(self, change, sentence):
         given = {
-            "frictions": [FRICTION],
+            "friction": FRICTION,
             "initial": [[0.0] * 3],
             "torques": np.zeros((1, 5, 3)),
             "sample_time": 0.005,

@@ -97,18 +97,3 @@ def test_receiver_in_c_finds_and_refuses_what_python_does(codec, stream):
     assert not frames  # no type is taken: what passes is refused there
     assert refused[: Layer.TYPE].tolist() == counts.refused[: Layer.TYPE]
     assert count == counts.refused[Layer.TYPE]
-
-
-@needs_compiler
-@given(st.lists(messages(), max_size=5), st.integers(0, 2**32 - 1))
-def test_frames_from_python_arrive_in_c(codec, sent, session):
-    stream = b"".join(encode(one, session=session, sequence=k) for k, one in enumerate(sent))
-    found, refused = np.zeros(10, FOUND), np.zeros(LAYERS, dtype=np.uint32)
-    count = codec.decode_stream(
-        stream, size(len(stream)), ctypes.c_void_p(found.ctypes.data), ctypes.c_void_p(refused.ctypes.data)
-    )
-    assert count == len(sent)
-    assert not refused.any()
-    for number, (one, message) in enumerate(zip(found, sent, strict=False)):
-        assert (one["type"], one["session"], one["sequence"]) == (message.TYPE, session, number)
-        assert one["body"][: one["length"]].tobytes() == pack_body(message)

@@ -4,18 +4,13 @@ An independent model in Python decides which of the frames that arrived are vali
 at the same samples; its motors must do the same, bit for bit.
 """
 
-import subprocess
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from ballbot.control.safety import StopReason
-from ballbot.errors import InputError
-from ballbot.firmware.build import compile_sources, compilers, source_files
-from ballbot.firmware.export import PROJECT
+from ballbot.firmware.build import compilers
 from ballbot.firmware.records import SelfTestOutcome
-from ballbot.link.emulated import HARDWARE, EmulatedRobot
+from ballbot.link.emulated import EmulatedRobot
 from ballbot.link.frames import Frame, FrameReader, LayerCounts, decode, encode, is_newer, message_of
 from ballbot.link.messages import (
     LONGEST_RAMP,
@@ -42,13 +37,12 @@ from ballbot.link.messages import (
     message_words,
 )
 from ballbot.link.session import Session, stop_reason
-from ballbot.link.transport import LinkError, Transport
+from ballbot.link.transport import LinkError
 from tests.link.test_emulated import H, emulated, parameters
 from tests.support.faulty_transport import Faults, FaultyTransport
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
-HERE = Path(__file__).parent
 FAULTS = {
     "repeated": Faults(repeated=0.5),
     "corrupted": Faults(corrupted=0.3),
@@ -315,20 +309,6 @@ def test_command_whose_answer_is_lost_is_sent_again():
     session.write_parameters(session.read_parameters())
 
 
-def test_silence_ends_a_self_test():
-    robot = Recording(emulated())
-    session = Session(robot, clock=robot.robot.clock)
-    session.connect()
-    session.start_self_test()
-    for _ in range(60):
-        robot.read(0.0)
-    assert not robot.motors[-1][1]
-    session.connect()
-    session.poll(0.1)
-    assert session.state.self_test == SelfTestOutcome.STOPPED
-    assert session.arm(lambda: True) is Result.SELF_TEST
-
-
 def test_host_says_that_the_robot_is_silent_and_stops_sending():
     robot = Recording(emulated())
     link = FaultyTransport(robot, Faults(), seed=0)
@@ -403,47 +383,3 @@ def test_confirmation_is_good_for_ten_seconds(late):
         return True
 
     assert session.arm(think) is (Result.OK if late < 10.0 else Result.NONCE)
-
-
-class Tapped:
-    """A robot's line, of which both directions are kept."""
-
-    def __init__(self, line: Transport) -> None:
-        self.line, self.given, self.sent = line, b"", b""
-
-    def read(self, timeout: float) -> bytes:
-        data = self.line.read(timeout)
-        self.sent += data
-        return data
-
-    def write(self, data: bytes) -> None:
-        self.given += data
-        self.line.write(data)
-
-    def close(self) -> None:
-        self.line.close()
-
-
-@pytest.mark.board
-def test_sanitizers_find_nothing_in_a_robot_with_a_faulty_link_and_change_no_bit(tmp_path):
-    program = tmp_path / "line"
-    sources = [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c")), HERE / "line.c"]
-    folders = (f"-I{PROJECT}", f"-I{HARDWARE}")
-    flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", *folders)
-    try:
-        compile_sources(program, sources, flags=flags)
-    except InputError as refusal:
-        pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
-    emulator = emulated(seed=5)
-    line = emulator._steps.line = Tapped(emulator._steps.line)
-    robot = Recording(emulator)
-    drive(FaultyTransport(robot, Faults(corrupted=0.1, repeated=0.2), seed=5), robot, seed=5)
-    session = Session(robot, clock=emulator.clock)
-    session.connect()
-    session.write_parameters(session.read_parameters())
-    done = subprocess.run(
-        [program], input=parameters().tobytes() + line.given, capture_output=True, check=False
-    )
-    assert done.returncode == 0, done.stderr.decode()[:3000]
-    assert len(line.given) > 40_000  # 800 samples
-    assert done.stdout == line.sent

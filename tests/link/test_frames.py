@@ -1,12 +1,10 @@
 """Frames in Python: every message comes back, and each layer refuses what it should."""
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.link.frames import LONGEST_FRAME, Frame, FrameReader, decode, encode, is_newer, message_of
-from ballbot.link.messages import BODY_LENGTHS, MESSAGES, Layer, Reference, pack_body
+from ballbot.link.messages import BODY_LENGTHS, MESSAGES, Layer, pack_body
 from tests.support.link_messages import messages
 
 
@@ -35,13 +33,6 @@ def test_frames_come_back_from_pieces_of_any_size(sent, data):
         stream = stream[size:]
     assert [frame.kind for frame in found] == [one.TYPE for one in sent]
     assert reader.counts.total == 0
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_values_that_are_not_finite_are_refused(value):
-    frame = decode(encode(Reference(reference=np.full(10, value)), session=1, sequence=1)[:-1], MESSAGES)
-    assert isinstance(frame, Frame)
-    assert message_of(frame) is Layer.VALUES
 
 
 @given(st.integers(0, 65535), st.integers(-70000, 70000))

@@ -12,16 +12,13 @@ from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.export import export_controller
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
-from ballbot.link.frames import FrameReader, message_of
 from ballbot.link.live import (
-    ControlFromHost,
     FollowReference,
     LiveRobot,
     TorqueProgram,
     log_columns,
-    recorded_run,
 )
-from ballbot.link.messages import TO_ROBOT, ControllerPlace, Torques
+from ballbot.link.messages import ControllerPlace
 from ballbot.link.operators import EmulatedOperator
 from ballbot.link.references import CourseReference
 from ballbot.link.session import Session
@@ -76,22 +73,16 @@ class Connected:
 
 
 class Line:
-    """A transport that can be cut, and remembers the torques that were sent."""
+    """A transport that can be cut."""
 
     def __init__(self, transport):
-        self._transport, self.mute, self.torques = transport, False, []
-        self._reader = FrameReader(TO_ROBOT)
+        self._transport, self.mute = transport, False
 
     def read(self, timeout):
         found = self._transport.read(timeout)
         return b"" if self.mute else found
 
     def write(self, data):
-        self.torques += [
-            message.torques
-            for frame in self._reader.feed(data)
-            if isinstance(message := message_of(frame), Torques)
-        ]
         self._transport.write(data)
 
     def close(self):
@@ -145,35 +136,6 @@ def _sensed():
     return true_model(ROBOT, scenario), imperfections_of(scenario, known=ROBOT)
 
 
-def test_controller_on_the_host_balances():
-    live = Connected()
-    commander = ControlFromHost(nominal_controller(ROBOT), CourseReference(square()))
-    log = live.run(commander, place=ControllerPlace.HOST, duration=3.0)
-    assert live.ending.kind == "time"
-    assert np.abs(log["theta"]).max() < 0.1
-    # the torques of a row are those that the host computed for the sample before; the first two samples come together
-    sent = np.array(live.line.torques)
-    np.testing.assert_array_equal(log.torques[2:], sent[1 : len(log) - 1, :3])
-
-
-def test_controller_on_the_host_is_called_once_before_the_run():
-    # the first call loads compiled code, for longer than the robot's watchdog waits
-    calls = []
-
-    class Controller:
-        sample_time = STEP
-
-        def reset(self):
-            calls.append("reset")
-
-        def update(self, t, state, reference):  # noqa: ARG002
-            calls.append("update")
-            return np.zeros(3)
-
-    ControlFromHost(Controller(), CourseReference(square()))
-    assert calls == ["update", "reset"]
-
-
 def test_sweep_of_free_wheels_gives_its_torques():
     live = Connected(hand_of("in_air"), always_held=True)
     program = TorqueProgram(lambda t: np.full(3, 0.5 * np.sin(t)), sample_time=STEP)
@@ -181,14 +143,6 @@ def test_sweep_of_free_wheels_gives_its_torques():
     # the first two samples come together
     np.testing.assert_allclose(log.torques[2:], 0.5 * np.sin(log.t[2:, None]) * np.ones(3), atol=1e-6)
     assert np.abs(log.wheel_angles[-1]).min() > 0.5
-
-
-def test_unconfirmed_arming_leaves_the_robot_disarmed():
-    live = Connected()
-    live.robot.test()
-    with pytest.raises(InputError, match="not confirmed"):
-        live.robot.arm(lambda: False, controller=ControllerPlace.ROBOT)
-    assert not live.emulated.motors.armed
 
 
 class Miswired:
@@ -266,12 +220,6 @@ def test_wiring_check_ends_with_a_wrong_imu():
         turned(Miswired(hand_of(), imu=quarter))
 
 
-def test_wiring_is_checked_once_after_the_start():
-    live = Connected()
-    with pytest.raises(InputError, match="switch the robot off and on"):
-        measure_turns(live.robot, live.operator, watch=lambda _: None)
-
-
 def test_silent_robot_ends_the_run_in_one_sentence():
     live = Connected()
 
@@ -282,19 +230,6 @@ def test_silent_robot_ends_the_run_in_one_sentence():
     assert live.ending.kind == "link"
     assert "silent" in live.ending.text
     assert log.t[-1] == pytest.approx(0.505, abs=1e-6)
-
-
-class Pushed:
-    """A plant that begins elsewhere than upright."""
-
-    def __init__(self, plant, start):
-        self._plant, self._start, self.robot = plant, start, plant.robot
-
-    def reset(self, initial_state=None, *, seed=0):  # noqa: ARG002
-        return self._plant.reset(self._start, seed=seed)
-
-    def step(self, torques, duration):
-        return self._plant.step(torques, duration)
 
 
 class NewRobot(Connected):
@@ -334,47 +269,3 @@ def test_new_robot_with_wrong_axes_does_not_arm():
         live.robot.test(live.operator)
     with pytest.raises(InputError, match="self-test has not passed"):
         live.robot.arm(live.operator.confirm_arming, controller=ControllerPlace.ROBOT)
-
-
-def test_run_without_a_sample_leaves_no_recording(tmp_path):
-    live, path = Connected(), tmp_path / "log.recording.csv"
-
-    def mute():
-        live.line.mute = True
-        return True
-
-    live.operator.confirm_arming = mute
-
-    with pytest.raises(InputError, match="silent"):
-        recorded_run(
-            live.robot,
-            follow(square()),
-            operator=live.operator,
-            duration=1.0,
-            watch=lambda _: None,
-            recording=path,
-        )
-    assert not path.exists()
-
-
-def test_fallen_robot_ends_the_run_with_the_reason():
-    start = np.zeros(10)
-    start[2], start[7] = 0.3, 1.5
-    live = Connected()
-    live.emulated.plant = Pushed(live.emulated.plant, start)
-    live.run(follow(square()))
-    assert live.ending.kind == "stop"
-    assert live.ending.early
-    assert "leaned further than its limit" in live.ending.text
-
-
-def test_controller_is_sent_only_if_it_differs():
-    live = Connected()
-    same = export_controller(nominal_controller(ROBOT)).parameters
-    other = export_controller(nominal_controller(ROBOT), lean=0.3).parameters
-    assert not live.robot.use_parameters(same)
-    assert live.robot.use_parameters(other)
-    assert live.session.read_parameters().tobytes() == other.tobytes()
-    other["sample_time"] = 0.01
-    with pytest.raises(InputError, match="between samples"):
-        live.robot.use_parameters(other)

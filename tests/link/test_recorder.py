@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.errors import InputError
 from ballbot.link.recorder import Recorder
 from ballbot.log import Log
 from tests.support.processes import PATIENCE, Child
@@ -93,15 +92,6 @@ def test_cut_recording_keeps_its_whole_rows(tmp_path_factory, cut, zeros):
     np.testing.assert_array_equal(np.column_stack([read[name] for name in COLUMNS]), rows[: len(read)])
 
 
-def test_recording_that_was_cut_off_is_never_overwritten(tmp_path):
-    path = tmp_path / "log.recording.csv"
-    record(path, [[0.0, 1.0, 2.0]])
-    before = path.read_bytes()
-    with pytest.raises(InputError, match="was cut off"):
-        Recorder(path, COLUMNS)
-    assert path.read_bytes() == before
-
-
 def test_full_disk_is_reported_and_does_not_stop_the_loop(tmp_path, monkeypatch):
     written = os.write
     with Recorder(tmp_path / "log.recording.csv", COLUMNS) as recorder:
@@ -133,14 +123,3 @@ def test_slow_disk_is_never_waited_for(tmp_path, monkeypatch):
             recorder.append([float(k), 0.0, 0.0])  # or this would wait for ever
         answers.set()
     assert len(Log.read(recorder.path)) == 100
-
-
-def test_disk_that_never_answers_is_given_up(tmp_path, monkeypatch):
-    monkeypatch.setattr("ballbot.link.recorder._PATIENCE", 0.1)
-    answers = Event()
-    with Recorder(tmp_path / "log.recording.csv", COLUMNS) as recorder:
-        monkeypatch.setattr(os, "fsync", lambda _: answers.wait(PATIENCE))
-        recorder.append([0.0, 0.0, 0.0])
-    answers.set()
-    assert recorder.failure is not None
-    assert "the disk has not answered" in recorder.failure

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.control.references import square
 from ballbot.errors import InputError
 from ballbot.link.references import (
     KEY_STEP,
@@ -54,14 +53,6 @@ def test_arrow_keys_move_along_the_heading(terminal):
     assert not reference.ended
 
 
-def test_key_that_comes_in_two_parts_counts_once(terminal):
-    reference, press = terminal
-    press(b"\x1b[")
-    np.testing.assert_array_equal(pose_of(reference), 0.0)
-    press(b"A")
-    np.testing.assert_allclose(pose_of(reference), [KEY_STEP, 0.0, 0.0])
-
-
 @given(keys=st.binary(max_size=40))
 def test_any_bytes_leave_a_finite_pose(keys):
     import pty
@@ -76,24 +67,6 @@ def test_any_bytes_leave_a_finite_pose(keys):
     os.close(own)
     assert np.isfinite(found).all()
     assert not found[[2, 3, 5, 6, 7, 8, 9]].any()
-
-
-def test_e_ends_the_run(terminal):
-    reference, press = terminal
-    press(b"e")
-    pose_of(reference)
-    assert reference.ended
-
-
-def test_keyboard_needs_a_terminal(tmp_path):
-    with open(tmp_path / "file", "w+") as stream, pytest.raises(InputError, match="terminal"):
-        KeyboardReference(stream.fileno())
-
-
-def test_course_is_the_reference_of_that_name():
-    reference = live_reference("square")
-    for t in (0.0, 7.995, 8.0, 30.0):
-        np.testing.assert_array_equal(reference.update(t), square()(t))
 
 
 def test_file_is_followed_from_the_start_of_the_run_on(tmp_path):

@@ -142,30 +142,6 @@ def test_robot_balances_over_a_serial_port_whose_bytes_are_split_late_or_lost(fa
         assert not session.state.armed
 
 
-def test_port_gives_what_has_come_and_waits_no_longer_than_it_is_asked_to():
-    with serial_line() as (port, far):
-        assert port.read(0.0) == b""
-        assert port.read(0.01) == b""
-        every = bytes(range(256))  # a terminal would act on some of them
-        os.write(far, every)
-        found = b""
-        while len(found) < len(every):
-            found += port.read(PATIENCE)
-        assert found == every
-        port.write(every)
-        assert arrived(far, len(every)) == every
-
-
-def test_bytes_that_nobody_takes_are_dropped_and_not_waited_for():
-    with serial_line() as (port, far):
-        for _ in range(8):  # 32 kB, of which a pseudo terminal holds 4 kB to 20 kB
-            port.write(bytes(4096))
-        held = 0
-        while select.select([far], [], [], 0.2)[0]:
-            held += len(os.read(far, 4096))
-        assert 0 < held < 8 * 4096
-
-
 def test_port_that_has_gone_is_said_so():
     far, near = os.openpty()
     port = SerialTransport(os.ttyname(near))

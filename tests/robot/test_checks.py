@@ -59,19 +59,6 @@ def test_a_ball_lies_between_solid_and_thin_shell() -> None:
     assert re.search("solid", refusal(ball=ball(inertia=0.01)))
 
 
-def test_principal_moments_are_positive() -> None:
-    assert re.search(
-        "principal moments -0.5, .* each must be above zero",
-        refusal(body=body(inertia=(1.0, 1.0, 1.0, 1.5, 0.0, 0.0))),
-    )
-
-
-def test_the_triangle_inequality_holds_about_the_given_point() -> None:
-    assert re.search(
-        "no body has one larger than the sum", refusal(body=body(inertia=(4.37, 4.37, 9.0, 0.0, 0.0, 0.0)))
-    )
-
-
 def test_the_triangle_inequality_is_that_of_the_principal_moments() -> None:
     # rotating a body that can exist leaves it one, though its diagonal alone could look wrong
     turn, _ = np.linalg.qr(np.array([[1.0, 0.3, 0.2], [-0.4, 1.0, 0.5], [0.1, -0.2, 1.0]]))
@@ -98,10 +85,6 @@ def test_inertia_about_the_wrong_point_is_refused_with_the_cause() -> None:
     ("sentence", "parts"),
     [
         (r"ball\.radius is 11 m, .* did you mean 11 cm \(0\.11 m\)\?", {"ball": ball(radius=11.0)}),
-        (r"ball\.radius is 110 m, .* did you mean 110 mm \(0\.11 m\)\?", {"ball": ball(radius=110.0)}),
-        (r"ball\.mass is 3000 kg, .* did you mean 3000 g \(3 kg\)\?", {"ball": ball(mass=3000.0)}),
-        (r"body\.center_of_mass is 39\.3 m, .* 39\.3 cm", {"body": body(center_of_mass=39.3)}),
-        (r"body\.inertia\.xx is 43700 kg m\^2, .* kg cm\^2 \(4\.37", {"body": body(inertia=(43700.0,) * 6)}),
         (r"wheels\.azimuths\[1\] is 120 rad, .* 120 deg", {"wheels": wheels(0.0, math.degrees(120.0), 4.0)}),
         (
             r"wheels\.tilt is 45 rad; .* did you mean 45 deg\?",

@@ -9,14 +9,10 @@ from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.robot.derived import (
     derived_quantities,
-    encoder_step,
     inertia_from_swing,
-    reflected_rotor_inertia,
     shell_wall,
-    solid_sphere_inertia,
     thick_shell_inertia,
     thin_shell_inertia,
-    wheel_speed_limit,
 )
 
 
@@ -40,14 +36,6 @@ def test_thick_shell_is_a_sum_of_thin_ones(wall: float) -> None:
     assert thick_shell_inertia(mass=3.0, radius=0.11, wall=wall) == pytest.approx(summed, rel=1e-13)
 
 
-def test_a_shell_without_cavity_is_a_solid_sphere() -> None:
-    density = 3.0 / (4.0 / 3.0 * math.pi * 0.11**3)
-    # the cavity's radius is the cube root of a difference that cancels: 1e-16 of r^3 leaves 1e-5 of r
-    assert shell_wall(mass=3.0, radius=0.11, density=density * (1 + 1e-15)) == pytest.approx(0.11, rel=1e-4)
-    solid = solid_sphere_inertia(mass=3.0, radius=0.11)
-    assert thick_shell_inertia(mass=3.0, radius=0.11, wall=0.11) == pytest.approx(solid, rel=1e-15)
-
-
 def test_impossible_shells_are_refused() -> None:
     with pytest.raises(
         InputError, match=r"has a mass of at most 0\.00558 kg, not 3 kg; check the unit of the density"
@@ -66,26 +54,15 @@ def test_swing_of_a_rod_gives_its_inertia() -> None:
 
 def test_wheel_speed_limit_is_that_of_appendix_i() -> None:
     drive = Robot.load("alten").drive
-    limit = wheel_speed_limit(
-        supply_voltage=drive.supply_voltage,
-        speed_constant=drive.speed_constant,
-        gear_ratio=drive.gear_ratio,
-    )
-    assert limit * drive.gear_ratio == pytest.approx(761.5, abs=0.05)
-    assert limit == pytest.approx(27.59, abs=0.005)
+    assert drive.top_speed * drive.gear_ratio == pytest.approx(761.5, abs=0.05)
+    assert drive.top_speed == pytest.approx(27.59, abs=0.005)
 
 
 def test_reflected_inertia_is_twice_the_wheels() -> None:
     # n^2 (j_m + j_g), about twice j_w
-    reflected = reflected_rotor_inertia(gear_ratio=27.6, motor_inertia=2.42e-6, gear_inertia=1.6e-7)
-    assert reflected == pytest.approx(1.97e-3, abs=0.005e-3)
+    assert Robot.load("alten").drive.reflected_inertia == pytest.approx(1.97e-3, abs=0.005e-3)
     # Kugle prints its rotor's share: (13/3)^2 (1.21e-4 + 1.2e-6), of .00319464 with a wheel of .0009
-    kugle = reflected_rotor_inertia(gear_ratio=13.0 / 3.0, motor_inertia=1.21e-4, gear_inertia=1.2e-6)
-    assert 0.0009 + kugle == pytest.approx(0.00319464, abs=5e-9)
-
-
-def test_an_encoder_turn_is_a_wheel_turn_over_the_gear() -> None:
-    assert 2000 * 27.6 * encoder_step(encoder_counts=2000, gear_ratio=27.6) == pytest.approx(2.0 * math.pi)
+    assert 0.0009 + Robot.load("kugle").drive.reflected_inertia == pytest.approx(0.00319464, abs=5e-9)
 
 
 def test_derived_quantities_of_alten() -> None:

@@ -89,7 +89,7 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         "robot-wheels",
         "cut into each other",
     ),
-    "wheel diameter in cm": ({"wheels__radius": 0.63}, "robot-wheels", "Did you mean wheels.radius 0.063 m?"),
+    "wheel ten times": ({"wheels__radius": 0.63}, "robot-wheels", "Check wheels.radius and ball.radius"),
     "slow": ({"sensors__sample_time": 0.5}, "robot-balance", "of the time in which the body falls e-fold"),
     "sample time in us": (
         {"sensors__sample_time": 1.2e-5},
@@ -105,11 +105,6 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         {"friction__coulomb": (110.0, 90.0, 120.0)},
         "robot-friction",
         "Did you mean friction.coulomb [0.11, 0.09, 0.12] N m?",
-    ),
-    "one wheel's friction in mN m": (
-        {"friction__coulomb": (0.1, 90.0, 0.1)},
-        "robot-friction",
-        "Did you mean friction.coulomb [0.1, 0.09, 0.1] N m?",
     ),
     "floor of sand": (
         {"friction__rolling": 0.7},

@@ -1,20 +1,16 @@
 """Standard deviations of a robot's parameters: in its file, and carried through to poles and gains."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ballbot import InputError, Model, Robot
-from ballbot.cli.main import main
 from ballbot.control.presets import design_gain
 from ballbot.robot.components import PARAMETERS, Correlation
-from ballbot.robot.file import robot_text, write_robot
+from ballbot.robot.file import robot_text
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
 from ballbot.workflows.robot_check import pole_spread
@@ -33,44 +29,6 @@ def known_to(deviations: dict[str, float | tuple[float, ...]], robot: Robot = AL
 
 
 class TestFile:
-    @settings(max_examples=20, deadline=None)
-    @given(data=st.data())
-    def test_what_is_written_reads_back_as_the_same_floats(
-        self, data, tmp_path_factory: pytest.TempPathFactory
-    ):
-        able = [one for one in PARAMETERS if one.shape != "whole number" and one.default != ()]
-        size = st.floats(0.0, 10.0, allow_subnormal=False)
-        chosen = data.draw(st.lists(st.sampled_from(able), unique_by=lambda one: one.name))
-        deviations = {
-            one.name: data.draw(st.tuples(size, size, size)) if one.shape == "list" else data.draw(size)
-            for one in chosen
-        }
-        path = tmp_path_factory.mktemp("robots") / "robot.toml"
-        write_robot(known_to(deviations), path)
-        read = Robot.load(path)
-        assert read == ALTEN
-        assert read.standard_deviations == deviations
-        assert read.sources == ALTEN.sources
-
-    @settings(max_examples=20, deadline=None)
-    @given(seed=st.integers(0, 2**32 - 1), sizes=st.tuples(*[st.floats(1e-9, 10.0)] * 4))
-    def test_any_correlations_read_back_as_the_same_numbers(
-        self, seed, sizes, tmp_path_factory: pytest.TempPathFactory
-    ):
-        deviations = {"friction.coulomb": sizes[:3], "friction.rolling": sizes[3]}
-        labels = [*(f"friction.coulomb[{i}]" for i in range(3)), "friction.rolling"]
-        random = np.random.default_rng(seed)
-        mixed = random.standard_normal((4, 4))
-        C = mixed @ mixed.T
-        R = C / np.sqrt(np.outer(C.diagonal(), C.diagonal()))
-        robot = known_to(deviations).annotated(correlation=Correlation.of_matrix(labels, R))
-        path = tmp_path_factory.mktemp("robots") / "robot.toml"
-        write_robot(robot, path)
-        read = Robot.load(path)
-        assert read.correlation == robot.correlation
-        assert read.standard_deviations == deviations
-        np.testing.assert_allclose(read.correlation.matrix(), R, atol=1e-5)  # five decimals
-
     @pytest.mark.parametrize(
         ("of", "lower", "says"),
         [
@@ -97,31 +55,6 @@ class TestFile:
         (tmp_path / "bad.toml").write_text(text)
         with pytest.raises(InputError, match=says):
             Robot.load(tmp_path / "bad.toml")
-
-    @pytest.mark.parametrize(
-        ("stated", "says"),
-        [
-            ("inf", "give its least and greatest value under"),
-            ("nan", "zero or more, or inf where it is unknown"),
-        ],
-    )
-    def test_an_unknown_deviation_needs_an_interval(self, stated: str, says: str, tmp_path: Path):
-        text = robot_text(ALTEN).replace(
-            'value = 0.393, unit = "m"', f'value = 0.393, unit = "m", standard_deviation = {stated}'
-        )
-        (tmp_path / "mine.toml").write_text(text)
-        with pytest.raises(InputError, match=says):
-            Robot.load(tmp_path / "mine.toml")
-
-    def test_units_and_one_number_for_every_wheel(self, tmp_path: Path):
-        text = robot_text(ALTEN)
-        text = text.replace('240.0], unit = "deg"', '240.0], unit = "deg", standard_deviation = 0.5')
-        text = text.replace('0.393, unit = "m"', '39.3, unit = "cm", standard_deviation = 0.4')
-        (tmp_path / "mine.toml").write_text(text)
-        read = Robot.load(tmp_path / "mine.toml")
-        assert read.standard_deviations["wheels.azimuths"] == (math.radians(0.5),) * 3
-        assert read.standard_deviations["body.center_of_mass"] == 0.004
-        assert "standard_deviation = [0.5, 0.5, 0.5]" in robot_text(read)
 
     @pytest.mark.parametrize(
         ("old", "new", "says"),
@@ -155,10 +88,6 @@ class TestFile:
         (tmp_path / "bad.toml").write_text(text.replace(old, new))
         with pytest.raises(InputError, match=says):
             Robot.load(tmp_path / "bad.toml")
-
-    def test_what_is_no_parameter_has_none(self):
-        with pytest.raises(InputError, match="not a parameter that can have one"):
-            known_to({"ball.colour": 1.0})
 
     def test_a_value_that_changes_loses_it(self):
         robot = known_to(SOME)
@@ -245,34 +174,3 @@ class TestPropagation:
             draw_robots(known_to({"ball.inertia": 1.0}), 20, seed=0)
         with pytest.raises(InputError, match=r"ball\.inertia cannot vary"):
             propagate(known_to({"ball.inertia": 1.0}), lambda one: np.array(one.ball.mass))
-
-
-class TestCommands:
-    @pytest.mark.slow
-    @pytest.mark.usefixtures("undrawn")
-    def test_check_and_design_carry_it_through(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-        robot = tmp_path / "mine.toml"
-        write_robot(known_to(SOME), robot)
-        assert main(["check", str(robot), "--out", str(tmp_path)]) == 0
-        assert "its standard deviation is 0.0" in capsys.readouterr().out
-        results = json.loads((tmp_path / "results.json").read_text())
-        pole = results["unstable_pole_uncertainty"]
-        assert pole["interval_95"][0] < results["unstable_pole"] < pole["interval_95"][1]
-        assert results["standard_deviations"]["wheels.azimuths"] == [0.004, 0.0, 0.008]
-        assert main(["design", str(robot), "--out", str(tmp_path / "soft")]) == 0
-        gain = json.loads((tmp_path / "soft" / "results.json").read_text())
-        assert np.shape(gain["gain_standard_deviation"]) == (3, 10)
-
-    @pytest.mark.slow
-    @pytest.mark.usefixtures("undrawn")
-    def test_without_any_nothing_is_claimed(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-        assert main(["check", "alten", "--out", str(tmp_path)]) == 0
-        assert "No value in the file has a standard_deviation" in capsys.readouterr().out
-        assert json.loads((tmp_path / "results.json").read_text())["unstable_pole_uncertainty"] is None
-        rolling, without = tmp_path / "rolling.toml", tmp_path / "designed"
-        resisted = ALTEN.replace(friction=replace(ALTEN.friction, rolling=0.01))
-        # the gain does not depend on it
-        write_robot(known_to({"friction.rolling": 0.001}, resisted), rolling)
-        assert main(["design", str(rolling), "--out", str(without)]) == 0
-        assert "Standard deviation of each entry" not in capsys.readouterr().out
-        assert "Standard deviation of each entry" not in (without / "report.html").read_text("utf-8")

@@ -125,12 +125,3 @@ def test_inconsistent_batches_are_refused():
         simulate_batch(model, controller, lambda _: np.full(10, np.nan), duration=1.0)
     with pytest.raises(InputError, match="ten numbers"):
         simulate_batch(model, controller, lambda _: np.zeros(3), duration=1.0)
-
-
-def test_names_are_taken_for_controllers_references_and_robots():
-    model = Model("alten")
-    by_name = simulate_batch(["alten"], "nominal", "hold", duration=0.1)
-    by_value = simulate_batch(model, nominal_controller("alten"), hold(), duration=0.1)
-    np.testing.assert_array_equal(by_name.states, by_value.states)
-    with pytest.raises(InputError, match="did you mean 'nominal'"):
-        simulate_batch(model, "nominl", "hold", duration=0.1)

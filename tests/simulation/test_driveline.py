@@ -1,7 +1,6 @@
 """One driveline: closed forms, an event-driven reference, exact sticking, order, the clamp of (3.2), many at once."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 from ballbot import InputError, Log
 from ballbot.mechanics.friction import WheelTerms
@@ -19,7 +17,6 @@ from ballbot.simulation.driveline import (
     TorqueSpeedCurve,
     simulate_driveline,
 )
-from tests.support.control_examples import FRICTION, alten
 
 J = 2.97e-3  # j_w + j_r of the thesis's robot [kg m^2]
 DRIVELINE = {"viscous": 0.014, "coulomb": 0.11}
@@ -58,15 +55,6 @@ class TestClosedForms:
         np.testing.assert_allclose(motion.speeds, expected, rtol=1e-13, atol=0.0)
         assert motion.angles[-1] == pytest.approx(-12.0 * stop / 2, rel=1e-13)
         assert not motion.speeds[motion.t > stop].any()
-
-    def test_the_supply_balances_friction(self):
-        law = LAW
-        motion = simulate_driveline(wheel(law, CURVE), np.full(2000, 1.0), sample_time=0.005)
-        balance = brentq(
-            lambda w: min(1.0, 6.0 * (1.0 - w / 27.7)) - float(law.steady_friction(w)), 10.0, 27.7, xtol=1e-13
-        )
-        assert motion.speeds[-1] == pytest.approx(balance, rel=1e-12)
-        assert motion.speeds.max() < 27.7
 
     def test_the_supply_brakes_what_turns_too_fast(self):
         law = Classical(viscous=0.0, coulomb=0.0)
@@ -221,43 +209,9 @@ class TestTermsByDirectionAndLoad:
         unloaded = self.in_direction(np.sign(torque), 0.0)
         np.testing.assert_allclose(self.law.steady_friction(at), unloaded.steady_friction(at), rtol=1e-14)
 
-    @pytest.mark.parametrize("direction", [1.0, -1.0])
-    def test_break_away_at_the_limit_of_the_direction(self, direction):
-        dry = self.law.coulomb + self.law.stribeck
-        shift = self.terms.coulomb_asymmetry + self.terms.stribeck_asymmetry
-        limit = (dry + direction * shift) / (
-            1.0 - self.terms.load
-        )  # the torque itself adds its share of load
-        held, moved = (
-            simulate_driveline(
-                wheel(self.law), np.full(20, direction * limit * (1.0 + more)), sample_time=0.005
-            )
-            for more in (-1e-9, 1e-9)
-        )
-        assert not held.speeds.any()
-        assert (direction * moved.speeds > 0.0).all()
-
-    def test_of_wheel_takes_them_from_the_robot(self):
-        friction = replace(FRICTION, coulomb_asymmetry=(0.0, 0.02, 0.0), load=(0.0, 0.1, 0.0))
-        law = Driveline.of_wheel(alten(friction), 1).friction
-        assert isinstance(law, Classical)
-        assert law.terms == WheelTerms(coulomb_asymmetry=0.02, load=0.1)
-
     def test_asymmetry_beyond_the_friction_is_refused(self):
         with pytest.raises(InputError, match=r"asymmetries are 0\.2 and 0"):
             Classical(viscous=0.01, coulomb=0.1, terms=WheelTerms(coulomb_asymmetry=0.2))
-
-
-def test_of_wheel_takes_the_robots_values():
-    robot = alten(FRICTION)
-    line = Driveline.of_wheel(robot, 1)
-    # design item 7: n^2 (j_m + j_g) = 1.97e-3 beside j_w = 1e-3
-    assert line.inertia == pytest.approx(2.97e-3, rel=2e-3)
-    assert line.friction == Classical(
-        viscous=0.016, coulomb=0.09, stribeck=0.04, stribeck_speed=0.6, stribeck_exponent=1.1
-    )
-    with pytest.raises(InputError, match="wheel 3"):
-        Driveline.of_wheel(robot, 3)
 
 
 @pytest.mark.parametrize(

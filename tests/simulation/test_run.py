@@ -63,13 +63,6 @@ def test_the_models_sensors_are_perfect(model, log):
     np.testing.assert_allclose(gyro, np.einsum("tij,tj->ti", B, q_dot[:, 2:]), atol=1e-12)
 
 
-def test_a_run_is_the_same_bit_for_bit(model, log):
-    controller = nominal_controller(model.robot, compensation="full")
-    again = simulate(model, controller, square(), duration=9.0, initial_state=leaning(0.05, 0.02))
-    for name in log.names:
-        np.testing.assert_array_equal(again[name], log[name])
-
-
 def test_fall_ends_the_log_and_is_reported():
     model = Model(alten())
     log = simulate(model, Answering(lambda _: np.zeros(3)), hold(), duration=5.0, initial_state=leaning(0.01))
@@ -150,21 +143,6 @@ def test_a_run_whose_log_fills_the_memory_is_refused(model):
 def test_invalid_initial_states_are_refused(model, state):
     with pytest.raises(InputError, match="initial"):
         simulate(model, nominal_controller(model.robot), hold(), duration=1.0, initial_state=state)
-
-
-def test_progress_is_reported(model):
-    shares: list[float] = []
-    controller = nominal_controller(model.robot)
-    simulate(model, controller, hold(), duration=2.0, progress=lambda now: shares.append(now.share))
-    assert shares == [0.25, 0.5, 0.75, 1.0]
-
-
-def test_a_robot_is_given_by_value_or_name():
-    by_name = simulate("alten", "nominal", "hold", duration=0.1)
-    by_value = simulate(Model("alten"), "nominal", "hold", duration=0.1)
-    np.testing.assert_array_equal(by_name.states, by_value.states)
-    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
-        simulate("altn", "nominal", "hold", duration=0.1)
 
 
 @pytest.mark.parametrize("friction", [None, FRICTION], ids=["without friction", "with friction"])

@@ -13,11 +13,10 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ballbot.control.controller import Controller, refusal
-from ballbot.control.law import ALLOWED, LAW, MEMORY
-from ballbot.control.records import MAX_WHEELS, converted
+from ballbot.control.law import ALLOWED
+from ballbot.control.records import MAX_WHEELS
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.build import shared_library, source_files
@@ -120,53 +119,6 @@ def library() -> Library:
         If this computer has no C compiler, or the compiler refuses the sources.
     """
     return Library.of(shared_library("library", source_files()))
-
-
-class CompiledController:
-    """A control law in C with the interface of `Controller`, so that every plant of Ballbot can run it.
-
-    Parameters
-    ----------
-    controller : Controller
-        Not changed; its numbers are copied.
-
-    Raises
-    ------
-    InputError
-        If single precision cannot hold one of its numbers.
-    """
-
-    def __init__(self, controller: Controller) -> None:
-        self.sample_time = controller.sample_time
-        self.estimator = controller.estimator
-        self._law = converted(controller.record, LAW)
-        self._memory = np.zeros(1, MEMORY.dtype("single"))
-        self._wheels = len(controller.gain)
-
-    def reset(self) -> None:
-        """Forget everything that happened so far."""
-        self._memory[:] = np.zeros(1, self._memory.dtype)
-
-    def update(
-        self,
-        t: float,  # noqa: ARG002
-        state: ArrayLike,
-        reference: ArrayLike,
-    ) -> NDArray[np.float64]:
-        """Return the wheel torques (n,) [N m]; both states are rounded to single precision.
-
-        Raises
-        ------
-        InputError
-            If the reference asks for a lean or a rate, or holds an impossible number.
-        """
-        measured = np.asarray(state, dtype=np.float32).reshape(1, 10)
-        wanted = np.asarray(reference, dtype=np.float32).reshape(1, 10)
-        torques = np.zeros((1, self._wheels), dtype=np.float32)
-        (place,) = library().control_law(self._law, self._memory, measured, wanted, torques)
-        if place != ALLOWED:
-            raise InputError(refusal(int(place), float(wanted[0, place])))
-        return torques[0].astype(np.float64)
 
 
 class Firmware:

@@ -1,22 +1,21 @@
-"""The thesis's approximations and their shares, the other published robots, and the page."""
+"""The presets of published robots, mistake 16 against the symbolic Lagrangian, and the page."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ballbot.control.controller import Controller
+from ballbot.control.presets import design_gain
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
-from ballbot.robot.components import PARAMETERS, Friction
+from ballbot.robot.components import PARAMETERS
 from ballbot.thesis.reproduce import mistakes
-from campaigns.published import alten, kugle, page, rezero
-from campaigns.published.printed import Entry, entry_table, mixture_model, track, unstable_poles
-from tests.support.lagrangian import Corrections, corrections_of, equations
+from campaigns.published import page
+from campaigns.published.printed import unstable_poles
+from tests.support.lagrangian import corrections_of, equations
 from tests.support.paths import ROOT
 from tests.support.symbolic_oracle import random_state
 
@@ -35,10 +34,9 @@ def test_every_parameter_of_a_preset_has_a_source(name: str) -> None:
 def test_a_preset_is_a_robot_that_falls_and_can_be_held(name: str, wheels: int) -> None:
     robot = Robot.load(name)
     model = Model(robot).linearize()
-    design = alten.nominal_lqr(robot, model)
     assert robot.wheel_count == wheels
     assert 3.0 < unstable_poles(model)[1] <= unstable_poles(model)[0] < 7.0
-    assert design.poles.real.max() < 0.0
+    assert design_gain(robot).poles.real.max() < 0.0
 
 
 def test_cmus_own_planar_equations_are_ours_without_the_wheels_inertia() -> None:
@@ -47,61 +45,7 @@ def test_cmus_own_planar_equations_are_ours_without_the_wheels_inertia() -> None
     assert ours == pytest.approx((page.planar_pole(cmu),) * 2, rel=1e-12)
 
 
-# --- entries --------------------------------------------------------------------------------------
-
-
-def test_an_entry_comes_out_within_half_of_its_last_digit() -> None:
-    near = Entry(name="a", printed="-10.76", reproduced=-10.7649, right=-12.5)
-    far = Entry(name="b", printed="-10.76", reproduced=-10.7651, right=-12.5)
-    assert near.comes_out
-    assert not far.comes_out
-    assert far.difference == pytest.approx(0.0051 / 10.76)
-    assert "| b | -10.76 | -10.765 | off by +0.05 % | -12.5 |" in entry_table([near, far])
-
-
 # --- the thesis -----------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("formulation", ["thesis", "exact"])
-def test_mixtures_end_in_the_two_formulations(formulation: Formulation) -> None:
-    mixture = mixture_model(ALTEN, corrections_of(formulation))
-    model = Model(ALTEN, formulation).linearize()
-    assert pytest.approx(model.A, abs=1e-10) == mixture.A
-    assert pytest.approx(model.B, abs=1e-10) == mixture.B
-
-
-def test_mixtures_know_every_correction() -> None:
-    assert set(alten.APPROXIMATIONS) == {field.name for field in fields(Corrections)}
-    assert len(alten.mixtures()) == 2 ** len(alten.AT_REST)
-
-
-@pytest.mark.slow
-def test_a_correction_of_motion_changes_nothing_at_rest() -> None:
-    name = "nonholonomic_wheels"  # its force in motion: mistake 16, below
-    without, having = (mixture_model(ALTEN, alten.corrections_with(names)) for names in ((), (name,)))
-    assert pytest.approx(without.A, abs=1e-12) == having.A
-    assert pytest.approx(without.B, abs=1e-12) == having.B
-
-
-def test_shapley_shares_of_a_known_game() -> None:
-    """Two that only act together share it equally; one that acts alone has its own; one that does not has none."""
-    names = alten.AT_REST
-
-    def value(mixture: frozenset[str]) -> float:
-        return 6.0 * ({names[0], names[1]} <= mixture) + 5.0 * (names[2] in mixture)
-
-    found = alten.shares({mixture: value(mixture) for mixture in alten.mixtures()})
-    assert [found[name] for name in names] == pytest.approx([3.0, 3.0, 5.0, 0.0])
-
-
-@pytest.mark.slow
-def test_the_exact_models_gain_tracks_the_exact_model_better() -> None:
-    gains = [alten.nominal_lqr(ALTEN, Model(ALTEN, name).linearize()).gain for name in ("thesis", "exact")]
-    by_thesis, by_exact = track(Model(ALTEN), [Controller(ALTEN, gain) for gain in gains])
-    assert not by_thesis.fell
-    assert by_exact.settled_error < 0.5 * by_thesis.settled_error
-    assert 0.0 < by_exact.settled_error < by_exact.rms_error < 0.5
 
 
 @pytest.mark.slow
@@ -125,27 +69,11 @@ def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian() -> None:
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 
 
-@pytest.mark.sample
+@pytest.mark.slow  # derives Rezero's equations
 def test_the_page_in_docs_is_what_the_command_computes() -> None:
-    """Words exactly; numbers to 1 %, as stick-slip runs differ between processors in their last digits.
-
-    All but the shares of the approximations, whose sixteen derivations take minutes; the first and the last of them are
-    tested above.
-    """
+    """Words exactly; numbers to 1 %, as processors differ in their last digits."""
     committed = (ROOT / "docs" / "generated" / "published_models.md").read_text(encoding="utf-8")
-    words, numbers = NUMBER.sub("\0", committed), NUMBER.findall(committed)
-    robot = ALTEN.replace(friction=Friction.none(3))
-    load = Robot.load
-    for part in (
-        alten._model_part(robot),
-        alten._gain_part(robot),
-        kugle.section(load("kugle")),
-        rezero.section(load("rezero")),
-        page.parameters_section(load("rob311"), load("cmu")),
-        page.presets_section(),
-    ):
-        begin = words.index(NUMBER.sub("\0", part))
-        first, computed = words[:begin].count("\0"), NUMBER.findall(part)
-        assert [float(one) for one in computed] == pytest.approx(
-            [float(one) for one in numbers[first : first + len(computed)]], rel=1e-2, abs=5e-4
-        )
+    made = page.published_page()
+    assert NUMBER.sub("\0", made) == NUMBER.sub("\0", committed)
+    numbers, computed = ([float(one) for one in NUMBER.findall(text)] for text in (committed, made))
+    assert computed == pytest.approx(numbers, rel=1e-2, abs=5e-4)

@@ -2,42 +2,35 @@
 
 from __future__ import annotations
 
-import html
 import json
 import math
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from ballbot.cli.main import main
-from ballbot.control.controller import Compensation
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold
 from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from tests.support.paths import ROOT
-from tests.support.report_pages import LARGEST_PAGE, figure_count
+from tests.support.report_pages import figure_count
 
 pytest.importorskip("mujoco")
 
 from ballbot.file_formats import results_text
 from ballbot.report.page import page_of
 from ballbot.report.provenance import provenance
-from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.thesis.reproduce import figures, mistakes
 from ballbot.thesis.reproduce.bench import Bench, linear_run
-from ballbot.thesis.reproduce.campaign import Reproduction, item_name, items_named
-from ballbot.thesis.reproduce.figures import ITEMS
-from ballbot.thesis.reproduce.item import Check, Item, Mistake, run_seed
+from ballbot.thesis.reproduce.campaign import Reproduction
+from ballbot.thesis.reproduce.item import Check, Item, Mistake
 from ballbot.thesis.reproduce.item import check as check_of
 from ballbot.thesis.reproduce.mistakes import MISTAKES
 from ballbot.thesis.reproduce.page import reproduction_report, reproduction_results
@@ -45,11 +38,10 @@ from ballbot.thesis.reproduce.recordings import (
     CHANGE,
     ModelOnGrid,
     TwinOnGrid,
-    balance,
 )
-from ballbot.thesis.reproduce.runs import above, distance_at
+from ballbot.thesis.reproduce.runs import above
 from ballbot.twin import Scenario, Twin
-from campaigns.reproduce import friction_line, item_markdown, mistake_markdown
+from campaigns.reproduce import item_markdown, mistake_markdown
 
 
 @pytest.fixture(scope="module")
@@ -66,28 +58,6 @@ def item_of(*checks: Check) -> Item:
     return Item(name="Figure 5.6", title="Paths", thesis="It does.", ours="It does.", checks=checks)
 
 
-def test_items_are_in_the_thesis_order() -> None:
-    assert [item_name(make) for make in ITEMS] == [
-        *("Figure 3.1", "Figure 3.2", "Figure 3.4", "Figure 3.5"),
-        *("Figure 4.1", "Table 4.1", "Figure 4.2", "Table 4.2", "Figure 4.3"),
-        *("Figure 5.1", "Figure 5.4", "Figure 5.5", "Figure 5.6", "Figure 5.8"),
-        *("Figure III.1", "Figure IV.2", "Figure IV.4"),
-    ]
-
-
-@given(st.lists(st.booleans(), min_size=1, max_size=6))
-def test_verdict_counts_what_agrees(agreeing: list[bool]) -> None:
-    item = item_of(*(check(value=1.0 if one else -1.0, lowest=0.0) for one in agreeing))
-    expected = {len(agreeing): "agrees", 0: "does not agree"}.get(sum(agreeing), "agrees in part")
-    assert item.verdict == expected
-    assert item.sentence.count("required: at least 0 m") == agreeing.count(False)
-
-
-def test_nan_never_agrees() -> None:
-    assert not check(value=math.nan).agrees
-    assert check(value=2.0, lowest=2.0, highest=2.0).agrees
-
-
 def test_verdict_requires_the_whole_interval() -> None:
     def over(*values: float) -> Check:
         return check_of("it is so", "a number", values, lowest=1.0)
@@ -101,12 +71,6 @@ def test_verdict_requires_the_whole_interval() -> None:
     assert "do not decide whether it is so" in item_of(clear, uncertain).sentence
     assert item_of(clear, uncertain, against).verdict == "agrees in part"
     assert item_of(uncertain, against).verdict == "does not agree"
-
-
-def test_rounding_is_printed_as_zero() -> None:
-    """5e-17 is another number on every machine."""
-    assert check(value=5e-17, highest=1e-12).cells[2] == "0 m"
-    assert check(value=5e-17, highest=1e-12).cells[3] == "at most 1e-12 m"
 
 
 def test_fast_part_is_above_its_frequency() -> None:
@@ -224,95 +188,28 @@ def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
 
 @pytest.mark.sample
 def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
-    """All that needs no recording, and the first of the twin's runs; campaigns/reproduce.py writes the whole."""
+    """All that needs no recording; campaigns/reproduce.py writes the whole."""
     page = ROOT.joinpath("docs", "generated", "reproduce.md").read_text(encoding="utf-8")
     for make in MISTAKES:
         if make.__name__ != "residual_pairs":
             assert mistake_markdown(make(bench)) in page
     assert item_markdown(figures.figure_iii_1(bench)) in page
-    friction = documented_friction(page)
-    assert friction_line(friction) in page
-    row = next(line for line in page.splitlines() if line.startswith("| 0 |")).strip("| ").split(" | ")
-    columns: tuple[tuple[int, Compensation], ...] = ((1, "none"), (3, "full"))
-    for place, compensation in columns:
-        robot = bench.robot.replace(friction=friction if compensation == "full" else Friction.none(3))
-        log = balance(
-            robot, CHANGE, duration=figures.EARLY + 0.1, seed=run_seed(0, 300), compensation=compensation
-        )
-        assert f"{distance_at(log, figures.EARLY):.3f}" == row[place]
 
 
-def documented_friction(page: str) -> Friction:
-    line = next(line for line in page.splitlines() if line.startswith("Friction identified"))
-    names = ("b", "c", "s", "v_s", "delta", "C_rr")
-    b, c, s, v_s, delta, rolling = (
-        tuple(
-            float(value)
-            for value in re.findall(
-                r"[-+.\de]+",
-                re.split(rf"\b{name} = ", line)[1]
-                .split(" N m")[0]
-                .split(" rad")[0]
-                .split(";")[0]
-                .rstrip("."),
-            )
-        )
-        for name in names
-    )
-    return Friction(
-        viscous=b,
-        coulomb=c,
-        stribeck=s,
-        stribeck_speed=v_s[0],
-        stribeck_exponent=delta[0],
-        rolling=rolling[0],
-    )
-
-
-def test_page_has_figures_beside_words(bench: Bench) -> None:
-    t = np.arange(10.0)
-    series = TimeSeries(
-        t=t, panels=[Panel(label="x", lines=[Line(name="x", values=t, look="first")])], caption=""
-    )
+def test_page_and_results_have_every_verdict(bench: Bench) -> None:
     items = (
         figures.figure_iii_1(bench),
-        replace(item_of(check(value=1.0, lowest=0.0)), series=lambda: series),
         replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"),
     )
     made = Reproduction(bench=bench, items=items, mistakes=(mistakes.seam_curve(bench),))
     origin = provenance(command="ballbot", files=[], seed=0)
     page = page_of(replace(reproduction_report(made), made=origin))
-    assert figure_count(page) == 2
-    assert len(page) < LARGEST_PAGE
-    # one self-contained file: nothing is fetched from beside it
-    assert not re.findall(r'(?:src|href)="(?!#|data:)', page)
+    assert figure_count(page) == 1
     assert "&lt;b&gt;" in page
-    assert "Ours does not agree" in page
-    assert "Of 3, 2 agree, 1 do not agree." in page
-    headings = [html.unescape(one) for one in re.findall(r"<h2[^>]*>(.*?)</h2>", page)]
-    assert headings[0] == items[0].title
-    assert not any("Figure" in one or "Table" in one for one in headings)
-    assert "Figure III.1 of the thesis, reproduced." in page
-    assert "Figure 5.6 of the thesis, reproduced." in page
+    assert "Of 2, 1 agree, 1 do not agree." in page
     results = json.loads(results_text(reproduction_results(made)))
-    assert [one["verdict"] for one in results["items"]] == ["agrees", "agrees", "does not agree"]
+    assert [one["verdict"] for one in results["items"]] == ["agrees", "does not agree"]
     assert results["mistakes"][0]["proven"] is True
-    assert "(V.4)" in page
-
-
-def test_one_figure_alone_needs_no_recording(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert main(["reproduce", "--only", "figure iii.1", "--out", str(out)]) == 0
-    results = json.loads((out / "results.json").read_text(encoding="utf-8"))
-    assert [one["name"] for one in results["items"]] == ["Figure III.1"]
-    assert results["mistakes"] == []
-    assert results["friction_identified"] is None
-
-
-def test_every_item_has_the_name_that_it_is_asked_for_by(bench: Bench) -> None:
-    make = figures.figure_iii_1
-    assert item_name(make) == make(bench).name
-    assert items_named(item_name(make)) == (make,)
 
 
 def test_an_unknown_figure_is_refused_with_the_names(

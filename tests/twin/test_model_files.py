@@ -157,18 +157,12 @@ def test_a_model_of_others_becomes_a_robot(tmp_path):
     ("text", "sentence"),
     [
         ("", "is not a model that MuJoCo reads"),
-        ("<mujoco><worldbody>", "is not a model that MuJoCo reads: .* Line number=1"),
-        ("<html/>", "is not a model that MuJoCo reads: .* 'html'"),
         ("<mujoco/>", "It has no bodies that could be the ball"),
-        ("<robot name='a'><link name='b'/></robot>", "could be the ball|is not a model that MuJoCo reads"),
         ('<mujoco><include file="b.xml"/></mujoco>', "is not a model that MuJoCo reads"),
         (foreign(inertial=""), "The mass of the body 'base' comes from a mesh"),
         (foreign().replace('size="0.12"', 'size="0.1"'), "a radius of 49.71 mm .* but 69.71 mm lie"),
         (foreign().replace('axis="1 0 0"', 'axis="0 1 0"'), "It has 0 wheels on the ball, .* w0, w1, w2"),
-        (foreign().replace('mass="4"', 'mass="nan"'), "is not a model that MuJoCo reads|must be finite"),
         (foreign().replace('mass="4"', 'mass="4e9"'), "body.mass is 4e\\+09 kg"),
-        (foreign().replace('mass="4"', 'mass="4e30"'), "is not a model that MuJoCo reads: Inertia matrix is too close"),
-        (foreign().replace('mass="0.3"', 'mass="-1"'), "is not a model that MuJoCo reads"),
     ],
 )  # fmt: skip
 def test_a_bad_model_ends_in_a_sentence(tmp_path, text, sentence):

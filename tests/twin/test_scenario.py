@@ -4,23 +4,14 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot
-from ballbot.simulation.imperfections import Push, Supply
-from ballbot.twin import Scenario, Twin, mjcf
+from ballbot.twin import Scenario, mjcf
 from ballbot.twin.faults import (
     Compliance,
-    CurrentLoop,
-    LoadDependence,
-    Payload,
-    Roughness,
-    Softness,
-    Timing,
 )
-from ballbot.twin.scenario_file import EXAMPLES, load_scenario, scenario_text, write_scenario
+from ballbot.twin.scenario_file import EXAMPLES, load_scenario, scenario_text
 from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
@@ -31,48 +22,6 @@ def read(text: str, folder: Path) -> Scenario:
     path = folder / "mine.toml"
     path.write_text(text, encoding="utf-8")
     return load_scenario(path, ALTEN)
-
-
-@pytest.mark.parametrize("name", Scenario.names())
-def test_named_scenarios_round_trip(name: str, tmp_path: Path) -> None:
-    scenario = Scenario.named(name, ALTEN)
-    write_scenario(scenario, tmp_path / "one.toml")
-    assert load_scenario(tmp_path / "one.toml", ALTEN) == scenario
-    assert load_scenario(tmp_path / "one.toml", ALTEN) == scenario
-    assert load_scenario(name, ALTEN) == scenario
-
-
-# up to the size of a wall socket's frequency or a wrestler's push; the smallest keeps products from underflowing
-positive = st.floats(1e-6, 30.0)
-number = st.floats(-30.0, 30.0)
-
-
-@settings(max_examples=30, deadline=None)  # a busy machine is slow
-@given(
-    softness=st.none() | st.builds(Softness, stiffness=positive, damping=positive),
-    compliance=st.none() | st.builds(Compliance, frequency=positive, damping_ratio=st.floats(0, 1)),
-    current_loop=st.none() | st.builds(CurrentLoop, bandwidth=positive),
-    supply=st.none() | st.builds(Supply, winding_resistance=positive, internal_resistance=positive),
-    load_dependence=st.none() | st.builds(LoadDependence, fraction=st.floats(0, 1)),
-    payload=st.none() | st.builds(Payload, mass=positive, position=st.tuples(number, number, number)),
-    roughness=st.none()
-    | st.builds(Roughness, height=positive, wavelength=positive, seed=st.integers(0, 2**40)),
-    timing=st.none() | st.builds(Timing, delay=st.integers(0, 9), jitter=st.floats(0, 0.0024)),
-    pushes=st.lists(
-        st.builds(
-            Push,
-            time=number,
-            duration=positive,
-            force=st.tuples(number, number, number),
-            height=positive,
-        ),
-        max_size=3,
-    ).map(tuple),
-    name=st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]), max_size=20),
-)
-def test_every_fault_round_trips(tmp_path_factory: pytest.TempPathFactory, **parts: object) -> None:
-    scenario = replace(NOMINAL, **parts)  # type: ignore[arg-type]
-    assert read(scenario_text(scenario), tmp_path_factory.getbasetemp()) == scenario
 
 
 def test_scenario_file_contains_only_differences(tmp_path: Path) -> None:
@@ -87,11 +36,6 @@ def test_scenario_file_contains_only_differences(tmp_path: Path) -> None:
     )
 
 
-def test_false_switches_off_what_the_base_has(tmp_path: Path) -> None:
-    found = read('base = "resonant"\nname = "nominal"\ncompliance = false\n', tmp_path)
-    assert found == NOMINAL
-
-
 def test_the_examples_of_what_is_off_can_be_switched_on(tmp_path: Path) -> None:
     """Taking the # away from every line that is off gives a scenario with everything on."""
     lines = scenario_text(NOMINAL).splitlines()
@@ -102,26 +46,20 @@ def test_the_examples_of_what_is_off_can_be_switched_on(tmp_path: Path) -> None:
     found = read("\n".join(lines), tmp_path)
     for name, example in EXAMPLES.items():
         assert getattr(found, name) == ((example,) if name == "pushes" else example)
+    named = replace(found, name="é \"'\\#", backlash=1.0 / 3.0, pushes=2 * found.pushes)
+    assert read(scenario_text(named), tmp_path) == named
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
         ("bcklash = 1", "bcklash is not a key of a scenario file; did you mean 'backlash'?"),
-        ("[compliance]\nfreqency = 1", "did you mean 'frequency'?"),
         ("[[pushes]]\nwhen = 1", "pushes[1].when is not a key"),
         ("[compliance]\nfrequency = 1", "compliance.damping_ratio is missing"),
-        ("backlash = 'a'", "backlash is 'a'; it must be a number"),
-        ("backlash = true", "backlash is true; it must be a number"),
         ("backlash = nan", "backlash is nan rad; it must be finite"),
-        ("compliance = 3", "compliance is 3; it must be a table"),
-        ("pushes = 3", "pushes is 3; it must be a list"),
         ("[friction]\ncoulomb = [0.1, 0.1]", "friction for 2 wheels"),
         ("base = 'nomnal'", "did you mean 'nominal'?"),
         ("base = 3", "base is 3"),
-        ("[timing]\ndelay = 1.5", "timing.delay is 1.5; it must be a whole number"),
-        ("wheel_contact = 'wheels'", "wheel_contact is 'wheels'"),
-        ("x = ", "not valid TOML"),
     ],
 )
 def test_refuses_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> None:
@@ -144,17 +82,6 @@ def test_a_friction_term_that_the_twin_does_not_simulate_is_refused(term: str, m
         mjcf.twin_mjcf(ALTEN, scenario)
 
 
-def test_unknown_scenario_lists_the_known_ones(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="did you mean 'nominal'"):
-        load_scenario("nominl", ALTEN)
-    path = tmp_path / "bytes.toml"
-    path.write_bytes(b"\xff\xfe")
-    with pytest.raises(InputError, match="UTF-8"):
-        load_scenario(path, ALTEN)
-    with pytest.raises(InputError, match="cannot be read"):
-        load_scenario(tmp_path, ALTEN)
-
-
 def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "twin.md").read_text(encoding="utf-8")
     example = page.split("```toml\n")[1].split("```")[0]
@@ -163,17 +90,3 @@ def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
     assert len(found.pushes) == 1
     for name in Scenario.names():
         assert f"`{name}`" in page
-
-
-def test_an_old_file_is_read_without_a_hint_if_its_keys_have_not_changed() -> None:
-    found = load_scenario(ROOT / "tests" / "golden" / "files" / "scenario.toml", ALTEN)
-    assert found == Scenario.named("resonant", ALTEN)
-
-
-def test_a_robot_and_a_scenario_are_given_by_value_or_name() -> None:
-    assert Scenario.nominal("alten") == NOMINAL
-    assert Scenario.named("ideal", "alten") == Scenario.ideal(ALTEN) == load_scenario("ideal", "alten")
-    assert Twin("alten", "ideal").scenario == Scenario.ideal(ALTEN)
-    assert Twin("alten").scenario == NOMINAL
-    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
-        Twin("altn")

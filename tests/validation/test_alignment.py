@@ -8,14 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.turning import Clock
 from ballbot.log import Log
 from ballbot.validation.alignment import align, alignment_findings
 from tests.support.alignment_examples import Setup, flipped, record, unseen
-from tests.support.report_pages import figure_count
 
 ANGLE = st.floats(-3.1, 3.1)
 #: required: 1 ms and 0.1 degrees. Cameras to 1 mrad a frame and 40 s of sway of 0.1 rad give a tenth of the first
@@ -95,28 +93,6 @@ def test_markers_confused_out_of_view_are_refused_with_their_time():
     film = flipped(film, start=30.0, end=100.0, flip=Rotation.from_euler("Z", 90.0, degrees=True))
     with pytest.raises(InputError, match=r"at 27\.\d+ s of the log"):  # the cameras' clock is 3 s ahead
         align(log, unseen(film, start=29.0, end=30.5))
-
-
-def test_a_gap_is_nan_and_one_lost_frame_is_not():
-    log, film = record(Setup())
-    film = unseen(film, start=10.0, end=12.0)
-    film = unseen(film, start=20.0, end=20.0 + 1.0 / 120.0)
-    found = align(log, film).log
-    seen = np.isfinite(found["mocap_psi"]) & np.isfinite(found["mocap_x"])
-    cameras = found.t + 3.0
-    last, first = film.t[film.t < 10.0][-1], film.t[film.t >= 12.0][0]
-    # but for a row within the clock's error of a frame
-    clear = (np.abs(cameras - last) > ONE_MILLISECOND) & (np.abs(cameras - first) > ONE_MILLISECOND)
-    np.testing.assert_array_equal(seen[clear], ((cameras < last) | (cameras > first))[clear])
-
-
-def test_frames_lost_here_and_there_are_bridged():
-    log, film = record(Setup())
-    lost = np.random.default_rng(0).random(len(film)) < 0.3  # of the frames, each for itself
-    film = film.with_columns({name: np.where(lost, np.nan, film[name]) for name in film.names if name != "t"})
-    found = align(log, film)
-    assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
-    assert found.unseen < 0.01
 
 
 def test_a_motion_that_repeats_itself_has_a_rival():
@@ -200,26 +176,6 @@ def test_clock_comes_from_angles_without_gyro_and_from_gyro_without_angles():
     assert by_angles.sensors is not None
     assert by_angles.sensors.position is None
     assert by_gyro.frame is None
-
-
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize(
-    ("told", "seen", "figures"),
-    [
-        (("gyro_x", "gyro_y", "gyro_z"), ("x", "y", "z"), 0),
-        (("theta", "phi", "psi", "x", "y"), (), 2),
-        (("theta", "phi", "psi", "x", "y"), ("x", "y", "z"), 4),
-    ],
-)
-def test_the_command_makes_a_page_of_whatever_there_is(tmp_path, capsys, told, seen, figures):
-    log, film = record(Setup(duration=20.0))
-    Log({name: log[name] for name in ("t", *told)}).write(tmp_path / "log.csv")
-    Log({name: film[name] for name in ("t", "qw", "qx", "qy", "qz", *seen)}).write(tmp_path / "film.csv")
-    files = [str(tmp_path / "log.csv"), str(tmp_path / "film.csv")]
-    assert main(["align", *files, "--out", str(tmp_path / "out")]) == 0
-    assert "clock" in capsys.readouterr().out
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert figure_count(page) == figures
 
 
 def test_turning_about_one_axis_is_refused():

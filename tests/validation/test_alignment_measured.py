@@ -1,6 +1,5 @@
 """Alignment on measured data: a trial of BROAD, and the stand-in robot's motion capture."""
 
-import json
 import re
 from functools import cache
 from pathlib import Path
@@ -11,11 +10,9 @@ import scipy.io
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from ballbot.cli.main import main
 from ballbot.identification.turning import Clock
 from ballbot.log import Log
 from ballbot.validation.alignment import Alignment, align, alignment_findings
-from tests.support.report_pages import figure_count
 
 #: required accuracy
 ONE_MILLISECOND, TENTH_OF_A_DEGREE = 1e-3, np.radians(0.1)
@@ -115,22 +112,3 @@ def test_the_stand_ins_heading_drifts_and_its_position_follows(shared_data):
     # as in the thesis: leans right to far better than a degree
     assert max(found.sensors.of[lean].largest for lean in ("theta", "phi")) < np.radians(0.3)
     assert found.motion.offset_half_width < ONE_MILLISECOND
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_the_command_writes_report_results_and_aligned_log(shared_data, tmp_path, capsys):
-    folder = shared_data / "bbr"
-    log, mocap = folder / "square_stiff.csv", folder / "square_stiff_mocap.csv"
-    if not mocap.is_file():
-        pytest.skip(f"no {mocap}")
-    assert main(["align", str(log), str(mocap), "--out", str(tmp_path)]) == 0
-    assert "Heading drifts" in capsys.readouterr().out
-    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
-    assert results["clock"]["follows"] == "gyro"
-    assert results["sensors"]["psi"]["drift"] == pytest.approx(np.radians(5.2) / 60.0, rel=0.05)
-    aligned = Log.read(tmp_path / "aligned.csv")
-    assert np.nanmax(np.abs(aligned["mocap_theta"] - aligned["theta"])) < np.radians(0.3)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert figure_count(page) == 4
-    assert main(["align", str(mocap), str(log), "--out", str(tmp_path)]) == 2
-    assert "theta, phi, psi" in capsys.readouterr().err

@@ -39,9 +39,3 @@ def test_better_requires_the_whole_interval_above_one():
     assert set(_pair(*_errors(random, runs=60, memory=0.0)).verdicts()) == {"better"}
     assert set(_pair(*_errors(random, runs=60, memory=0.0)[::-1]).verdicts()) == {"worse"}
     assert verdicts(np.array([[0.9, 1.1, 0.5], [1.2, 1.3, 0.8]])) == ("undecided", "better", "worse")
-
-
-def test_too_few_runs_have_no_interval_and_no_verdict():
-    pair = _pair(*_errors(np.random.default_rng(6), runs=7, memory=0.0))
-    assert np.isnan(pair.ratio_interval()).all()
-    assert set(pair.verdicts()) == {"undecided"}

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import json
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.mechanics.model import Model
-from ballbot.report.validation import key_of, validation_results
 from ballbot.robot import Robot
-from ballbot.robot.file import write_robot
 from ballbot.validation import ModelPair, NamedModel, findings, validate, validate_pair
 from ballbot.validation.result import better_in
 from tests.support.foreign_log_examples import small_robot, swaying_log
-from tests.support.report_pages import shown_text
-from tests.support.validation_examples import noisy_log, noisy_validation, true_robot
+from tests.support.validation_examples import noisy_log, true_robot
 
 
 def _viscous() -> Robot:
@@ -69,19 +62,6 @@ def test_the_formulation_that_made_the_log_is_found_in_closed_loop():
     assert np.median(validation.horizon.errors.ratio[0]) == pytest.approx(1.0, abs=0.02)
 
 
-@pytest.mark.slow
-def test_results_stand_under_the_models_names():
-    results = validation_results(noisy_validation())
-    assert [one["name"] for one in results["models"]] == ["with friction", "without friction"]  # pyright: ignore
-    for part in ("open_loop", "closed_loop", "prediction"):
-        errors = results[part]
-        assert isinstance(errors, dict)
-        for name in ("with_friction", "without_friction"):
-            assert {name, f"rmse_{name}", f"normalised_rmse_{name}"} <= set(errors)
-        assert set(errors["verdict"].values()) <= {"better", "worse", "undecided"}
-    assert key_of("of found/robot.toml") == "of_found_robot_toml"
-
-
 def test_models_that_cannot_be_compared_are_refused():
     model = Model(true_robot())
     with pytest.raises(InputError, match="are the same"):
@@ -106,30 +86,3 @@ def test_pushed_log_gets_no_open_loop_verdict():
     assert "No open-loop validation: Something other than wheels and gravity moves the lean" in said
     assert "Open loop," not in said
     assert validation.to_dict()["open_loop"] is None
-
-
-def test_a_short_log_gets_no_verdict():
-    validation = validate(true_robot(), noisy_log().select(slice(0, 700)))
-    said = " ".join(texts(findings(validation)))
-    assert "runs are too few to show" in said
-    assert "is better than" not in said
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_the_command_compares_any_two_models(tmp_path: Path, capsys):
-    noisy_log().select(slice(0, 1800)).write(tmp_path / "walk.csv")
-    write_robot(true_robot(), tmp_path / "true.toml")
-    write_robot(_viscous(), tmp_path / "viscous.toml")
-    words = ["validate", str(tmp_path / "true.toml"), str(tmp_path / "walk.csv")]
-    assert main([*words, "--against", str(tmp_path / "viscous.toml"), "--out", str(tmp_path / "laws")]) == 0
-    page = (tmp_path / "laws" / "report.html").read_text(encoding="utf-8")
-    text = shown_text(page)
-    assert not re.search(r"\b(nan|None|inf)\b", text)
-    assert "--against" in text
-    assert "viscous.toml" in text
-    results = json.loads((tmp_path / "laws" / "results.json").read_text(encoding="utf-8"))
-    assert results["validation"]["models"][1]["name"].endswith("viscous.toml")
-    for against in ("exact", "nobody"):
-        assert main([*words, "--against", against, "--out", str(tmp_path / "no")]) == 2
-        assert capsys.readouterr().err.count("\n") == 1

@@ -26,16 +26,13 @@ from ballbot.validation.statistics import (
     LAGS,
     autocovariance,
     blocks_of,
-    correlation_of,
     correlations,
-    effective_counts,
     holm,
     lagged,
     spectrum,
     whiteness,
 )
 from tests.support.validation_examples import (
-    NOISE,
     noisy_log,
     true_robot,
     wheel_log,
@@ -87,14 +84,6 @@ def test_holm_keeps_fewer_than_plain_levels_and_the_surest_first():
 # --- correlation ---
 
 
-def test_the_correlation_matrix_is_that_of_numpy():
-    prediction = _predicted(true_robot(), noisy_log())
-    assert prediction.labels == (*(f"e_{name}" for name in STATE_NAMES), "u1", "u2", "u3")
-    columns = np.hstack([prediction.residuals, prediction.torques])
-    np.testing.assert_allclose(correlation_of(columns), np.corrcoef(columns, rowvar=False), atol=1e-12)
-    np.testing.assert_array_equal(correlation_of(np.column_stack([np.ones(50), np.arange(50.0)])), np.eye(2))
-
-
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 def test_independent_series_have_no_marked_cells_whatever_their_memory(memory):
     random = np.random.default_rng(2)
@@ -103,12 +92,6 @@ def test_independent_series_have_no_marked_cells_whatever_their_memory(memory):
         columns = _filtered([1.0], [1.0, -memory], random.normal(size=(700, 13)))[100:]
         marked.append(correlations(columns, LABELS, (600,)).significant.any())
     assert np.mean(marked) <= _at_most(60, 0.05)
-
-
-def test_memory_makes_samples_count_less():
-    columns = _filtered([1.0], [1.0, -0.9], np.random.default_rng(3).normal(size=(50_000, 2)))
-    # of two first-order series: n (1 - rho^2) / (1 + rho^2); its estimate scatters by some 10 %
-    assert effective_counts(columns, (50_000,))[0, 1] == pytest.approx(50_000 * 0.19 / 1.81, rel=0.25)
 
 
 def test_a_true_correlation_is_marked_and_no_other():
@@ -170,15 +153,6 @@ def test_noise_without_a_peak_has_none(b, a):
     assert false / 10 <= _at_most(10, 0.01)
 
 
-def test_the_density_is_that_of_white_noise():
-    found = spectrum(
-        2.0 * np.random.default_rng(8).normal(size=(40_000, 3)), (25_000, 15_000), sample_time=0.01
-    )
-    assert found is not None
-    # variance over half the sampling rate; mean over 3 x 120 bins of windows' average logarithms
-    assert found.densities[5:-5].mean() == pytest.approx(4.0 / 50.0, rel=0.02)
-
-
 @pytest.mark.parametrize("frequency", [12.0, 71.0])
 def test_a_resonance_is_named_within_the_resolution(frequency):
     # a mode that noise excites, damped by 0.3 %, narrower than the resolution; the gyro sees 0.01 rad/s rms of it
@@ -219,21 +193,6 @@ def test_fault_free_robot_gets_no_residual_finding():
         assert nothing in said
 
 
-@pytest.mark.slow
-def test_false_friction_findings_keep_to_the_level():
-    log, model, random = wheel_log(), Model(true_robot()), np.random.default_rng(11)
-    prediction = _predicted(true_robot(), log)
-    p_values = []
-    for _ in range(8):
-        # a residual holds the noise of two states, to first order in the sample time
-        noise = random.normal(size=(len(log), 10)) * NOISE
-        drawn = replace(prediction, residuals=np.diff(noise, axis=0))
-        found = analyse_residuals(drawn, model)
-        assert found.by_speed is not None
-        p_values += [effect.p_value for effect in found.by_speed]
-    assert np.mean(np.array(p_values) < 0.05) <= _at_most(len(p_values), 0.05)
-
-
 def test_wrong_friction_shows_as_a_speed_effect():
     robot = true_robot()
     less = replace(robot.friction, coulomb=tuple(c - 0.03 for c in robot.friction.coulomb))
@@ -257,14 +216,6 @@ def test_log_without_encoders_is_reported():
     found = _analysed(true_robot(), bare)
     assert found.by_speed is None
     assert any("lacks the encoder speeds" in sentence for sentence in texts(residual_findings(found)))
-
-
-def test_wheels_at_rest_give_no_effects():
-    log = noisy_log()
-    still = {f"wheel{i}{end}": np.zeros(len(log)) for i in (1, 2, 3) for end in ("", "_dot")}
-    found = _analysed(true_robot(), log.with_columns(still))
-    said = " ".join(texts(residual_findings(found)))
-    assert "nan" not in said
 
 
 @pytest.mark.parametrize("rows", [12, 450, 1500])

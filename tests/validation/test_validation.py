@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import square
@@ -22,7 +21,6 @@ from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
 from ballbot.validation import (
     ModelPair,
-    StateErrors,
     Validation,
     findings,
     join_validations,
@@ -31,7 +29,7 @@ from ballbot.validation import (
     validate_pair,
 )
 from ballbot.validation.closed_loop import closed_loop, delay_of, heading_error
-from ballbot.validation.models import forecast, recoverable_lean, stretches, thesis_error, window_starts
+from ballbot.validation.models import forecast, recoverable_lean, stretches, window_starts
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import predict
 from ballbot.validation.result import weak_states
@@ -56,22 +54,6 @@ def _models(robot: Robot) -> ModelPair:
 
 
 # --- errors ---
-
-
-@given(arrays(float, (17, 3), elements=st.floats(-1e3, 1e3)))
-def test_rmse_is_the_thesis_error_times_root_n(difference):
-    rmse = np.sqrt(np.mean(difference**2, axis=0))
-    # the two differ by rounding only
-    np.testing.assert_allclose(thesis_error(difference) * np.sqrt(17), rmse, rtol=1e-12, atol=1e-12)
-
-
-def test_errors_of_runs_of_unequal_length():
-    random = np.random.default_rng(1)
-    runs = [random.normal(size=(n, 10)) for n in (5, 40, 200)]
-    errors = StateErrors.of_runs(runs)
-    np.testing.assert_allclose(errors.rmse, np.sqrt(np.mean(np.concatenate(runs) ** 2, axis=0)), rtol=1e-12)
-    by_definition = [np.sqrt((run**2).sum(axis=0)) / len(run) for run in runs]
-    np.testing.assert_allclose(errors.error, np.mean(by_definition, axis=0), rtol=1e-12)
 
 
 # --- rows that count ---
@@ -136,18 +118,6 @@ def test_torques_that_follow_no_law_are_refused():
     random = np.random.default_rng(0)
     with pytest.raises(InputError, match="explains only"):
         recover_gain(_log_of(random.normal(size=(500, 10)), random.normal(size=(500, 3))))
-
-
-def test_the_heading_error_is_a_turn_by_minus_psi():
-    random = np.random.default_rng(5)
-    states, references = random.normal(size=(2, 20, 10))
-    turned = heading_error(states, references)
-    e = references - states
-    for first, second in ((0, 1), (2, 3), (5, 6), (7, 8)):
-        as_complex = (e[:, first] + 1j * e[:, second]) * np.exp(-1j * states[:, 4])
-        np.testing.assert_allclose(turned[:, first], as_complex.real, atol=1e-12)
-        np.testing.assert_allclose(turned[:, second], as_complex.imag, atol=1e-12)
-    np.testing.assert_array_equal(turned[:, [4, 9]], e[:, [4, 9]])
 
 
 def test_another_controller_than_the_logs_is_refused():
@@ -232,17 +202,6 @@ def test_only_holdout_intervals_count():
     )
     np.testing.assert_array_equal(clean.prediction.residuals, other.prediction.residuals)
     assert clean.duration == pytest.approx(5.0, abs=0.01)
-
-
-@pytest.mark.slow
-def test_a_wrapped_heading_is_counted_on():
-    log = noisy_log().between(0.0, 6.0)
-    heading = log["psi"] % (2.0 * np.pi)
-    assert np.abs(np.diff(heading)).max() > 6.0
-    wrapped = log.with_columns({"psi": heading})
-    plain, counted_on = (_open_loop(validate(true_robot(), one)).errors.first.rmse for one in (log, wrapped))
-    # a whole turn more changes sines and cosines by rounding
-    np.testing.assert_allclose(counted_on, plain, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 
 from ballbot.control.presets import nominal_controller
 from ballbot.mechanics.geometry import rotation
-from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
-from ballbot.simulation.model_plant import ModelPlant
 from ballbot.twin import Scenario
 from ballbot.viewer.bodies import ModelBody, TwinBody, push_force
 
@@ -35,23 +33,6 @@ def test_push_does_the_work_of_its_force(angles, f_x, f_y, height):
 
 
 @pytest.mark.slow
-def test_impulse_of_wheel_torques_is_what_the_torques_do():
-    model = Model(SMOOTH)
-    state = np.array([0.1, -0.2, 0.1, -0.05, 0.4, 0.2, -0.1, 0.3, 0.1, -0.2])
-    u, dt = np.array([1.0, -0.5, 0.3]), 1e-5
-    q, q_dot = state[:5], state[5:]
-    force = model.mass_matrix(q) @ (model.acceleration(q, q_dot, u) - model.acceleration(q, q_dot, 0 * u))
-    pushed, driven = ModelPlant(model), ModelPlant(model)
-    pushed.reset(state)
-    pushed.push(dt * force)
-    driven.reset(state)
-    found, expected = pushed.step(0 * u, dt).truth, driven.step(u, dt).truth
-    # they differ by terms in dt^2: 1e-10 times rates of change of the order of 100
-    np.testing.assert_allclose(found, expected, atol=1e-7)
-    assert np.abs(expected[5:] - state[5:]).max() > 1e-5
-
-
-@pytest.mark.slow
 def test_twin_answers_a_push_and_a_slope_as_the_model_does():
     twin = TwinBody(SMOOTH, Scenario.ideal(SMOOTH), nominal_controller(SMOOTH))
     found = []
@@ -66,22 +47,3 @@ def test_twin_answers_a_push_and_a_slope_as_the_model_does():
     for of_model, of_twin in zip(found[:2], found[2:], strict=True):
         difference = np.linalg.norm(of_twin[5:9] - of_model[5:9])
         assert difference < 0.35 * np.linalg.norm(of_model[5:9])
-
-
-@pytest.mark.slow
-def test_changed_twin_goes_on_from_where_it_was():
-    controller = nominal_controller(ALTEN)
-    body = TwinBody(ALTEN, Scenario.nominal(ALTEN), controller)
-    body.reset(np.zeros(10))
-    for _ in range(20):
-        before = body.step(np.array([0.8, -0.4, 0.1]), 0.005, (0.0, 0.0), 0.0)
-    ball = body.ball()
-    body.change(scaled_friction(body.robot.friction, 2.0), (0.02, 0.0))
-    after = body.step(np.zeros(3), 0.005, (0.0, 0.0), 0.0)
-    assert after.t == pytest.approx(before.t + 0.005)
-    # 5 ms at the speeds that it has
-    np.testing.assert_allclose(
-        after.truth[:5], before.truth[:5], atol=0.005 * np.abs(before.truth[5:]).max() * 1.5
-    )
-    np.testing.assert_allclose(after.wheel_angles, before.wheel_angles, atol=0.1)
-    assert abs(np.dot(ball, body.ball())) > 0.999

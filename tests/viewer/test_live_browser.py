@@ -90,32 +90,6 @@ def test_robot_pushed_with_the_mouse_leans_and_recovers(tab):
     assert {one.partition(":")[0] for one in tab.requests()} <= {"http", "data"}
 
 
-def test_arrow_key_pushes(tab):
-    tab.key("ArrowRight")
-    tab.wait(f"{LEAN} > 0.7")
-    tab.wait(f"{LEAN} < 0.5")
-    assert tab.complaints() == []
-
-
-def test_dragged_reference_is_followed(tab):
-    # the ring's right edge in the first view
-    tab.drag(place(tab, 0.564, 0.69), place(tab, 0.75, 0.69))
-    tab.wait(f"{OFF} > 100")
-    keep(tab.screenshot(), "live_reference")
-    tab.wait(f"{OFF} < 60")
-    assert tab.complaints() == []
-
-
-def test_robot_without_motors_falls_and_is_put_up_again(tab):
-    tab.click("button.arrow")  # a robot exactly upright would not fall
-    tab.click(".motors input")
-    tab.wait(f"{STATE}.startsWith('Fallen')")
-    keep(tab.screenshot(), "live_fallen")
-    tab.click("button.reset")
-    tab.wait(f"{RUNNING} && {LEAN} < 0.5")
-    assert tab.run("document.querySelector('.motors input').checked") is True
-
-
 def test_settings_come_back_from_the_simulation_to_every_page(tab, browser, address):
     slide(tab, "Wheels", 2)
     choose = "document.querySelector('select[aria-label=\"Friction compensation\"]')"

@@ -45,24 +45,6 @@ def test_integrated_rotation_is_the_product_of_the_turns():
     assert (np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.0).all()
 
 
-def test_wheel_angles_are_the_same_by_encoders_and_by_position():
-    log = with_wheels(smooth_log(), ALTEN)
-    without = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
-    by_encoders, by_position = motion_of(log, ALTEN), motion_of(without, ALTEN)
-    for name in ("wheel1", "wheel2", "wheel3"):
-        difference = by_encoders.columns[name] - by_position.columns[name]
-        # both integrate by the trapezoidal rule at 5 ms: h^2/12 of a motion of 2 rad/s and angles of some radians
-        assert np.abs(difference).max() < 5e-3
-
-
-def test_true_states_come_before_measured_ones():
-    t = np.linspace(0.0, 1.0, 101)
-    names = ("x", "y", "theta", "phi", "psi")
-    true = {f"true_{name}": 0.0 * t for name in (*names, *(f"{one}_dot" for one in names))}
-    motion = motion_of(upright(t, x=t + 5.0, **true), ALTEN)
-    assert not motion.columns["x"].any()
-
-
 def test_no_peak_of_a_torque_is_lost():
     t = 0.001 * np.arange(1001)
     torque = np.zeros_like(t)
@@ -72,13 +54,6 @@ def test_no_peak_of_a_torque_is_lost():
     assert columns["u1_low"].min() == -3.0
     assert columns["torque_high"].max() == 4.0
     assert columns["u1_high"][10] == columns["u1_low"][10] == 0.0
-
-
-def test_rows_are_even_and_reach_both_ends():
-    t = np.sort(np.random.default_rng(2).uniform(3.0, 7.0, 700))
-    motion = motion_of(upright(t, x=t), ALTEN)
-    assert motion.columns["x"][[0, -1]].tolist() == [t[0], t[-1]]
-    assert motion.interval == pytest.approx(INTERVAL, rel=0.01)
 
 
 def test_gap_in_a_pose_is_bridged_and_noted():
@@ -116,12 +91,6 @@ def test_friction_pushes_against_the_motion():
     # (m_b + m_r) g C_rr; interpolated where the direction turns
     assert size.max() == pytest.approx(0.007 * 9.81 * (3.0 + 17.076), rel=1e-6)
     assert "friction1" not in motion_of(log, ALTEN).columns
-
-
-def test_row_of_a_log_is_a_picture():
-    motion = motion_of(upright(np.array([2.0]), x=np.array([1.0])), ALTEN)
-    assert motion.rows == 1
-    assert motion.columns["x"].tolist() == [1.0]
 
 
 @pytest.mark.parametrize(

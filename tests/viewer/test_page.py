@@ -14,7 +14,7 @@ from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.viewer import replay_page
 from ballbot.viewer.packing import packed
-from tests.support.log_examples import smooth_log, with_wheels
+from tests.support.log_examples import smooth_log
 from tests.support.packing import unpacked
 
 ALTEN = Robot.load("alten")
@@ -36,12 +36,6 @@ def test_packed_column_is_within_its_resolution(values, resolution):
     error = np.abs(found - given_values)[~np.isnan(given_values)]
     # a float of 32 bits holds 24 of them; the whole numbers are computed with 53
     assert (error <= resolution * (1 + 1e-9) + 6e-8 * np.abs(given_values[~np.isnan(given_values)])).all()
-
-
-def test_minute_of_two_robots_is_small():
-    log = with_wheels(smooth_log(rows=12_002), ALTEN)
-    page = replay_page({"with": log, "without": log}, ALTEN, title="two robots")
-    assert len(page.encode()) < 2_000_000
 
 
 def test_page_asks_for_nothing_and_runs_its_own_script_only():
@@ -88,24 +82,8 @@ def test_every_preset_can_be_drawn(preset):
         assert reach == pytest.approx(robot.ball.radius + robot.wheels.radius)
 
 
-def test_too_many_logs_are_refused():
-    log = smooth_log(rows=10)
-    with pytest.raises(InputError, match="at most 4"):
-        replay_page({str(k): log for k in range(5)}, ALTEN, title="many")
-
-
 def test_refusal_names_the_log():
     log = smooth_log(rows=10)
     bad = log.with_columns({"psi": np.full(10, np.nan)})
     with pytest.raises(InputError, match="bad: "):
         replay_page({"good": log, "bad": bad}, ALTEN, title="two")
-
-
-def test_logs_and_robots_are_taken_as_values_names_and_files(tmp_path):
-    log, path = smooth_log(rows=40), tmp_path / "walk.csv"
-    log.write(path)
-    for logs, names in ((log, ["run"]), (path, ["walk"]), ([log, path], ["log 1", "walk"])):
-        runs = data_of(replay_page(logs, "alten", title="a"))["runs"]
-        assert [run["name"] for run in runs] == names
-    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
-        replay_page(log, "altn", title="a")

@@ -8,7 +8,6 @@ import sys
 
 import pytest
 
-from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.viewer import replay_page
 from ballbot.viewer.browser import installed_browser
@@ -19,9 +18,6 @@ pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(installed_browser() is None, reason="no Chromium: apt-get install chromium"),
 ]
-#: stands for ffmpeg: the pictures as they come, one after the other
-KEEPING = "open(sys.argv[-1], 'wb').write(sys.stdin.buffer.read())"
-FAILING = "sys.exit('Unknown encoder')"
 
 
 @pytest.fixture
@@ -37,23 +33,6 @@ def install(folder, monkeypatch, program):
     path.write_text(f"#!{sys.executable}\nimport sys\n{program}\n")
     path.chmod(0o755)
     monkeypatch.setenv("PATH", f"{path.parent}{os.pathsep}{os.environ['PATH']}")
-
-
-def test_video_has_a_picture_for_each_moment(page, tmp_path, monkeypatch):
-    install(tmp_path, monkeypatch, KEEPING)
-    done = []
-    write_video(page, tmp_path / "made" / "a.mjpeg", progress=lambda one: done.append(one.share))
-    pictures = (tmp_path / "made" / "a.mjpeg").read_bytes().split(b"\xff\xd8\xff")[1:]
-    assert len(pictures) == len(done) == int(0.3 * RATE) + 1
-    assert done[-1] == 1.0
-    assert len(set(pictures)) == len(pictures)  # the clock and the robot move
-
-
-def test_reason_of_ffmpeg_is_shown(page, tmp_path, monkeypatch):
-    install(tmp_path, monkeypatch, FAILING)
-    with pytest.raises(InputError, match=r"cannot write a \.xyz video: Unknown encoder"):
-        write_video(page, tmp_path / "a.xyz")
-    assert not (tmp_path / "a.xyz").exists()
 
 
 @pytest.mark.skipif(

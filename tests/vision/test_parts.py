@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ballbot.errors import InputError
 from ballbot.vision.seam import SEAMS, seam_named, seam_table, thesis_seam
 from ballbot.vision.tracking import Track, angular_velocity
 from ballbot.vision.video import Video, frame_times
@@ -55,13 +54,6 @@ def test_seams_are_closed_and_have_a_half_turn(name):
     turned = seam.points * [-1.0, -1.0, 1.0]
     nearest = np.min(np.linalg.norm(turned[::97, None] - seam.points[None], axis=2), axis=1)
     assert nearest.max() < 4e-3
-
-
-def test_an_unknown_seam_is_refused():
-    with pytest.raises(InputError, match="the seams are thesis, tennis, basketball"):
-        seam_named("football")
-    with pytest.raises(InputError, match=r"between 0\.5 and 1"):
-        thesis_seam(0.4)
 
 
 @settings(max_examples=30)

@@ -1,11 +1,10 @@
 """The Coulomb friction that compares logs and robots if the friction law has a Stribeck part.
 
 A log of balancing hardly separates c, the dry friction at high speed, from s, which adds to it at low speed: their
-errors are opposite, and over ten logs of one robot c alone varies by a third (`python -m campaigns.evidence
-coulomb_variation`). The log determines the curve at the speeds driven. So the identified dry friction c + s E(w) is
-replaced by the straight line c_e + a w nearest to it from rest to the speed W that 95 % of the log's speeds stay below,
-in the mean of squares over that range. Its value at rest c_e corresponds to the Coulomb friction of a law without
-Stribeck part. With x = w / W from 0 to 1,
+errors are opposite, and over ten logs of the nominal twin c alone varied by 24 to 38 %. The log determines the curve at
+the speeds driven. So the identified dry friction c + s E(w) is replaced by the straight line c_e + a w nearest to it
+from rest to the speed W that 95 % of the log's speeds stay below, in the mean of squares over that range. Its value at
+rest c_e corresponds to the Coulomb friction of a law without Stribeck part. With x = w / W from 0 to 1,
 
     c_e = c + s (4 A - 6 B)        A = int E dx,  B = int x E dx        E = exp(-|W x / v_s|^delta)
 

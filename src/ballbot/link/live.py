@@ -7,7 +7,7 @@
     robot.disarm()
 
 A `Commander` is asked after every sample for what is to be sent: a reference for the controller on the robot, or
-torques of a controller on this computer. A row of the log is a sample from arming on, in the frame of the start
+torques of a program on this computer. A row of the log is a sample from arming on, in the frame of the start
 (`ballbot.link.references`): measurements and estimate of a time, and the torques held from there on.
 
 Every end is one sentence (`Ending`): the time is over, the driver ends it, the robot's safety layer stops, or the link
@@ -27,7 +27,6 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.interface import Feedback
 from ballbot.control.parts import KINDS
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
@@ -174,33 +173,6 @@ class FollowReference:
 
     def _has_arrived(self, session: Session) -> bool:
         return session.state is None or np.array_equal(session.state.reference, self._sent)
-
-
-class ControlFromHost:
-    """Runs a controller on this computer, whose torques pass the robot's safety layer."""
-
-    place: ClassVar = ControllerPlace.HOST
-
-    def __init__(
-        self,
-        # it is called once before the run, because the first call loads compiled code for longer than the robot waits
-        controller: Feedback,
-        reference: LiveReference,
-    ) -> None:
-        self._controller, self._source = controller, reference
-        controller.update(0.0, np.zeros(10), np.zeros(10))
-        controller.reset()
-
-    @property
-    def ended(self) -> bool:
-        """Whether the driver ends the run."""
-        return self._source.ended
-
-    def command(self, session: Session, sample: Sample) -> NDArray[np.float64]:
-        """Send the torques for the sample, which act from the robot's next sample on; return the reference."""
-        wanted = self._source.update(sample.t)
-        session.set_torques(self._controller.update(sample.t, sample.state, wanted))
-        return wanted
 
 
 class TorqueProgram:

@@ -16,7 +16,6 @@ from ballbot.errors import InputError
 from ballbot.mechanics.friction import NO_TERMS, WheelTerms, friction_terms
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
-from ballbot.robot.derived import reflected_rotor_inertia
 
 #: "exact": the corrected rigid-body model; "thesis": Appendix II as printed, only its misprints mended
 Formulation = Literal["exact", "thesis"]
@@ -171,11 +170,7 @@ def pack(
     D = A.T @ A
     k = 1.0 + wheels.radius / ball.radius
     exact = formulation == "exact"
-    drive = robot.drive
-    rotor = reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
-    j_w, j_r = wheels.inertia, rotor if exact else 0.0
+    j_w, j_r = wheels.inertia, robot.drive.reflected_inertia if exact else 0.0
     J = body.inertia_about_ball_center() if exact else body.inertia_matrix()
     friction = robot.friction
     rigid = Parameters(

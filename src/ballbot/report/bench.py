@@ -164,12 +164,17 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
     every = cut_ball_windows(found.robot, [log], duration=found.window)
     first = max(0, (len(every) - _WINDOWS_SHOWN) // 2)
     windows = every.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(every))))
-    predicted = simulate_balls(
-        ClampedBall.of_robot(found.robot),
-        frictions=[found.robot.friction, Friction.none(found.robot.wheel_count)],
-        initial=windows.initial,
-        torques=windows.torques,
-        sample_time=windows.sample_time,
+    predicted = np.array(
+        [
+            simulate_balls(
+                ClampedBall.of_robot(found.robot),
+                friction=friction,
+                initial=windows.initial,
+                torques=windows.torques,
+                sample_time=windows.sample_time,
+            )
+            for friction in (found.robot.friction, Friction.none(found.robot.wheel_count))
+        ]
     )
     predicted[:, :, -1] = np.nan  # a line ends with its window
     samples = windows.sample_time * np.arange(1.0, windows.measured.shape[1] + 1.0)

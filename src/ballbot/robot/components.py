@@ -151,6 +151,16 @@ class Drive:
         )
     )
 
+    @property
+    def top_speed(self) -> float:
+        """The speed [rad/s] of a wheel without load at full supply, where back-EMF is its voltage (Appendix I)."""
+        return self.supply_voltage * self.speed_constant / self.gear_ratio
+
+    @property
+    def reflected_inertia(self) -> float:
+        """The inertia [kg m^2] of rotor and gearbox as felt at the wheel, n^2 (j_m + j_g)."""
+        return self.gear_ratio**2 * (self.motor_inertia + self.gear_inertia)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:

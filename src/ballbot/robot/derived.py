@@ -115,17 +115,10 @@ def derived_quantities(robot: Robot) -> list[Derived]:
     ball, body, drive, wheels = robot.ball, robot.body, robot.drive, robot.wheels
     central = np.diag(body.inertia_about_center_of_mass())
     pivot = np.diag(body.inertia_about_ball_center())
-    gear = drive.gear_ratio
     shell = thin_shell_inertia(mass=ball.mass, radius=ball.radius)
     solid = solid_sphere_inertia(mass=ball.mass, radius=ball.radius)
     swing = math.sqrt(body.mass * robot.gravity * body.center_of_mass / float(pivot[0]))
-    reflected = reflected_rotor_inertia(
-        gear_ratio=gear, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
-    fastest = wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=gear
-    )
-    step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=gear)
+    step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio)
     about = {"pivot": (pivot, "the ball's centre"), "central": (central, "its centre of mass")}
     rows = [
         ("total_mass", ball.mass + body.mass, "kg", "mass of ball and body"),
@@ -145,11 +138,11 @@ def derived_quantities(robot: Robot) -> list[Derived]:
         ("speed_ratio", ball.radius / wheels.radius, "1", "radius of the ball over that of a wheel"),
         (
             "reflected_rotor_inertia",
-            reflected,
+            drive.reflected_inertia,
             "kg m^2",
             "inertia of motor and gear at a wheel, n^2 (j_m + j_g)",
         ),
-        ("wheel_speed_limit", fastest, "rad/s", "wheel speed at full supply without load"),
+        ("wheel_speed_limit", drive.top_speed, "rad/s", "wheel speed at full supply without load"),
         ("encoder_step", step, "rad", "wheel angle of one count of the encoder"),
         (
             "break_away_torque",

@@ -39,6 +39,7 @@ from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
 from ballbot.robot.components import BY_NAME, PARAMETERS, RobotValues
 from ballbot.robot.parameters import (
+    ASSUMED,
     DIMENSIONLESS,
     Parameter,
     Value,
@@ -228,7 +229,7 @@ def _lines(robot: RobotValues, table: str) -> Iterator[str]:
             texts, unit = _written(values, parameter)
             unit_text = "" if unit == DIMENSIONLESS else f"unit = {toml_string(unit)}, "
             deviation = f"standard_deviation = {texts[1]}, " if len(texts) > 1 else ""
-            source = toml_string(robot.sources.get(parameter.name, parameter.source))
+            source = toml_string(robot.sources.get(parameter.name, ASSUMED))
             yield f"# {parameter.meaning}"
             yield f"{parameter.key} = {{ value = {texts[0]}, {unit_text}{deviation}source = {source} }}"
 
@@ -238,7 +239,7 @@ def _left_out(robot: RobotValues, parameter: Parameter) -> bool:
     value = value_of(robot, parameter)
     if parameter.written != "if changed" or value != parameter.default:
         return False
-    stated = robot.sources.get(parameter.name, parameter.source) != parameter.source
+    stated = robot.sources.get(parameter.name, ASSUMED) != ASSUMED
     return value == () or not (stated or parameter.name in robot.standard_deviations)
 
 
@@ -283,7 +284,7 @@ def _fields(leaves: Mapping[str, object], stated: IdentificationTables) -> dict[
     deviations: dict[str, Value] = {}
     for parameter in PARAMETERS:
         if parameter.name not in leaves and parameter.default is not None:
-            sources[parameter.name] = parameter.source
+            sources[parameter.name] = ASSUMED
             continue
         if parameter.name not in leaves:
             raise InputError(

@@ -26,8 +26,10 @@ T = TypeVar("T")
 Shape = Literal["number", "whole number", "list", "truth value", "text"]
 Value = float | int | tuple[float, ...]
 
+#: the source of a value that states none
+ASSUMED = "assumed"
 #: kinds of source; a file may add detail after a colon ("data sheet: Maxon 449470")
-SOURCES = ("measured", "data sheet", "previous work", "calculated", "identified", "assumed")
+SOURCES = ("measured", "data sheet", "previous work", "calculated", "identified", ASSUMED)
 
 DIMENSIONLESS = "1"
 
@@ -45,7 +47,6 @@ class Parameter:
     #: least and greatest value of robots of 5 to 50 kg, SI units: within them an estimate is sought, and a value beyond
     #: them is unusual; infinite where no such range is stated
     usual: tuple[float, float]
-    source: str  #: the source of a value that states none
     written: Literal["always", "if changed"]  #: whether a file is written without a value that is the default
     name: str = ""  #: dotted, as in a file: "ball.radius"
     field: str = ""  #: dotted, as in the dataclass; differs from the name for the parts of an inertia
@@ -79,7 +80,6 @@ def parameter(
     most: float = math.inf,  # largest magnitude of any ball-balancing robot [SI units]
     # least and greatest value of robots of 5 to 50 kg [SI units]: the bounds of an estimate
     usual: tuple[float, float] = (-math.inf, math.inf),
-    source: str = "assumed",  # source of a value that states none
     # whether files are written without a value that is the field's default and has no source of its own
     written: Literal["always", "if changed"] = "always",
 ) -> Mapping[str, object]:
@@ -92,7 +92,6 @@ def parameter(
         least_is_allowed=least is not None,
         most=most,
         usual=usual,
-        source=source,
         written=written,
     )
     return {"parameter": stated}

@@ -20,7 +20,6 @@ import numpy as np
 from ballbot.errors import InputError, every
 from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.robot.components import BY_NAME, PARAMETERS
-from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Value, numbers_of, to_si, value_of
 from ballbot.robot.robot import Robot, with_values
 
@@ -82,13 +81,6 @@ _CHECKS = {
         (1.0, 40.0),
         "about the centre of mass they differ {} times; check that xx, yy and zz are in their order",
     ),
-    "product": _Check(
-        "robot-body",
-        "body.inertia.xy body.inertia.xz body.inertia.yz",
-        (0.0, 0.5),
-        _ANY,
-        "one is {} of the largest that the moments allow",
-    ),
     "wheel_over_ball": _Check(
         "robot-wheels",
         "wheels.radius ball.radius",
@@ -98,13 +90,6 @@ _CHECKS = {
     ),
     "tilt": _Check(
         "robot-wheels", "wheels.tilt", (25.0, 65.0), (10.0, 80.0), "{} deg from the ball's zenith"
-    ),
-    "gap": _Check(
-        "robot-wheels",
-        "wheels.azimuths",
-        (0.6, 1.01),
-        (0.25, 1.01),
-        "two wheels are {} of an even spacing apart",
     ),
     "crowding": _Check(
         "robot-wheels",
@@ -176,13 +161,6 @@ _CHECKS = {
         "{} of the time in which the body falls e-fold",
     ),
     "sensors.sample_time": _Check("robot-sensors", "sensors.sample_time", (2e-4, 1.0), (2e-5, 1.0)),
-    "encoder_step": _Check(
-        "robot-sensors",
-        "sensors.encoder_counts drive.gear_ratio",
-        (1e-7, 0.05),
-        (1e-12, 1.0),
-        "{} rad of the wheel a count",
-    ),
     # of poor sensors; more was meant in degrees
     "sensors.gyro_noise": _Check(
         "robot-sensors", "sensors.gyro_noise", (0.0, 0.1), _ANY, "was it meant in deg/s?"
@@ -224,10 +202,8 @@ _CHECKS = {
 def _of_body(robot: Robot) -> dict[str, float]:
     """Return the numbers of `_CHECKS` that follow from ball and body."""
     ball, body = robot.ball, robot.body
-    central = body.inertia_about_center_of_mass()
-    moments = np.diag(central)
+    moments = np.diag(body.inertia_about_center_of_mass())
     xx, yy, zz = (math.sqrt(max(float(moment), 0.0) / body.mass) for moment in moments)
-    products = np.abs(central - np.diag(moments)) / np.sqrt(np.outer(moments, moments))
     inertia = float(np.diag(body.inertia_about_ball_center())[:2].max())
     weight = body.mass * robot.gravity * body.center_of_mass
     # (r_b / r_w) cos(tilt) sum |cos(beta - direction)| u, at its least over directions
@@ -243,7 +219,6 @@ def _of_body(robot: Robot) -> dict[str, float]:
         "gyration_yy": yy / body.center_of_mass,
         "gyration_zz": zz / ball.radius,
         "inequality": float(moments[:2].max() / moments[:2].min()),
-        "product": float(products.max()),
         "lean": math.degrees(math.asin(min(1.0, held / weight))),
         "fall": robot.sensors.sample_time * math.sqrt(weight / inertia),
     }
@@ -258,7 +233,6 @@ def _of_wheels(robot: Robot) -> dict[str, float]:
     return {
         "wheel_over_ball": wheels.radius / ball.radius,
         "tilt": math.degrees(wheels.tilt),
-        "gap": gap * robot.wheel_count / (2.0 * math.pi),
         "crowding": wheels.radius / room,
         "roller": wheels.rollers.radius / wheels.radius,
         "spacing": wheels.rollers.row_spacing / wheels.radius,
@@ -270,21 +244,12 @@ def _of_wheels(robot: Robot) -> dict[str, float]:
 def _of_drive(robot: Robot) -> dict[str, float]:
     """Return those that follow from motors, sensors and friction."""
     drive, wheels, friction = robot.drive, robot.wheels, robot.friction
-    reflected = reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
-    on_ball = (reflected + wheels.inertia) * (robot.ball.radius / wheels.radius) ** 2
-    fastest = wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
-    )
+    on_ball = (drive.reflected_inertia + wheels.inertia) * (robot.ball.radius / wheels.radius) ** 2
     return {
         "rotor": on_ball / float(np.diag(robot.body.inertia_about_ball_center())[:2].min()),
-        "rim_speed": fastest * wheels.radius,
+        "rim_speed": drive.top_speed * wheels.radius,
         "current": drive.torque_limit / (drive.gear_ratio * drive.torque_constant),
         "play": math.degrees(drive.backlash),
-        "encoder_step": encoder_step(
-            encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio
-        ),
         "dry_friction": max(friction.breakaway) / drive.torque_limit,
         "viscous_speed": drive.torque_limit / max(max(friction.viscous), 1e-300) * wheels.radius,
     }
@@ -329,11 +294,9 @@ def robot_findings(robot: Robot, *, file: str = "") -> tuple[Finding, ...]:
     def completed(finding: Finding) -> Finding:
         text = finding.text
         if finding.severity == "error":
-            meant = slip is not None and slip.mends(finding)
+            mended = slip and all((one.code, one.where) != (finding.code, finding.where) for one in slip[1])
             text += (
-                f" Did you mean {slip.words}?"
-                if slip and meant
-                else f" Check {every(finding.where.columns)}."
+                f" Did you mean {slip[0]}?" if slip and mended else f" Check {every(finding.where.columns)}."
             )
         return replace(finding, text=text, where=replace(finding.where, file=file))
 
@@ -382,69 +345,33 @@ def _of_deviations(robot: Robot) -> Iterator[Finding]:
 _INERTIA = tuple(one.name for one in PARAMETERS if one.table == "body.inertia")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Slip:
-    """One parameter meant in another unit, and what then is left to find."""
+def _likeliest_slip(robot: Robot, errors: Sequence[Finding]) -> tuple[str, Sequence[Finding]] | None:
+    """Return the parameter, in another unit, that leaves the fewest errors, in words, and what is left to find.
 
-    names: tuple[str, ...]  #: the parameters that it changes
-    words: str
-    decimal: bool  #: the decimal point slipped, not the unit
-    left: Sequence[Finding]
-
-    def mends(self, finding: Finding) -> bool:
-        """Return whether the finding is gone."""
-        return all((one.code, one.where) != (finding.code, finding.where) for one in self.left)
-
-    @property
-    def rank(self) -> tuple[int, bool, int]:
-        """How many errors it leaves, whether the unit stays, how many findings it leaves; less is likelier."""
-        return sum(one.severity == "error" for one in self.left), self.decimal, len(self.left)
-
-
-def _likeliest_slip(robot: Robot, errors: Sequence[Finding]) -> _Slip | None:
-    """Return the slip of units that leaves the fewest errors, if any leaves fewer than there are."""
-    names = dict.fromkeys(name for finding in errors for name in finding.where.columns)
+    None if none leaves fewer errors than there are. A unit that makes something else unusual explains nothing.
+    """
+    best, fewest = None, (len(errors), 0)
     others = len(_findings(robot)) - len(errors)
-    # a slip that makes something else unusual explains nothing
-    slips = [
-        slip
-        for name in names
-        for slip in _slips(robot, name)
-        if len(slip.left) - slip.rank[0] <= others and slip.rank[0] < len(errors)
-    ]
-    if not slips:
-        return None
-    best = min(slips, key=lambda slip: slip.rank)
-    # a decimal point may have slipped in any of several parameters: then none is likelier than another
-    rivals = {slip.names for slip in slips if slip.decimal and slip.rank[0] == best.rank[0]}
-    return None if best.decimal and len(rivals) > 1 else best
-
-
-def _slips(robot: Robot, name: str) -> Iterator[_Slip]:
-    """Yield the findings that remain if a parameter was meant in another unit, or its decimal point slipped."""
-    parameter = BY_NAME[name]
-    if parameter.shape == "whole number":
-        return
-    value, together = value_of(robot, parameter), _INERTIA if name in _INERTIA else (name,)
-    factors = [to_si(1.0, unit, parameter.unit) for unit in UNITS[parameter.unit] if unit != parameter.unit]
-    units = [scale for factor in factors for scale in (factor, 1.0 / factor)]
-    for scale, decimal in [*((scale, False) for scale in units), (0.1, True), (10.0, True)]:
-        for meant in _scaled(value, scale):
-            changed = {other: _times(value_of(robot, BY_NAME[other]), scale) for other in together}
+    for name in dict.fromkeys(name for finding in errors for name in finding.where.columns):
+        parameter, together = BY_NAME[name], _INERTIA if name in _INERTIA else (name,)
+        if parameter.shape == "whole number":
+            continue
+        factors = [
+            to_si(1.0, unit, parameter.unit) for unit in UNITS[parameter.unit] if unit != parameter.unit
+        ]
+        for scale in [scale for factor in factors for scale in (factor, 1.0 / factor)]:
             try:
-                slipped = with_values(robot, changed | {name: meant})
+                meant = with_values(
+                    robot, {one: _times(value_of(robot, BY_NAME[one]), scale) for one in together}
+                )
             except InputError:
                 continue
-            words = f"{name} {_with_unit(name, meant)}"
-            yield _Slip(names=together, words=words, decimal=decimal, left=_findings(slipped))
-
-
-def _scaled(value: Value, scale: float) -> Iterator[Value]:
-    """Yield the value scaled; of a list, one number or all."""
-    if isinstance(value, tuple):
-        for place in range(len(value)):
-            yield tuple(scale * one if i == place else one for i, one in enumerate(value))
-    yield _times(value, scale)
+            left = _findings(meant)
+            wrong = sum(one.severity == "error" for one in left)
+            if len(left) - wrong <= others and (wrong, len(left)) < fewest:
+                words = f"{name} {_with_unit(name, value_of(meant, parameter))}"
+                best, fewest = (words, left), (wrong, len(left))
+    return best
 
 
 def _times(value: Value, scale: float) -> Value:

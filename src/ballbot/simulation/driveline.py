@@ -17,7 +17,6 @@ from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.friction import WheelTerms, friction_terms
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, Inertia, move
 from ballbot.robot import Robot
-from ballbot.robot.derived import reflected_rotor_inertia
 
 
 @compiled
@@ -92,10 +91,7 @@ class Driveline:
             raise InputError(
                 f"{robot.name} has no wheel {wheel}; its wheels are numbered 0 to {robot.wheel_count - 1}."
             )
-        drive, friction = robot.drive, robot.friction
-        rotor = reflected_rotor_inertia(
-            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-        )
+        friction = robot.friction
         law = Classical(
             viscous=friction.viscous[wheel],
             coulomb=friction.coulomb[wheel],
@@ -104,7 +100,8 @@ class Driveline:
             stribeck_exponent=friction.stribeck_exponent,
             terms=WheelTerms(*friction_terms(friction)[wheel].tolist()),
         )
-        return Driveline(inertia=robot.wheels.inertia + rotor, friction=law, speed_limit=speed_limit)
+        inertia = robot.wheels.inertia + robot.drive.reflected_inertia
+        return Driveline(inertia=inertia, friction=law, speed_limit=speed_limit)
 
     def fastest_rate(self) -> float:
         """Return the fastest rate [1/s] that an explicit step has to resolve."""

@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import positive_number, real_array
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.robot import Robot, Sensors
-from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
 from ballbot.simulation.plant import Measurement
@@ -176,12 +175,11 @@ class HeldRobot:
             return
         self._omega = simulate_balls(
             self._ball,
-            frictions=[self._robot.friction],
+            friction=self._robot.friction,
             initial=self._omega[None],
             torques=torques[None, None],
             sample_time=h,
-            threads=1,
-        )[0, 0, 0]
+        )[0, 0]
         self._speeds = self._ball.A @ self._omega
         self._angles = self._angles + 0.5 * h * (before + self._speeds)
 
@@ -210,12 +208,7 @@ class HeldRobot:
 def _speed_limit(robot: Robot) -> TorqueSpeedCurve:
     """Return the supply's limit of a free wheel, the same as that of `DriveLimits`."""
     drive = robot.drive
-    top = wheel_speed_limit(
-        supply_voltage=drive.supply_voltage,
-        speed_constant=drive.speed_constant,
-        gear_ratio=drive.gear_ratio,
-    )
-    return TorqueSpeedCurve(no_load_speed=top, stall_torque=drive.torque_limit / FALLING_PART)
+    return TorqueSpeedCurve(no_load_speed=drive.top_speed, stall_torque=drive.torque_limit / FALLING_PART)
 
 
 def _ball_under_hand(robot: Robot, hold: Hold) -> ClampedBall | None:

@@ -102,16 +102,6 @@ class SensorFaults:
         metadata=parameter("delay of gyro and attitude, in whole samples", unit="s", least=0.0, most=10.0),
     )
 
-    def __post_init__(self) -> None:
-        for name in ("gyro_bias", "gyro_bias_walk", "lean_error", "latency"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"{name} of the sensor faults is {value}; it must be zero or more.")
-        if not (math.isfinite(self.lean_error_time) and self.lean_error_time > 0):
-            raise InputError(
-                f"lean_error_time of the sensor faults is {self.lean_error_time}; it must be above 0 s."
-            )
-
 
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer:
@@ -140,16 +130,6 @@ class FixSource:
     missing: float = field(
         default=0.0, metadata=parameter("fraction of fixes that are lost", least=0.0, most=1.0)
     )
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.rate) and self.rate > 0):
-            raise InputError(f"rate of a fix is {self.rate}; it must be above 0 Hz.")
-        for name in ("position_noise", "heading_noise"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} of a fix is {value}; it must be above 0.")
-        if not 0 <= self.missing <= 1:
-            raise InputError(f"missing of a fix is {self.missing}; it must be a fraction from 0 to 1.")
 
 
 def sensor_samples(duration: float, sample_time: float) -> int:

@@ -14,14 +14,13 @@ order, in which the ball's place on the floor has no part.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import positive_number, real_array, whole_number
+from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.contacts import free_torque
 from ballbot.mechanics.engine.arrays import fill
@@ -42,7 +41,6 @@ from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.stick_slip import minimiser
 from ballbot.robot import Friction, Robot
-from ballbot.robot.derived import reflected_rotor_inertia
 
 #: parts of a step in which a sign changes, so that the first order of the method there costs a quarter of the error
 PARTS = 4
@@ -141,7 +139,7 @@ def _in_parts(ball, u, omega, signs, h, end, rates, middle):
 
 
 @compiled
-def run_ball(ball, omega, torques, sample_time, steps, every, out):
+def run_ball(ball, omega, torques, sample_time, steps, out):
     """Turn one ball on clamped wheels.
 
     Parameters
@@ -154,9 +152,8 @@ def run_ball(ball, omega, torques, sample_time, steps, every, out):
     sample_time : float
     steps : int
         Inner steps a sample.
-    every : int
-        Record every so many samples.
-    out : ndarray (samples // every, 3)
+    out : ndarray (samples, 3)
+        Omega after each sample.
     """
     n, h = len(ball.A), sample_time / steps
     signs, end, rates, middle = np.empty(n), np.empty(3), np.empty(3), np.empty(3)
@@ -168,8 +165,7 @@ def run_ball(ball, omega, torques, sample_time, steps, every, out):
                 fill(omega, end)
             else:
                 _in_parts(ball, torques[sample], omega, signs, h / PARTS, end, rates, middle)
-        if (sample + 1) % every == 0:
-            fill(out[(sample + 1) // every - 1], omega)
+        fill(out[sample], omega)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -186,44 +182,30 @@ class ClampedBall:
     @staticmethod
     def of_robot(robot: Robot) -> ClampedBall:
         """Return the plant that a robot becomes when it is clamped upside down; its friction is no part of it."""
-        drive = robot.drive
-        rotor = reflected_rotor_inertia(
-            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-        )
+        wheel = robot.wheels.inertia + robot.drive.reflected_inertia
         A = np.ascontiguousarray(transforms(robot).T_owb)
-        return ClampedBall(
-            A=A, inertia=robot.ball.inertia * np.eye(3) + (robot.wheels.inertia + rotor) * A.T @ A
-        )
+        return ClampedBall(A=A, inertia=robot.ball.inertia * np.eye(3) + wheel * A.T @ A)
 
     def push(self) -> NDArray[np.float64]:
         """Return M^-1 A^T (3, n): the ball's angular acceleration from wheel torques."""
         return np.ascontiguousarray(np.linalg.solve(self.inertia, self.A.T), dtype=np.float64)
 
 
-def _friction_rows(friction: Friction) -> NDArray[np.float64]:
-    """Return the rows of `BallNumbers.friction`."""
-    wheels = np.column_stack([friction.viscous, friction.coulomb, friction.stribeck])
-    shape = np.full((len(wheels), 2), [1.0 / friction.stribeck_speed, friction.stribeck_exponent])
-    return np.hstack([wheels, shape, friction_terms(friction)])
-
-
 def simulate_balls(
     ball: ClampedBall,
     *,
-    frictions: Sequence[Friction],
+    friction: Friction,
     initial: ArrayLike,
     torques: ArrayLike,
     sample_time: float,
     step: float = 1e-3,
-    every: int = 1,
-    threads: int | None = None,
 ) -> NDArray[np.float64]:
-    """Turn the ball by torques held over each sample: every friction through every window.
+    """Turn the ball by torques held over each sample, through every window.
 
     Parameters
     ----------
     ball : ClampedBall
-    frictions : sequence of Friction
+    friction : Friction
         Of the wheels; rolling friction has no part here.
     initial : array_like (windows, 3)
         Omega at the start of each window [rad/s], in the robot's frame.
@@ -234,15 +216,11 @@ def simulate_balls(
     step : float
         Longest inner step [s]. The method is RK4 while no wheel's speed changes sign and of first order where one
         does.
-    every : int
-        Record every so many samples.
-    threads : int, optional
-        All cores by default. The result does not depend on it.
 
     Returns
     -------
-    ndarray (frictions, windows, samples // every, 3)
-        Omega after each recorded sample [rad/s].
+    ndarray (windows, samples, 3)
+        Omega after each sample [rad/s].
 
     Raises
     ------
@@ -250,23 +228,22 @@ def simulate_balls(
         If shapes disagree, a number is not finite, or a time is not above zero.
     """
     n = len(ball.A)
-    sets = [_friction_rows(one) for one in frictions]
-    if any(len(one) != n for one in sets):
-        raise InputError(f"A friction is not that of {n} wheels, which the ball has.")
+    wheels = np.column_stack([friction.viscous, friction.coulomb, friction.stribeck])
+    if len(wheels) != n:
+        raise InputError(f"The friction is that of {len(wheels)} wheels; the ball has {n}.")
+    shape = np.full((n, 2), [1.0 / friction.stribeck_speed, friction.stribeck_exponent])
+    rows = np.hstack([wheels, shape, friction_terms(friction)])
     starts = real_array(initial, ("windows", 3), "The array of starts")
     inputs = real_array(torques, (len(starts), "samples", n), "The array of torques")
     sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
-    every = whole_number(every, "every", least=1)
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))
-    out = np.empty((len(sets), len(starts), inputs.shape[1] // every, 3))
-    push, count = ball.push(), len(starts)
+    out = np.empty((len(starts), inputs.shape[1], 3))
+    numbers = BallNumbers(ball.A, ball.inertia, ball.push(), rows, tuple(range(n)))
 
     def run(first: int) -> None:
-        for lane in range(first, min(first + LANES, len(sets) * count)):
-            chosen, window = divmod(lane, count)
-            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen], tuple(range(n)))
+        for window in range(first, min(first + LANES, len(starts))):
             omega = starts[window].copy()
-            run_ball(numbers, omega, inputs[window], sample_time, steps, every, out[chosen, window])
+            run_ball(numbers, omega, inputs[window], sample_time, steps, out[window])
 
-    over_threads(run, len(sets) * count, threads)
+    over_threads(run, len(starts), None)
     return out

@@ -344,8 +344,7 @@ def robot_urdf(robot: Robot) -> str:
         if kind == "continuous":
             add(joint, "axis", xyz=model.jnt_axis[first])
         if names[k].startswith("wheel"):
-            fastest = drive.supply_voltage * drive.speed_constant / drive.gear_ratio
-            add(joint, "limit", effort=drive.torque_limit, velocity=fastest)
+            add(joint, "limit", effort=drive.torque_limit, velocity=drive.top_speed)
             place = int(model.jnt_dofadr[first])
             damping, friction = float(model.dof_damping[place]), float(model.dof_frictionloss[place])
             add(joint, "dynamics", damping=damping, friction=friction)

@@ -27,6 +27,7 @@ from ballbot.validation.models import (
     ErrorPair,
     ModelPair,
     check_wheels,
+    in_heading_frame,
     join_pairs,
     rows_after,
     window_starts,
@@ -43,7 +44,6 @@ LEAST_EXPLAINED = 0.9
 _RESTART = 4.0
 #: a controller may be late by up to so many samples
 _LARGEST_DELAY = 4
-_HORIZONTAL_PAIRS = ((0, 1), (2, 3), (5, 6), (7, 8))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,14 +131,8 @@ def explained_share(torques: NDArray[np.float64], unexplained: NDArray[np.float6
 
 
 def heading_error(states: NDArray[np.float64], references: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return S(psi) (r - x) (N, 10): the error with its pairs turned by -psi into the heading frame."""
-    e = references - states
-    c, s = np.cos(states[:, 4]), np.sin(states[:, 4])
-    turned = e.copy()
-    for first, second in _HORIZONTAL_PAIRS:
-        turned[:, first] = c * e[:, first] + s * e[:, second]
-        turned[:, second] = c * e[:, second] - s * e[:, first]
-    return turned
+    """Return S(psi) (r - x) (N, 10)."""
+    return in_heading_frame(references - states, states[:, 4])
 
 
 def _clipping_limit(torques: NDArray[np.float64]) -> float | None:

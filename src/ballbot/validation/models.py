@@ -237,6 +237,15 @@ def _forecast_of(
     return simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps).states
 
 
+def in_heading_frame(states: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return states or their differences (N, 10), the pairs of x and y and of the leans turned by -psi (N,)."""
+    turned, c, s = states.copy(), np.cos(psi)[:, None], np.sin(psi)[:, None]
+    x, y = [0, 2, 5, 7], [1, 3, 6, 8]
+    turned[:, x] = c * states[:, x] + s * states[:, y]
+    turned[:, y] = c * states[:, y] - s * states[:, x]
+    return turned
+
+
 def recoverable_lean(model: Model) -> float:
     """Return the lean [rad] from which, at rest, the wheels' largest torques no longer bring the body back up.
 

@@ -22,6 +22,7 @@ from ballbot.findings import Finding, note
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
+from ballbot.validation.models import in_heading_frame
 from ballbot.validation.prediction import Prediction
 from ballbot.validation.statistics import (
     LEAST_STEPS,
@@ -88,18 +89,13 @@ def _no_wheels(prediction: Prediction) -> str | None:
     return None
 
 
-_HORIZONTAL_PAIRS = ((0, 1), (2, 3))
 #: a covariance's smallest directions are lifted to this share of its largest, so that it has an inverse
 _LIFT = 1e-10
 
 
 def wheel_torque_residuals(prediction: Prediction, model: Model) -> NDArray[np.float64]:
     """Return the residual torques (steps, n) [N m]."""
-    rates = prediction.residuals[:, 5:].copy()
-    c, s = np.cos(prediction.heading), np.sin(prediction.heading)
-    for first, second in _HORIZONTAL_PAIRS:
-        forward, left = rates[:, first].copy(), rates[:, second].copy()
-        rates[:, first], rates[:, second] = c * forward + s * left, c * left - s * forward
+    rates = in_heading_frame(prediction.residuals, prediction.heading)[:, 5:]
     upright = np.zeros(5)
     J = prediction.sample_time * np.linalg.solve(model.mass_matrix(upright), model.wheel_jacobian(upright).T)
     scale = np.sqrt(np.mean(rates**2, axis=0)) + np.finfo(float).tiny

@@ -39,6 +39,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
+from scipy.signal import spectrogram
 
 
 def slices(lengths: Sequence[int]) -> Iterator[slice]:
@@ -278,7 +279,12 @@ def spectrum(
     if rows < _LEAST_ROWS or windows < _LEAST_WINDOWS:
         return None
     frequencies = np.fft.rfftfreq(rows, sample_time).astype(np.float64)
-    logs = np.mean([_log_density(part, rate) for part in _windows(residuals, fitting, rows)], axis=0)
+    powers = [
+        spectrogram(residuals[where], rate, "hann", rows, rows // 2, detrend="linear", axis=0)[2]
+        for where in fitting
+    ]
+    # the mean of a logarithm over noise is that of the density's
+    logs = np.log(np.concatenate(powers, axis=2) + np.finfo(float).tiny).mean(axis=2) + np.euler_gamma
     return Spectrum(
         frequencies=frequencies,
         densities=np.exp(logs),
@@ -286,25 +292,6 @@ def spectrum(
         windows=windows,
         peaks=_peaks(frequencies, logs, windows),
     )
-
-
-def _windows(
-    residuals: NDArray[np.float64], fitting: Sequence[slice], rows: int
-) -> Iterator[NDArray[np.float64]]:
-    for where in fitting:
-        for start in range(where.start, where.stop - rows + 1, rows // 2):
-            yield residuals[start : start + rows]
-
-
-def _log_density(part: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
-    """Return the logarithm of a window's density (f, k), its mean over noise that of the true density's."""
-    rows = len(part)
-    line = np.vander(np.arange(rows), 2)
-    part = part - line @ np.linalg.lstsq(line, part, rcond=None)[0]
-    hann = np.sin(np.pi * np.arange(rows) / rows)[:, None] ** 2
-    power = np.abs(np.fft.rfft(hann * part, axis=0)) ** 2 / (rate * (hann**2).sum())
-    power[1 : (rows + 1) // 2] *= 2.0  # those of negative frequencies, which 0 and half the rate have not
-    return np.log(power + np.finfo(float).tiny) + np.euler_gamma
 
 
 def _peaks(frequencies: NDArray[np.float64], logs: NDArray[np.float64], windows: int) -> tuple[Peak, ...]:

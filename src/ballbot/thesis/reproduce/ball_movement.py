@@ -78,9 +78,9 @@ def _rotations(
         rotations.append(turned.as_rotvec())
         missing = (Rotation.from_rotvec(wanted) * turned.inv()).as_rotvec()
         torques = (K @ np.concatenate([missing, -omega]))[None, None]
-        after = simulate_balls(
-            ball, frictions=[friction], initial=omega[None], torques=torques, sample_time=h, threads=1
-        )[0, 0, 0]
+        after = simulate_balls(ball, friction=friction, initial=omega[None], torques=torques, sample_time=h)[
+            0, 0
+        ]
         turned = Rotation.from_rotvec(0.5 * h * (omega + after)) * turned
         omega = after
     return np.array(rotations)

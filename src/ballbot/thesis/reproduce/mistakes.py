@@ -14,11 +14,9 @@ from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Body, Robot
 from ballbot.robot.derived import (
-    reflected_rotor_inertia,
     shell_wall,
     thick_shell_inertia,
     thin_shell_inertia,
-    wheel_speed_limit,
 )
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.bench import CHANGE, Bench
@@ -164,11 +162,7 @@ def no_counter_torque(bench: Bench) -> Mistake:
 
 def rotors_left_out(bench: Bench) -> Mistake:
     """Mistake 7."""
-    drive = bench.robot.drive
-    rotor = reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
-    ratio = rotor / bench.robot.wheels.inertia
+    ratio = bench.robot.drive.reflected_inertia / bench.robot.wheels.inertia
     return Mistake(
         number=7,
         where="(II.27), (II.28)",
@@ -270,11 +264,7 @@ def ball_inertia(bench: Bench) -> Mistake:
 
 def rounded_constants(bench: Bench) -> Mistake:
     """Mistake 12."""
-    drive = bench.robot.drive
-    limit = wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
-    )
-    beyond = 100.0 * (_LIMIT / limit - 1.0)
+    beyond = 100.0 * (_LIMIT / bench.robot.drive.top_speed - 1.0)
     smaller = 63.5 - 1e3 * bench.robot.wheels.radius
     return Mistake(
         number=12,

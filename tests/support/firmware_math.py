@@ -1,7 +1,5 @@
 """Measure the firmware's sine, cosine, exponential, power, square root and arctangent against float64.
 
-.venv/bin/python -m campaigns.evidence firmware_math
-
 Functions of one argument are measured at every float that they accept; the sine is odd and the cosine even, which the
 tests check, so that half of all angles are enough. A C compiler is needed.
 """
@@ -10,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -19,7 +17,6 @@ from numpy.typing import NDArray
 
 from ballbot.firmware.build import compile_sources
 from ballbot.firmware.header import SOURCES
-from campaigns.section import Section
 
 Floats = NDArray[np.float32]
 
@@ -35,7 +32,6 @@ STATED = {
 #: bits of infinity: all non-negative floats below it
 _INFINITY = 0x7F800000
 _CHUNK = 1 << 21
-_RANDOM = 50_000_000  # pairs of arguments of the power and the arctangent
 
 
 @cache
@@ -125,17 +121,3 @@ def _arctangent_errors(random: np.random.Generator) -> NDArray[np.float64]:
         for _ in range(2)
     )
     return ulp_errors(called("arctangent", y, x)[0], np.arctan2(y.astype(np.float64), x.astype(np.float64)))
-
-
-def campaign(measured: Callable[[], dict[str, float]] = lambda: largest_errors(1, _RANDOM)) -> Section:
-    """Return the largest errors over all floats."""
-    found = measured()
-    return Section(
-        title="The firmware's functions",
-        before="Largest errors of the firmware's single-precision functions against float64, in units in the last "
-        "place of the exact result: the sine, cosine and square root at every float, the exponential from -87 to 87, "
-        f"the arctangent at every slope and at {_RANDOM:,} random points, the power at as many random pairs, in "
-        "2^-23 of the result times 1 + |log2 result|. `ballbot_math.h` states a bound for each.",
-        columns=["function", "largest error", "stated"],
-        rows=[[name, f"{error:.3f}", f"{STATED[name]:g}"] for name, error in found.items()],
-    )

@@ -1,6 +1,4 @@
-"""The firmware's estimators against those of Python, and the Kalman filter over hours against double precision.
-
-.venv/bin/python -m campaigns.evidence firmware_estimators
+"""The firmware's estimators, compiled for this computer, with the interface of Python's; and the filter over hours.
 
 The difference of two filters that get the same readings comes from rounding alone. It is given in the filter's own
 standard deviations: a difference that is small against them is of no use to notice.
@@ -10,8 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -39,16 +35,12 @@ from ballbot.firmware.estimators import (
 )
 from ballbot.firmware.header import SOURCES
 from ballbot.mechanics.geometry import transforms
-from campaigns.section import Section
 from tests.support.compiled_firmware import library
 
 H = 0.005  #: [s]
 #: included before a source, it is compiled in double precision
 DOUBLE = Path(__file__).with_name("firmware_double.h")
 MEMORIES = {"onboard": OnboardMemory, "kalman": KalmanMemory}
-#: when the long run is looked at [min]
-_MINUTES = (1, 10, 60, 240)
-
 
 Precision = Literal["single", "double"]
 _REAL = {"single": np.float32, "double": np.float64}
@@ -142,29 +134,6 @@ def covariance_in(memory: NDArray[np.void]) -> NDArray[np.float64]:
     return above + np.triu(above, 1).T
 
 
-@dataclass(frozen=True, kw_only=True)
-class Look:
-    """The filter in C at an instant of a long run."""
-
-    minutes: float
-    state: float  #: largest difference of a state so far, in standard deviations
-    covariance: float  #: largest difference of an element over both standard deviations
-    correlation: float  #: smallest eigenvalue of the correlation matrix
-    exact_correlation: float  #: the same in float64
-
-    @classmethod
-    def of(cls, P: NDArray[np.float64], exact: NDArray[np.float64], *, minutes: float, state: float) -> Look:
-        """Return the comparison of a covariance with the exact one, both (14, 14)."""
-        scale = np.sqrt(np.outer(np.diagonal(exact), np.diagonal(exact)))
-        return cls(
-            minutes=minutes,
-            state=state,
-            covariance=float(np.abs((P - exact) / scale).max()),
-            correlation=float(np.linalg.eigvalsh(P / scale)[0]),
-            exact_correlation=float(np.linalg.eigvalsh(exact / scale)[0]),
-        )
-
-
 @cache
 def hours_library(precision: Precision) -> ctypes.CDLL:
     """Return the Kalman filter in C in one precision, with what drives it (`firmware_hours.c`)."""
@@ -213,58 +182,25 @@ class Driven:
 
 
 def driven_run(
-    robot: Robot, *, minutes: Sequence[float], h: float = H, fixes: float = 0.0, looks: int = 50
-) -> list[Look]:
-    """Return how the filter in single precision differs from that in double, at some instants of one run.
+    robot: Robot, *, minutes: float, h: float = H, fixes: float = 0.0, looks: int = 20
+) -> tuple[float, float, float]:
+    """Return how the filter in single precision leaves that in double over one run, of what `looks` instants show.
 
-    States are compared `looks` times between two instants.
+    The largest difference of a state, in standard deviations; of an element of the covariance, over both; and the
+    smallest ratio of the correlation matrices' smallest eigenvalues.
     """
-    found, largest, done = [], 0.0, 0
-    low, high = (Driven(robot, precision, h=h, fixes=fixes) for precision in ("single", "double"))
-    for one in minutes:
-        end = round(60.0 * one / h)
-        for part in np.diff(np.linspace(done, end, looks + 1).round().astype(int)):
-            low.run(int(part))
-            high.run(int(part))
-            P, exact = (covariance_in(each.memory) for each in (low, high))
-            x, true = (
-                each.memory["x"][0].astype(np.float64) + each.memory["rest"][0] for each in (low, high)
-            )
-            largest = max(largest, float((np.abs(x - true) / np.sqrt(np.diagonal(exact))).max()))
-        done = end
-        found.append(Look.of(P, exact, minutes=one, state=largest))
-    return found
-
-
-def campaign() -> Section:
-    """Return the differences over hours, without a fix and with one every 100 s."""
-    robot = Robot.load("alten")
-    rows = []
-    for rate, fixes in ((200.0, 0.0), (200.0, 0.01), (1000.0, 0.0), (1000.0, 0.01)):
-        rows += [
-            [
-                f"{rate:g}",
-                "one in 100 s" if fixes else "none",
-                f"{look.minutes:g}",
-                f"{look.state:.4f}",
-                f"{look.covariance:.4f}",
-                f"{look.correlation:.1e}",
-                f"{look.exact_correlation:.1e}",
-            ]
-            for look in driven_run(robot, minutes=_MINUTES, h=1.0 / rate, fixes=fixes / rate)
-        ]
-    return Section(
-        title="The firmware's Kalman filter over hours",
-        before="The firmware's Kalman filter in single precision, and the same source compiled in double precision, "
-        "take the same readings of a robot (alten) that sways, rolls and turns. (In double precision it is Python's, "
-        "as the tests show.) Differences of its 14 states are the largest found so far, in the filter's own standard "
-        "deviations; those of the covariance are over both standard deviations. The smallest eigenvalue of the "
-        "correlation matrix is positive as long as the covariance is; the two precisions give both.",
-        columns=[
-            "samples/s", "fixes", "minutes", "state, deviations", "covariance", "smallest eigenvalue", "in double",
-        ],
-        rows=rows,
-        after="Without a fix, place and heading are less and less known. What a sample adds to their variances "
-        "falls below the rounding of single precision in the end; so these variances grow no more above 0.04 rad^2 or "
-        "0.04 m^2, in either precision. Without that limit the covariance lost its sign within four hours at 1 kHz.",
-    )  # fmt: skip
+    state, covariance, ratio = 0.0, 0.0, np.inf
+    filters = [Driven(robot, precision, h=h, fixes=fixes) for precision in ("single", "double")]
+    for _ in range(looks):
+        for one in filters:
+            one.run(round(60.0 * minutes / h / looks))
+        (P, x), (exact, true) = (
+            (covariance_in(one.memory), one.memory["x"][0].astype(np.float64) + one.memory["rest"][0])
+            for one in filters
+        )
+        deviations = np.sqrt(np.diagonal(exact))
+        scale = np.outer(deviations, deviations)
+        state = max(state, float((np.abs(x - true) / deviations).max()))
+        covariance = max(covariance, float(np.abs((P - exact) / scale).max()))
+        ratio = min(ratio, float(np.linalg.eigvalsh(P / scale)[0] / np.linalg.eigvalsh(exact / scale)[0]))
+    return state, covariance, ratio

@@ -1,0 +1,81 @@
+"""The firmware drives a robot; Python's estimator and law see the same readings and drive nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot import Controller, Model, simulate
+from ballbot.control.references import circle
+from ballbot.control.safety import SafetyLimits
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import Reading
+from ballbot.firmware.estimators import reading_record
+from ballbot.firmware.records import parameter_record
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.sensed_plant import SensedPlant
+from tests.support.compiled_firmware import Firmware
+
+
+class _Tap:
+    """Python's estimator, which also keeps the last reading."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._estimator = named_estimator(
+            controller.estimator, controller.robot, sample_time=controller.sample_time
+        )
+
+    def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
+        self._estimator.reset(position=position)
+
+    def update(self, reading: Reading) -> NDArray[np.float64]:
+        self.reading = reading
+        return self._estimator.update(reading)
+
+
+class _Beside:
+    """The firmware as a plant's controller; `torques` are Python's differences from it."""
+
+    def __init__(self, controller: Controller, tap: _Tap, *, same_memory: bool) -> None:
+        self.controller, self.sample_time, self.estimator = (
+            controller,
+            controller.sample_time,
+            controller.estimator,
+        )
+        limits = SafetyLimits.on_robot(controller.robot, sample_time=controller.sample_time)
+        self.firmware = Firmware(parameter_record(controller, limits))
+        self.firmware.skip_self_test()
+        self.torques: list[NDArray[np.float64]] = []
+        self._tap, self._same_memory = tap, same_memory
+
+    def reset(self) -> None:
+        self.controller.reset()
+        self.firmware.arm()
+
+    def update(self, t: float, state: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
+        wanted = np.asarray(reference, dtype=np.float32).astype(np.float64)  # the shaping differentiates it
+        memory = self.firmware.state["memory"].copy()
+        record = reading_record(self._tap.reading, robot=self.controller.robot)
+        torques = self.firmware.update(record, round(1e6 * t), wanted).astype(np.float64)
+        if self._same_memory:
+            self.controller.memory[:] = memory
+        self.torques.append(torques - self.controller.update(t, state, wanted))
+        return torques
+
+
+def torques_beside(
+    controller: Controller, *, duration: float, same_memory: bool = False
+) -> NDArray[np.float64]:
+    """Return by how much Python's torques differ from the firmware's in each sample (N,), over the torque limit.
+
+    On a circle, with noise, encoder counts and play; with `same_memory` Python's law takes its memory from the
+    firmware.
+    """
+    tap = _Tap(controller)
+    imperfections = Imperfections(sensors=controller.robot.sensors, backlash=0.017)
+    plant = SensedPlant(Model(controller.robot), imperfections, estimator=tap)
+    loop = _Beside(controller, tap, same_memory=same_memory)
+    log = simulate(plant, loop, circle(radius=0.5, period=8.0), duration=duration, seed=1)
+    assert not log.ended
+    assert loop.firmware.stop is None
+    return np.abs(loop.torques).max(axis=1) / controller.torque_limit
