@@ -30,6 +30,7 @@ from ballbot.log.checks.torque_balance import Driving, driving_of, gains_of, mot
 from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping_search.evidence import (
     MOST,
+    PRIOR_POWER,
     behind,
     correlations,
     probabilities,
@@ -44,6 +45,8 @@ from ballbot.robot import Robot
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
 #: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
 SAME_TORQUES = 0.1
+#: before the log is seen, motors are numbered as encoders, and have usual signs (`_usual`)
+OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
 #: logarithm of the ratio of two squared errors from which it counts, and its weight for each second (`behind`)
 LEAST_RATIO, EACH_SECOND = 0.15, 1.5
 #: share of the commands that must be explained, and from which on nothing is in doubt. Commands that are torques about
@@ -172,25 +175,20 @@ _Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `Com
 
 
 def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
-    """Return the order and signs of the commands that the motion explains best.
+    """Return the likeliest order and signs of the commands: by what the motion leaves of them, and by what is usual.
 
-    Of those that make nearly the same torques, as opposite wheels of four do while the heading stands still, the usual
-    one is taken: motors numbered as encoders, that all turn as these count, or all alike. `counted` are the signs with
-    which the encoders count, of the robot's wheels in turn.
+    Those that make nearly the same torques, as opposite wheels of four do while the heading stands still, are one.
+    `counted` are the signs with which the encoders count, of the robot's wheels in turn.
     """
     totals = _left(driving)
     least = min(totals.values(), key=lambda one: float(one.sum()))
-    found = probabilities({one: -_behind(total, least) for one, total in totals.items()})
+    found = probabilities(
+        {one: PRIOR_POWER * _usual(one, counted) - _behind(total, least) for one, total in totals.items()}
+    )
     torques = {one: _by_wheel(driving.torque, one) for one, p in found.items() if p > 1e-3}
-    likeliest = next(iter(torques.values()))
+    best, likeliest = next(iter(torques.items()))
     size = SAME_TORQUES * float(np.std(likeliest))
     alike = [one for one, u in torques.items() if float(np.std(u - likeliest, axis=0).max()) <= size]
-
-    def unusual(one: _Order) -> tuple[bool, bool]:
-        relative = {sign * counted[wheel] for wheel, sign in zip(*one, strict=True)}
-        return one[0] != tuple(range(len(counted))), len(relative) > 1 and len(set(one[1])) > 1
-
-    best = min(alike, key=unusual)
     other = next((one for one in found if one not in alike), best)
     explained = 1.0 - float(totals[best].sum())
     enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
@@ -202,6 +200,18 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
         next_best=f"for wheels {[i + 1 for i in other[0]]}, signs {list(other[1])}",
         confidence=min(sum(found[one] for one in alike), MOST) * enough,
     )
+
+
+def _usual(one: _Order, counted: Sequence[int]) -> float:
+    """Return the logarithm of an order's probability before the motion is seen.
+
+    Motors are numbered as encoders, and turn all alike or as these count, in most robots.
+    """
+    order, signs = one
+    n, relative = len(order), {sign * counted[wheel] for wheel, sign in zip(order, signs, strict=True)}
+    own, even = order == tuple(range(n)), len(set(signs)) == 1 or len(relative) == 1
+    p = OWN_ORDER if own else (1.0 - OWN_ORDER) / (math.factorial(n) - 1)
+    return math.log(p * (EQUAL_SIGNS / 2.0 if even else (1.0 - EQUAL_SIGNS) / (2**n - 2)))
 
 
 def _by_wheel(commands: Floats, one: _Order) -> Floats:

@@ -15,6 +15,9 @@ CONFIDENT = 0.9
 #: weight of standard errors over blocks of a second: these are not independent, and the best of several explanations
 #: fits better by chance
 ERRORS_WEIGHT = 0.6
+#: power of the prior in a confidence: what is usual is preferred among explanations that fit alike, but does not make
+#: one certain
+PRIOR_POWER = 0.7
 #: no log gives more confidence than this
 MOST = 0.999
 #: smallest normal number: a denominator of at least this keeps the ratio of two zeros finite
