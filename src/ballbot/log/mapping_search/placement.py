@@ -500,7 +500,7 @@ def _scores(
     unexplained = np.maximum(rest, TINY) / np.maximum(y - offset, TINY)
     together = _together(signs, angles, wheel_sums)
     score = np.log(unexplained) + 0.5 * np.log(together + LEAST_TOGETHER)
-    return found[..., 0], unexplained, together, score
+    return found[..., 0].astype(np.complex128), unexplained, together, score
 
 
 def _together(signs: Floats, angles: Floats, sums: Floats) -> Floats:
