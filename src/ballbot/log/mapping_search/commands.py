@@ -177,16 +177,22 @@ _Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `Com
 def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     """Return the likeliest order and signs of the commands: by what the motion leaves of them, and by what is usual.
 
-    Those that make nearly the same torques, as opposite wheels of four do while the heading stands still, are one.
-    `counted` are the signs with which the encoders count, of the robot's wheels in turn.
+    That which fits best is likelier if it is usual; what is usual does not make up for a worse fit. Those that make
+    nearly the same torques, as opposite wheels of four do while the heading stands still, are one, and the most usual
+    of them is taken. `counted` are the signs with which the encoders count, of the robot's wheels in turn.
     """
     totals = _left(driving)
-    least = min(totals.values(), key=lambda one: float(one.sum()))
-    found = probabilities({one: _log_weight(one, total, least, counted) for one, total in totals.items()})
+    least = min(totals, key=lambda one: float(totals[one].sum()))
+    usual = {one: _usual(one, counted) for one in totals}
+    prior = dict.fromkeys(totals, min(usual.values())) | {least: usual[least]}
+    found = probabilities(
+        {one: PRIOR_POWER * math.log(prior[one]) - _behind(totals[one], totals[least]) for one in totals}
+    )
     torques = {one: by_wheel(driving.torque, one) for one, p in found.items() if p > 1e-3}
-    best, likeliest = next(iter(torques.items()))
+    likeliest = next(iter(torques.values()))
     size = SAME_TORQUES * float(np.std(likeliest))
     alike = [one for one, u in torques.items() if float(np.std(u - likeliest, axis=0).max()) <= size]
+    best = max(alike, key=lambda one: usual[one])
     other = next((one for one in found if one not in alike), best)
     explained = 1.0 - float(totals[best].sum())
     enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
@@ -200,21 +206,22 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     )
 
 
-def _log_weight(one: _Order, total: Floats, least: Floats, counted: Sequence[int]) -> float:
-    """Return the logarithm of an order's weight, by what it leaves in blocks (B,) and how usual it is.
+def _usual(one: _Order, counted: Sequence[int]) -> float:
+    """Return the probability of an order before the motion is seen.
 
-    Motors are numbered as encoders, and turn all alike or as these count, in most robots: of two orders that fit nearly
-    alike, such a one is taken if it is the better one.
+    Motors are numbered as encoders, and turn all alike or as these count, in most robots.
     """
     order, signs = one
     n, relative = len(order), {sign * counted[wheel] for wheel, sign in zip(order, signs, strict=True)}
-    z = clarity(total - least)
     own, even = order == tuple(range(n)), len(set(signs)) == 1 or len(relative) == 1
-    p = OWN_ORDER if own and total is least else (1.0 - OWN_ORDER) / (math.factorial(n) - 1)
-    p *= EQUAL_SIGNS / 2.0 if even and total is least else (1.0 - EQUAL_SIGNS) / (2**n - 2)
+    p = OWN_ORDER if own else (1.0 - OWN_ORDER) / (math.factorial(n) - 1)
+    return p * (EQUAL_SIGNS / 2.0 if even else (1.0 - EQUAL_SIGNS) / (2**n - 2))
+
+
+def _behind(total: Floats, least: Floats) -> float:
     ratio = math.log(max(float(total.sum()), 1e-12) / max(float(least.sum()), 1e-12))
-    odds = behind(z, ratio, len(total), least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
-    return PRIOR_POWER * math.log(p) - odds
+    z, seconds = clarity(total - least), len(total)
+    return behind(z, ratio, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
 
 
 def by_wheel(commands: Floats, one: _Order) -> Floats:
