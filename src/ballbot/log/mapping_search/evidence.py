@@ -35,14 +35,11 @@ def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, flo
     return {one: weights[one] / total for one in ranked}
 
 
-def advantage_confidence(z: float, *, weight: float = ERRORS_WEIGHT) -> float:
-    """Return the confidence in an explanation that is better than the next by z standard errors.
-
-    They count by the weight.
-    """
+def advantage_confidence(z: float) -> float:
+    """Return the confidence in an explanation that is better than the next by z standard errors."""
     if math.isnan(z):
         return 0.5
-    return min(0.5 * math.erfc(-weight * max(z, -10.0) / math.sqrt(2.0)), MOST)
+    return min(0.5 * math.erfc(-ERRORS_WEIGHT * max(z, -10.0) / math.sqrt(2.0)), MOST)
 
 
 def behind(z: float, log_ratio: float, seconds: float, *, least_ratio: float, each_second: float) -> float:
