@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from ballbot.identification.windows import Windows
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
+from ballbot.robot.derived import reflected_rotor_inertia
 
 STEP = 1e-3  #: [s]
 JOINTS = ("x", "y", "theta", "phi", "psi")
@@ -102,7 +103,9 @@ def sequences(robot: Robot, windows: Windows) -> ModelSequences:
 def mechanism(robot: Robot) -> str:
     """Return the robot in MuJoCo's XML."""
     drive, r_b = robot.drive, robot.ball.radius
-    inertia = robot.wheels.inertia + drive.reflected_rotor_inertia
+    inertia = robot.wheels.inertia + reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
     A, E = transforms(robot).T_owb, np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
     tendons = "".join(
         f'<fixed name="wheel{i + 1}" armature="{inertia}">{_combination(row)}</fixed>'

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
+from ballbot.robot.derived import reflected_rotor_inertia
 
 UNIT_Z, ROLLING = np.array([0.0, 0.0, 1.0]), np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
 UNIT_Z_CROSS = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -32,7 +33,9 @@ class Constants(NamedTuple):
 def constants(robot: Robot) -> Constants:
     """Return the robot's constants."""
     r_b, drive, j_w = robot.ball.radius, robot.drive, robot.wheels.inertia
-    j_r = drive.reflected_rotor_inertia
+    j_r = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
     k, A = 1 + robot.wheels.radius / r_b, transforms(robot).T_owb
     D = A.T @ A
     return Constants(

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ballbot.control.lqr import LqrDesign, lqr
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
+from ballbot.robot.derived import reflected_rotor_inertia
 from campaigns.published.printed import (
     Entry,
     SourceModel,
@@ -72,7 +73,9 @@ def inertia_counted_twice(robot: Robot) -> Robot:
 def all_on_relative_speed(robot: Robot) -> Robot:
     """Return the robot whose wheels have no inertia of their own and whose rotors have it in their stead."""
     n = robot.drive.gear_ratio
-    rotor = robot.drive.reflected_rotor_inertia
+    rotor = reflected_rotor_inertia(
+        gear_ratio=n, motor_inertia=robot.drive.motor_inertia, gear_inertia=robot.drive.gear_inertia
+    )
     total = robot.wheels.inertia + rotor
     return robot.replace(
         wheels=replace(robot.wheels, inertia=0.0),

@@ -15,7 +15,7 @@ from ballbot.files import write_text
 from ballbot.mechanics.model import Model
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
-from ballbot.robot.derived import solid_sphere_inertia, thin_shell_inertia
+from ballbot.robot.derived import reflected_rotor_inertia, solid_sphere_inertia, thin_shell_inertia
 from campaigns.published import alten, kugle, rezero
 from campaigns.published.printed import unstable_poles
 from campaigns.reproduce import markdown_table
@@ -80,7 +80,9 @@ def presets_section() -> str:
             Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
         )
         drive = robot.drive
-        rotor = drive.reflected_rotor_inertia
+        rotor = reflected_rotor_inertia(
+            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+        )
         rows.append(
             [
                 name,

@@ -20,6 +20,7 @@ from ballbot.control.lqr import LqrDesign, lqr
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
+from ballbot.robot.derived import reflected_rotor_inertia
 from campaigns.published.printed import (
     Entry,
     SourceModel,
@@ -75,7 +76,9 @@ class Planar:
 def as_modelled(robot: Robot) -> Robot:
     """Return the robot with wheel and rotor as one inertia, Theta_W, and no rotor (with `ABSOLUTE_WHEELS`)."""
     drive = robot.drive
-    rotor = drive.reflected_rotor_inertia
+    rotor = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
     return robot.replace(
         wheels=replace(robot.wheels, inertia=robot.wheels.inertia + rotor),
         drive=replace(drive, motor_inertia=0.0, gear_inertia=0.0),

@@ -5,7 +5,7 @@ import pytest
 
 from ballbot import Robot
 from ballbot.mechanics.geometry import transforms
-from ballbot.robot.derived import encoder_step
+from ballbot.robot.derived import encoder_step, wheel_speed_limit
 from ballbot.simulation.driveline import Driveline, simulate_driveline
 from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
@@ -45,7 +45,11 @@ def test_wheels_in_the_air_are_free_drivelines():
 def test_supply_limits_the_speed_of_a_free_wheel():
     plant = held("in_air")
     drive = plant.robot.drive
-    top = drive.wheel_speed_limit
+    top = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage,
+        speed_constant=drive.speed_constant,
+        gear_ratio=drive.gear_ratio,
+    )
     for _ in range(200):
         measured = plant.step(np.array([1.0, -1.0, 0.0]), STEP)
     # within the last 5 % of the speed the torque falls from the limit, 6 N m, to zero: 1 N m is left at 0.8 % below

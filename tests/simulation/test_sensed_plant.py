@@ -13,7 +13,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller, write_controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
-from ballbot.robot.derived import encoder_step
+from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.file import write_robot
 from ballbot.simulation.imperfections import MAX_DELAY, Imperfections, Push, Supply, rest_on_slope
 from ballbot.simulation.model_plant import ModelPlant
@@ -34,7 +34,9 @@ PERFECT = Imperfections(
 )
 NOMINAL = imperfections_of(Scenario.nominal(Robot.load("alten")))
 DRIVE = FREE.robot.drive
-ROTOR = DRIVE.reflected_rotor_inertia
+ROTOR = reflected_rotor_inertia(
+    gear_ratio=DRIVE.gear_ratio, motor_inertia=DRIVE.motor_inertia, gear_inertia=DRIVE.gear_inertia
+)
 PLAY = math.radians(1.0)
 #: turns the robot about the vertical alone
 TURNING = np.ones(3)
@@ -128,7 +130,11 @@ def test_noise_of_torques_has_its_deviation():
 
 
 def test_a_motor_at_its_highest_speed_drives_no_more_but_brakes():
-    top = DRIVE.wheel_speed_limit
+    top = wheel_speed_limit(
+        supply_voltage=DRIVE.supply_voltage,
+        speed_constant=DRIVE.speed_constant,
+        gear_ratio=DRIVE.gear_ratio,
+    )
     spinning = np.zeros(10)
     turn = FREE.wheel_jacobian(np.zeros(5)) @ np.eye(5)[4]
     spinning[9] = top / turn[0]

@@ -26,7 +26,7 @@ from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Limits, Scale
 from ballbot.robot import Body, Drive, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
-from ballbot.robot.derived import thin_shell_inertia
+from ballbot.robot.derived import reflected_rotor_inertia, thin_shell_inertia
 from ballbot.robot.parameters import DIMENSIONLESS, value_of
 
 #: quantities of which the rigid body is made; what changes one of them makes another robot
@@ -49,7 +49,11 @@ def second_moments(robot: Robot) -> Sequence[float]:
 def rotor_inertia(robot: Robot) -> Sequence[float]:
     """Return the inertia [kg m^2] of rotor and gear as felt at the wheel."""
     drive = robot.drive
-    return (drive.reflected_rotor_inertia,)
+    return (
+        reflected_rotor_inertia(
+            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+        ),
+    )
 
 
 def with_rigid_body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> Robot:

@@ -44,6 +44,7 @@ from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_nam
 from ballbot.progress import Progress
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
+from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import Summary, estimated, first_texts, listed, plotted, summarized
 
@@ -104,7 +105,11 @@ class _BallLog:
     def at_limit(self) -> NDArray[np.bool_]:
         """At which rows (N,) a motor cannot give the torque that is logged."""
         drive = self.robot.drive
-        fastest = AT_LIMIT * drive.wheel_speed_limit
+        fastest = AT_LIMIT * wheel_speed_limit(
+            supply_voltage=drive.supply_voltage,
+            speed_constant=drive.speed_constant,
+            gear_ratio=drive.gear_ratio,
+        )
         beyond = (np.abs(self.wheel_speeds) > fastest) | (np.abs(self.torques) > drive.torque_limit)
         return np.asarray(beyond.any(axis=1))
 

@@ -15,6 +15,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.friction import NO_TERMS, WheelTerms, friction_terms
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
+from ballbot.robot.derived import reflected_rotor_inertia
 
 #: "exact": the corrected rigid-body model; "thesis": Appendix II as printed, only its misprints mended
 Formulation = Literal["exact", "thesis"]
@@ -154,7 +155,9 @@ def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> ND
     k = 1.0 + wheels.radius / ball.radius
     exact = formulation == "exact"
     drive = robot.drive
-    rotor = drive.reflected_rotor_inertia
+    rotor = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
     j_w, j_r = wheels.inertia, rotor if exact else 0.0
     J = body.inertia_about_ball_center() if exact else body.inertia_matrix()
     friction = robot.friction

@@ -151,16 +151,6 @@ class Drive:
         )
     )
 
-    @property
-    def wheel_speed_limit(self) -> float:
-        """The wheel's speed [rad/s] without load at full supply (Appendix I)."""
-        return self.supply_voltage * self.speed_constant / self.gear_ratio
-
-    @property
-    def reflected_rotor_inertia(self) -> float:
-        """The inertia [kg m^2] of rotor and gearbox as felt at the wheel, n^2 (j_m + j_g)."""
-        return self.gear_ratio**2 * (self.motor_inertia + self.gear_inertia)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:

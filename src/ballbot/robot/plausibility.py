@@ -20,7 +20,7 @@ import numpy as np
 from ballbot.errors import InputError, every
 from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.robot.components import BY_NAME, PARAMETERS
-from ballbot.robot.derived import encoder_step
+from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Value, numbers_of, to_si, value_of
 from ballbot.robot.robot import Robot, with_values
 
@@ -270,9 +270,13 @@ def _of_wheels(robot: Robot) -> dict[str, float]:
 def _of_drive(robot: Robot) -> dict[str, float]:
     """Return those that follow from motors, sensors and friction."""
     drive, wheels, friction = robot.drive, robot.wheels, robot.friction
-    reflected = drive.reflected_rotor_inertia
+    reflected = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
     on_ball = (reflected + wheels.inertia) * (robot.ball.radius / wheels.radius) ** 2
-    fastest = drive.wheel_speed_limit
+    fastest = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
     return {
         "rotor": on_ball / float(np.diag(robot.body.inertia_about_ball_center())[:2].min()),
         "rim_speed": fastest * wheels.radius,

@@ -17,6 +17,7 @@ from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.friction import WheelTerms, friction_terms
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, Inertia, move
 from ballbot.robot import Robot
+from ballbot.robot.derived import reflected_rotor_inertia
 
 
 @compiled
@@ -92,7 +93,9 @@ class Driveline:
                 f"{robot.name} has no wheel {wheel}; its wheels are numbered 0 to {robot.wheel_count - 1}."
             )
         drive, friction = robot.drive, robot.friction
-        rotor = drive.reflected_rotor_inertia
+        rotor = reflected_rotor_inertia(
+            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+        )
         law = Classical(
             viscous=friction.viscous[wheel],
             coulomb=friction.coulomb[wheel],

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import positive_number, real_array
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.robot import Robot, Sensors
+from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
 from ballbot.simulation.plant import Measurement
@@ -209,7 +210,11 @@ class HeldRobot:
 def _speed_limit(robot: Robot) -> TorqueSpeedCurve:
     """Return the supply's limit of a free wheel, the same as that of `DriveLimits`."""
     drive = robot.drive
-    top = drive.wheel_speed_limit
+    top = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage,
+        speed_constant=drive.speed_constant,
+        gear_ratio=drive.gear_ratio,
+    )
     return TorqueSpeedCurve(no_load_speed=top, stall_torque=drive.torque_limit / FALLING_PART)
 
 

@@ -42,6 +42,7 @@ from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.stick_slip import minimiser
 from ballbot.robot import Friction, Robot
+from ballbot.robot.derived import reflected_rotor_inertia
 
 #: parts of a step in which a sign changes, so that the first order of the method there costs a quarter of the error
 PARTS = 4
@@ -186,7 +187,9 @@ class ClampedBall:
     def of_robot(robot: Robot) -> ClampedBall:
         """Return the plant that a robot becomes when it is clamped upside down; its friction is no part of it."""
         drive = robot.drive
-        rotor = drive.reflected_rotor_inertia
+        rotor = reflected_rotor_inertia(
+            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+        )
         A = np.ascontiguousarray(transforms(robot).T_owb)
         return ClampedBall(
             A=A, inertia=robot.ball.inertia * np.eye(3) + (robot.wheels.inertia + rotor) * A.T @ A

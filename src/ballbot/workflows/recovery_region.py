@@ -33,6 +33,7 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.batch import Verdict, simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.twin.imperfections import imperfections_of
@@ -131,6 +132,14 @@ Recovers = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 StartOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
+def top_speed(robot: Robot) -> float:
+    """Return the wheels' speed [rad/s] without load at full supply."""
+    drive = robot.drive
+    return wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
+
+
 def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArray[np.float64]:
     """Return the rows c (m, 10) of what counts as settled, |c e| <= 1.
 
@@ -146,7 +155,7 @@ def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArra
     slips = grip * wheel_load(model.robot) * model.robot.wheels.radius
     now = [
         K / (_FRACTION * min(controller.torque_limit, slips)),
-        speeds / (_FRACTION * model.robot.drive.wheel_speed_limit),
+        speeds / (_FRACTION * top_speed(model.robot)),
         np.eye(10)[2:4] / _LEAN,
     ]
     rows, ahead = [np.concatenate(now)], np.linalg.matrix_power(loop, _EVERY)

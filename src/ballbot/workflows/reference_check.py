@@ -37,7 +37,7 @@ from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.metrics import lean_of
-from ballbot.workflows.recovery_region import Loop, lost_lean
+from ballbot.workflows.recovery_region import Loop, lost_lean, top_speed
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
 ROUNDING = 0.05
@@ -258,7 +258,7 @@ def check_reference(
 
 def _uses(model: Model, controller: Controller, path: Demand) -> tuple[Use, ...]:
     """Return the largest use of each limit along a path."""
-    robot, limit, top = model.robot, controller.torque_limit, model.robot.drive.wheel_speed_limit
+    robot, limit, top = model.robot, controller.torque_limit, top_speed(model.robot)
     # the torque that is left in its direction: none at the motors' highest speed
     forward = path.wheel_speeds * np.sign(path.torques)
     left = limit * np.clip((top - forward) / (FALLING_PART * top), 1e-3, 1.0)

@@ -36,6 +36,7 @@ from ballbot.log.columns import (
     wheel_speed_names,
 )
 from ballbot.log.log import Log
+from ballbot.log.mapping_search.units import fastest
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
@@ -184,7 +185,7 @@ ROW_FAULTS = (
         severity="warning",
         columns=wheel_speed_names(MAX_WHEELS),
         rows=lambda log, name, limit: np.abs(log[name]) > limit,
-        limit=lambda robot: robot.drive.wheel_speed_limit,
+        limit=fastest,
         text="{name} is above {limit:.4g} rad/s, the limit of the robot's supply and motors, in {rows}, first "
         + _WHERE + ": the commanded torque is not the torque that acted.",
     ),

@@ -16,7 +16,7 @@ from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import correlations
 from ballbot.log.mapping_search.names import InputKind, Roles
 from ballbot.log.mapping_search.placement import HeadingTest, LeanTest, heading_test, lean_test
-from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
+from ballbot.log.mapping_search.units import Unit, Units, fastest, lean_units, likeliest_units, wheel_units
 from ballbot.log.signals import (
     INTERVAL,
     Smooth,
@@ -184,7 +184,7 @@ def _continued(angles: Floats, *, of_speeds: bool) -> tuple[Floats, float | None
 def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -> SensedMotion:
     roles, robot, t = base.roles, base.robot, base.t
     lean, wheel = units
-    angles, limit = raw * wheel.factor, IMPOSSIBLE_SPEED * robot.drive.wheel_speed_limit
+    angles, limit = raw * wheel.factor, IMPOSSIBLE_SPEED * fastest(robot)
     carried = angles if roles.of_speeds else without_resets(t, angles, limit)
     sampled, noise = (t, None) if roles.of_speeds else _sampled(t, carried)
     attitude, gyro = None, None

@@ -18,6 +18,7 @@ from ballbot.log.columns import FACTORS, Floats
 from ballbot.log.mapping_search.evidence import probabilities
 from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot
+from ballbot.robot.derived import wheel_speed_limit
 
 #: intervals between rows that a log may have [s]
 INTERVALS = (2e-4, 0.2)
@@ -58,6 +59,14 @@ def time_unit(t: Floats, named: str | None) -> Unit | None:
     return None
 
 
+def fastest(robot: Robot) -> float:
+    """Return the speed [rad/s] of a wheel at which the back-EMF is the supply's voltage."""
+    drive = robot.drive
+    return wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
+
+
 def wheel_units(
     t: Floats,
     angles: Floats,
@@ -89,7 +98,7 @@ def wheel_units(
             weight, reason = weight + WHOLE, of_counts
         elif not whole and step is not None and abs(step * factor / count - 1.0) < STEP_AGREEMENT:
             weight, reason = weight + ONE_COUNT, f"steps of {step:.5g} are one encoder count"
-        weight -= 9.0 if largest * factor > BEYOND_LIMIT * robot.drive.wheel_speed_limit else 0.0
+        weight -= 9.0 if largest * factor > BEYOND_LIMIT * fastest(robot) else 0.0
         found.append(Unit(name=name, factor=factor, reason=reason, weight=weight))
     return found
 

@@ -13,7 +13,13 @@ from ballbot.mechanics.geometry import axles, body_rates_matrix, rotation, trans
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Body, Robot
-from ballbot.robot.derived import shell_wall, thick_shell_inertia, thin_shell_inertia
+from ballbot.robot.derived import (
+    reflected_rotor_inertia,
+    shell_wall,
+    thick_shell_inertia,
+    thin_shell_inertia,
+    wheel_speed_limit,
+)
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.bench import CHANGE, Bench
 from ballbot.thesis.reproduce.item import Mistake, check
@@ -159,7 +165,9 @@ def no_counter_torque(bench: Bench) -> Mistake:
 def rotors_left_out(bench: Bench) -> Mistake:
     """Mistake 7."""
     drive = bench.robot.drive
-    rotor = drive.reflected_rotor_inertia
+    rotor = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
     ratio = rotor / bench.robot.wheels.inertia
     return Mistake(
         number=7,
@@ -263,7 +271,9 @@ def ball_inertia(bench: Bench) -> Mistake:
 def rounded_constants(bench: Bench) -> Mistake:
     """Mistake 12."""
     drive = bench.robot.drive
-    limit = drive.wheel_speed_limit
+    limit = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
     beyond = 100.0 * (_LIMIT / limit - 1.0)
     smaller = 63.5 - 1e3 * bench.robot.wheels.radius
     return Mistake(
