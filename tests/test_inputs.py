@@ -29,7 +29,6 @@ from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log
 from ballbot.log.mapping import read_mapping
-from ballbot.log.signals import local_fit
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.simulation.run import sample_count
@@ -119,14 +118,6 @@ def test_mapping_with_a_wrong_unit_is_reported(tmp_path, capsys, asked, unit, wo
     mapping = tmp_path / "map.toml"
     mapping.write_text(MAPPING.format(time=asked, unit=unit))
     assert words in refused(capsys, "check-log", log, "--mapping", mapping)
-
-
-def test_a_fit_in_blocks_is_the_fit_of_the_whole():
-    t = 0.001 * np.arange(5000.0)
-    smooth, rates = local_fit(t, np.sin(t)[:, None], rows=60)
-    # a cubic over 0.12 s leaves 0.06^4 / 24 = 5e-7 of a sine of 1 rad/s, and its slope 0.06^3 / 6
-    np.testing.assert_allclose(smooth[:, 0], np.sin(t), rtol=0, atol=5e-7)
-    np.testing.assert_allclose(rates[:, 0], np.cos(t), rtol=0, atol=4e-5)
 
 
 @pytest.mark.parametrize("rows", ["2147483648", "9223372036854775808", "9" * 5000, "0x" + "f" * 6000])

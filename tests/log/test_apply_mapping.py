@@ -13,11 +13,10 @@ from ballbot.log import Log
 from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.imu_angles import QUATERNION_ANGLES, from_roll_pitch_yaw, less_half_a_turn, quaternion_angles
 from ballbot.log.mapping import DutyTable
-from ballbot.log.pose import with_odometry, with_position
+from ballbot.log.pose import with_position
 from ballbot.log.signals import without_holes, without_resets
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Robot
-from tests.support.log_examples import smooth_log, with_wheels
 
 
 def read(folder, table: str, mapping: str) -> Log:
@@ -168,18 +167,6 @@ def test_a_duty_with_a_dead_band():
     assert drive.torque(np.array([0.5]), np.array([5.0]))[0] == pytest.approx(0.875)
 
 
-def test_odometry_is_the_states_own_motion():
-    robot = Robot.load("alten")
-    truth = with_wheels(smooth_log(), robot)
-    kept = {name: truth[name] for name in truth.names if name not in ("x", "y", "x_dot", "y_dot")}
-    log = with_odometry(Log(kept), robot)
-    # the example's wheel speeds are from central differences over 10 ms
-    for name in ("x_dot", "y_dot"):
-        np.testing.assert_allclose(log[name], truth[name], atol=2e-4)
-    for name in ("x", "y"):
-        np.testing.assert_allclose(log[name] - log[name][0], truth[name] - truth[name][0], atol=1e-3)
-
-
 @pytest.mark.parametrize("turn", [0.0, 160.0])
 def test_without_yaw_and_gyro_the_wheels_give_the_heading(tmp_path, turn):
     """`alten` leans while it turns by half a turn, so that no term of the transformation is small."""
@@ -237,12 +224,3 @@ def test_short_holes_are_filled_and_long_ones_are_not():
     assert held[10:12] == pytest.approx([0.18, 0.18])
     assert np.isnan(filled[40:60]).all()
     assert np.isnan(held[40:60]).all()
-
-
-def test_even_rows_go_on_after_missing_cells(tmp_path):
-    cells = [("" if k == 50 else f"{0.02 * k!r}", "" if k == 50 else "1.0") for k in range(100)]
-    table = "time,x,u\n" + "\n".join(f"{0.01 * k!r},{x},{u}" for k, (x, u) in enumerate(cells))
-    mapping = '[time]\nsample_time=0.01\n[columns]\nt="time"\nx="x"\n[input]\nkind="torque"\nfrom=["u"]\ndelay=0.0\n'
-    log = read(tmp_path, table, mapping)
-    np.testing.assert_allclose(log["x"], 2.0 * log.t, atol=1e-9)
-    np.testing.assert_allclose(log["u1"][:-1], 1.0, atol=1e-9)

@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-import ballbot
 from ballbot.errors import InputError
 from ballbot.log import Log, as_logs
-from ballbot.validation import validate
-from tests.support.control_examples import alten
-from tests.support.log_examples import smooth_log
-from tests.support.validation_examples import true_robot
 
 LOG = Log({"t": np.arange(3.0), "x": np.zeros(3)})
 NAMES = st.text("abc123 _-", min_size=1, max_size=5).filter(lambda name: name.strip(" ") == name)
@@ -81,33 +76,3 @@ def test_names_that_recur_have_their_folders(tmp_path, monkeypatch):
 def test_what_is_no_log_is_refused(given_as, sentence):
     with pytest.raises(InputError, match=sentence):
         as_logs(given_as)
-
-
-def of_negated_rates(*, scale: float = 1.0) -> Log:
-    log = smooth_log()
-    log = log.with_columns({name: scale * log[name] for name in log.names if name != "t"})
-    return log.with_columns({"theta_dot": -log["theta_dot"], "phi_dot": -log["phi_dot"]})
-
-
-@pytest.mark.parametrize(
-    ("function", "robot"),
-    [
-        (ballbot.identify, "alten"),
-        (ballbot.study, alten()),
-        (validate, true_robot()),
-    ],
-)
-def test_every_function_takes_every_container(function, robot, tmp_path):
-    """The checks, which come first, name the logs; they refuse negated rates."""
-    log, other, path = of_negated_rates(), of_negated_rates(scale=0.9), tmp_path / "walk.csv"
-    log.write(path)
-    for given_as, beginning in (
-        (log, ""),
-        ([log], ""),
-        (path, "walk: "),
-        ([str(path)], "walk: "),
-        ({"mine": path}, "mine: "),
-        ([log, other], r"log 1: "),
-    ):
-        with pytest.raises(InputError, match=rf"^{beginning}.*accept=\['sign'\]"):
-            function(robot, given_as)

@@ -182,15 +182,3 @@ def test_what_a_shared_case_is(name, what):
     found = propose(path, Robot.load("rob311"), Stated(command="duty", columns=columns))
     assert found.what == what
     assert found.base.layout.rows is None
-
-
-def test_only_the_columns_that_a_mapping_uses_must_be_numbers(tmp_path):
-    path = tmp_path / "raw.csv"
-    path.write_text("time,enc,mode\n" + "".join(f"{0.01 * k},{k},run\n" for k in range(5)))
-    mapping = tmp_path / "mapping.toml"
-    mapping.write_text('[columns]\nt = "time"\nx = { from = "enc", unit = "mm" }\n')
-    log = Log.read(path, mapping=mapping)
-    assert any("mode" in text for text in left_out(log))
-    mapping.write_text('[columns]\nt = "time"\nx = { from = "mode", unit = "mm" }\n')
-    with pytest.raises(InputError, match="line 2: 'run' in column mode is not a number"):
-        Log.read(path, mapping=mapping)

@@ -191,12 +191,6 @@ def test_the_michigan_log_reads_through_a_mapping(shared_data, tmp_path):
     assert np.abs(log.wheel_speeds).max() < 30.0
 
 
-def test_a_repeated_row_is_one_and_a_time_of_day_is_in_seconds(tmp_path):
-    table = "t x\n23:59:59.990 1\n23:59:59,995 2\n23:59:59,995 2\n"
-    log = read(tmp_path, table, '[file]\nseparator = "blanks"\n[columns]\nt = "t"\nx = "x"\n')
-    np.testing.assert_allclose(log.t, [86399.99, 86399.995], rtol=1e-12)
-
-
 def test_commands_have_a_zero_and_directions(tmp_path):
     table = "t,a,b,c,d\n0,138,1,90,1\n1,118,0,91,-1\n2,128,,93,0\n"
     mapping = """

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.log.mapping_search.commands import command_delay
+from ballbot.log.checks.torque_balance import Driving
+from ballbot.log.mapping_search.commands import assign, command_delay
+from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.motion import Stated, _continued
 from ballbot.log.mapping_search.proposal import (
     MOST_LINES,
@@ -150,3 +152,23 @@ def test_a_log_that_contradicts_the_others_is_named(tmp_path):
     negated = replace(one, frame=replace(one.frame, signs=tuple(-sign for sign in one.frame.signs)))
     assert list(contradictions([one, one], one)) == []
     assert [words for _, words in contradictions([one, negated], one)] == ["signs of the wheels"]
+
+
+def test_damping_of_the_heading_is_not_taken_for_reversed_motors():
+    """Feedback that damps a heading that noise drives looks like friction of four motors with the opposite sign."""
+    random, azimuths = np.random.default_rng(4), 0.5 * np.pi * np.arange(4)
+    rolling = np.array([np.cos(azimuths), np.sin(azimuths)])
+    need, speed = (random.standard_normal((4000, 2)) @ rolling for _ in range(2))
+    turning = random.standard_normal((4000, 1))
+    need, speed = need + 0.05 * random.standard_normal((4000, 1)), speed + turning
+    sign = np.tanh(speed / 0.1)
+    driving = Driving(
+        torque=need + 0.1 * sign + 0.05 * speed - 0.25 * turning + 0.05 * random.standard_normal((4000, 4)),
+        needed=need,
+        friction=np.stack([sign, speed, sign * np.exp(-np.abs(speed))], axis=-1),
+        turning=np.ones((4000, 4)),
+        block=np.arange(4000) // 100,
+    )
+    found = assign(driving, [1] * 4)
+    assert (found.wheels, found.signs) == ((0, 1, 2, 3), (1, 1, 1, 1))
+    assert found.confidence > CONFIDENT

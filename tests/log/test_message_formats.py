@@ -132,35 +132,6 @@ def test_an_mcap_file_of_others_joins_its_topics_at_the_times_of_the_quickest(tm
     np.testing.assert_array_equal(columns["odom.pose.x"], [np.nan, np.nan, 1.0, 1.0, 3.0])
 
 
-def test_a_ros_bag_of_others_is_read_from_its_standard_messages(tmp_path, log):
-    log.write(tmp_path / "own.db3")
-    with (
-        Reader(tmp_path / "own.db3") as reader,
-        BagWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
-    ):
-        kept = {
-            one.topic: writer.add_connection(one.topic, one.msgtype, typestore=STORE)
-            for one in reader.connections
-            if "/ballbot" not in one.topic
-        }
-        for one, time, data in reader.messages():
-            if one.topic in kept:
-                writer.write(kept[one.topic], time, data)
-    columns = read_columns(tmp_path / "bag" / "bag.mcap")
-    whole = read_columns(tmp_path / "bag")
-    assert list(whole) == list(columns)
-    for name, values in columns.items():
-        np.testing.assert_array_equal(whole[name], values)
-    np.testing.assert_allclose(columns["t"], log.t - log.t[0], atol=1e-9)
-    np.testing.assert_array_equal(columns["joint_states.effort.wheel2"], log["u2"])
-    np.testing.assert_array_equal(columns["imu.angular_velocity.y"], log["gyro_y"])
-    turns = Rotation.from_euler("XYZ", np.column_stack([log[name] for name in ("theta", "phi", "psi")]))
-    angles = np.column_stack([columns[f"imu.orientation.{name}"] for name in ("yaw", "pitch", "roll")])
-    kinds = {read_name(name).kind for name in columns if name.startswith(("joint_states", "imu"))}
-    assert kinds == {"wheel angle", "command", "attitude", "gyro", "other"}  # as `check-log` reads them
-    np.testing.assert_allclose(angles, turns.as_euler("ZYX"), atol=1e-12)
-
-
 def split_bag(
     folder: Path, log: Log, plugin: StoragePlugin, *, packed: bool = False, own: bool = False
 ) -> Path:
@@ -209,6 +180,11 @@ def test_a_split_bag_is_read_as_one_table(tmp_path, log, plugin, packed):
     np.testing.assert_allclose(columns["t"], log.t - log.t[0], atol=1e-9)
     np.testing.assert_array_equal(columns["joint_states.effort.wheel2"], log["u2"])
     np.testing.assert_array_equal(columns["imu.angular_velocity.y"], log["gyro_y"])
+    turns = Rotation.from_euler("XYZ", np.column_stack([log[name] for name in ("theta", "phi", "psi")]))
+    angles = np.column_stack([columns[f"imu.orientation.{name}"] for name in ("yaw", "pitch", "roll")])
+    np.testing.assert_allclose(angles, turns.as_euler("ZYX"), atol=1e-12)
+    kinds = {read_name(name).kind for name in columns if name.startswith(("joint_states", "imu"))}
+    assert kinds == {"wheel angle", "command", "attitude", "gyro", "other"}  # as `check-log` reads them
 
 
 def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log):

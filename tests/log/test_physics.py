@@ -8,7 +8,7 @@ import pytest
 from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.checks import check, check_logs
-from ballbot.log.checks.lean import AS_LOGGED, READINGS, lean_evidence, motion_of, usable_rows
+from ballbot.log.checks.lean import lean_evidence, motion_of, usable_rows
 from ballbot.log.checks.physics import examine, torque_scale_errors
 from ballbot.log.checks.torque_balance import USUAL, driving_of, gains_of, motor_sums
 from ballbot.robot import Robot
@@ -52,19 +52,6 @@ def test_torque_scale_that_no_log_shows_has_the_usual_error():
     np.testing.assert_array_equal(torque_scale_errors([short], robot), USUAL)
     # one log that shows it is enough, and knows more than what is usual
     assert (torque_scale_errors([short, log], robot) < USUAL).all()
-
-
-def test_log_without_torques_still_has_its_lean_checked():
-    log, robot = balancing()
-    states = Log({name: log[name] for name in log if name not in ("u1", "u2", "u3")})
-    assert errors(states, robot) == []
-    assert [f.code for f in errors(scaled(states, -1.0, "theta", "theta_dot"), robot)] == ["lean-axes"]
-
-
-def test_every_reading_has_its_own_sentence():
-    faults = [one.fault(("theta", "phi")) for one in READINGS]
-    assert len(set(faults)) == len(READINGS)
-    assert [one for one in READINGS if not one.fault(("theta", "phi"))] == [AS_LOGGED]
 
 
 @pytest.mark.parametrize("name", ["thesis_step_soft", "square_stiff"])

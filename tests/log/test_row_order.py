@@ -36,8 +36,3 @@ def test_a_time_that_is_missing_ends_a_run():
     t = EVEN.copy()
     t[500] = np.nan
     assert longest_run(t) == (501, len(t))
-
-
-def test_rows_in_order_are_the_longest_series():
-    t = np.array([1.0, 2.0, 9.0, 3.0, 3.0, 4.0, 0.5, 5.0])
-    np.testing.assert_array_equal(t[increasing_rows(t)], [1.0, 2.0, 3.0, 4.0, 5.0])

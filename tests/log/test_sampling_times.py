@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.signals import local_fit, new_messages, repaired_noise, sampling_times, speed_noise
+from ballbot.log.signals import local_fit, repaired_noise, sampling_times, speed_noise
 
 COUNT = 2.0 * np.pi / 4480.0  #: [rad], one encoder count of the course robots' wheels
 
@@ -49,23 +49,6 @@ def test_correct_times_are_left_unchanged():
     angles = COUNT * np.round(wheels(t) / COUNT)
     # a count at 3 rad/s lasts 0.5 ms; the repair must not add more than that
     assert (sampling_times(t, angles) - t).std() < 3e-4
-
-
-def test_wheels_at_rest_give_no_times():
-    t = 0.01 * np.arange(500)
-    np.testing.assert_array_equal(sampling_times(t, np.zeros((500, 3))), t)
-    assert speed_noise(t, np.zeros((500, 3))) is None
-
-
-def test_a_message_logged_twice_is_fresh_once():
-    assert new_messages(np.array([0.0, 0.0, 0.01, 0.02, 0.0201, 0.03])).tolist() == [
-        True,
-        False,
-        True,
-        True,
-        False,
-        True,
-    ]
 
 
 @pytest.mark.sample

@@ -77,10 +77,3 @@ def test_a_clock_that_begins_again_is_continued(period):
     found, rows = continuous_clock(t % period)
     np.testing.assert_allclose(found, t, rtol=1e-12)
     assert rows.tolist() == [200]
-
-
-def test_joined_runs_are_no_clock_that_begins_again():
-    t = np.concatenate((np.arange(0.0, 30.0, 0.005), np.arange(0.0, 20.0, 0.005)))
-    found, rows = continuous_clock(t)
-    assert found is t
-    assert not rows.size

@@ -33,7 +33,7 @@ from ballbot.log.checks.torque_balance import (
 )
 from ballbot.log.columns import STATE_NAMES, Floats, torque_names
 from ballbot.log.log import Log
-from ballbot.log.mapping_search.commands import assign
+from ballbot.log.mapping_search.commands import assign, by_wheel
 from ballbot.log.signals import INTERVAL
 from ballbot.robot import Robot
 
@@ -181,10 +181,11 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
     """Return the error of torques of another order or sign than the motion's, or without a relation to it."""
     own = tuple(range(len(names)))
     found = assign(driving, [1] * len(names))
-    explained = np.array([_explained(driving, i) for i in own])
+    corrected = replace(driving, torque=by_wheel(driving.torque, (found.wheels, found.signs)))
+    explained, after = (np.array([_explained(one, i) for i in own]) for one in (driving, corrected))
     changed = found.wheels != own or min(found.signs) < 0
     turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
-    enough = turned > LEAST_TURNING and found.explained > EXPLAINED
+    enough = turned > LEAST_TURNING and found.explained > EXPLAINED and after.min() > UNRELATED
     if changed and enough and found.confidence > CONFIDENT:
         text = (
             f"The torques do not fit the motion as logged: {_fault(names, found.wheels, found.signs)}. With this "

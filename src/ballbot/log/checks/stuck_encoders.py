@@ -20,7 +20,7 @@ import numpy as np
 from ballbot.findings import Finding, error
 from ballbot.log.columns import Bools, Floats, wheel_angle_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, across_a_gap, balancing_rows, even_rows, smooth
+from ballbot.log.signals import INTERVAL, Smooth, across_a_gap, balancing_rows, even_rows, smooth
 
 #: rows interpolated across a longer gap [s] are not used
 LONGEST_GAP = 0.05
@@ -47,49 +47,41 @@ TIMES, ALONG = 2.0, 0.85
 def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
     """Return an error for each hold of an encoder during which the rest of the motion says that its wheel turned."""
     names = wheel_angle_names(wheel_count)
-    if wheel_count < 3 or not {"theta", "phi", *names} <= set(log.names):
+    if wheel_count < 3 or not {"theta", "phi", "psi", *names} <= set(log.names):
         return []
-    headings = [log["psi"]] if "psi" in log else []
-    table = np.column_stack([log["theta"], log["phi"], *(log[name] for name in names), *headings])
+    table = np.column_stack([log[name] for name in ("theta", "phi", "psi", *names)])
     known = np.isfinite(table).all(axis=1)
     t, table = log.t[known], table[known]
-    wheels = table[:, 2 : 2 + wheel_count]
-    holds = [_holds(t, angle) for angle in wheels.T]
-    if not any(holds):
+    holds = [(i, *span) for i, angle in enumerate(table[:, 3:].T) for span in _holds(t, angle)]
+    if not holds:
         return []
-    lean, headings = table[:, 0] + 1j * table[:, 1], table[:, 2 + wheel_count :]
-    if headings.size:  # in the frame that turns with it
-        lean = lean * np.exp(-1j * headings[:, 0])
+    # in the frame that turns with the heading
+    lean = (table[:, 0] + 1j * table[:, 1]) * np.exp(-1j * table[:, 2])
     rows, apart = even_rows(t), APART * WIDTH
-    moved = smooth(rows, t, np.column_stack([lean.real, lean.imag, headings]), width=WIDTH)
-    turned = smooth(rows, t, wheels, width=WIDTH)
-    usable = balancing_rows(moved.value[:, :2], turned.rate, None)
+    moved = smooth(rows, t, np.column_stack([lean.real, lean.imag, table[:, 2:]]), width=WIDTH)
+    usable = balancing_rows(moved.value[:, :2], moved.rate[:, 3:], None)
     usable &= ~across_a_gap(rows, t, LONGEST_GAP)
-    free = usable.copy()
-    for start, end in (one for of_wheel in holds for one in of_wheel):
-        free &= (rows < start - apart) | (rows > end + apart)
+    near_holds = [(rows >= start - apart) & (rows <= end + apart) for _, start, end in holds]
+    free = usable & ~np.any(near_holds, axis=0)
     if free.sum() * INTERVAL < FEWEST_SECONDS:
         return []
     findings = []
-    for wheel, held in enumerate(holds):
-        along, total = _unexplained_along(
-            wheel, turned.acceleration, moved.value[:, :2], moved.acceleration, free
-        )
+    for wheel, start, end in holds:
+        inside = usable & (rows > start + apart) & (rows < end - apart)
+        if inside.sum() * INTERVAL < WINDOW:
+            continue
+        along, total = _unexplained_along(wheel, moved, free)
         usual = float(np.quantile(_windows(along, free), 0.95))
-        for start, end in held:
-            inside = usable & (rows > start + apart) & (rows < end - apart)
-            if inside.sum() * INTERVAL < WINDOW:
-                continue
-            times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
-            part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
-            if times > TIMES and part > ALONG:
-                text = (
-                    f"{names[wheel]} holds its value from {start:.6g} to {end:.6g} s though its wheel turns: the lean, "
-                    f"the heading and the other wheels leave {times:.2g} times as much of the motion unexplained as "
-                    f"elsewhere, and {100 * part:.0f} % of that is what turning of this wheel would do. The encoder or "
-                    "its cable failed, or messages were lost."
-                )
-                findings.append(error("stuck", text, names[wheel], time=start))
+        times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
+        part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
+        if times > TIMES and part > ALONG:
+            text = (
+                f"{names[wheel]} holds its value from {start:.6g} to {end:.6g} s though its wheel turns: the lean, the "
+                f"heading and the other wheels leave {times:.2g} times as much of the motion unexplained as elsewhere, "
+                f"and {100 * part:.0f} % of that is what turning of this wheel would do. The encoder or its cable "
+                "failed, or messages were lost."
+            )
+            findings.append(error("stuck", text, names[wheel], time=start))
     return findings
 
 
@@ -109,15 +101,17 @@ def _holds(t: Floats, angle: Floats) -> list[tuple[float, float]]:
     return [(float(t[a]), float(t[b])) for a, b in found if t[b] - t[a] >= SHORTEST_HOLD]
 
 
-def _unexplained_along(
-    wheel: int, wheels: Floats, lean: Floats, y: Floats, free: Bools
-) -> tuple[Floats, Floats]:
-    """Return the squares (N,) of r along the column of C of a wheel, and of all of r, fitted on the free rows."""
-    n = wheels.shape[1]
+def _unexplained_along(wheel: int, moved: Smooth, free: Bools) -> tuple[Floats, Floats]:
+    """Return the squares (N,) of r along the column of C of a wheel, and of all of r, fitted on the free rows.
+
+    `moved` has the lean (2), the heading and the wheels.
+    """
+    n = moved.value.shape[1] - 3
     # a wheel and its neighbours are independent in every arrangement around the ball
-    own = [wheel, (wheel + 1) % n, (wheel - 1) % n]
-    x = np.column_stack([wheels[:, own], lean, np.ones(len(wheels))])
-    y = np.column_stack([y, wheels[:, [k for k in range(n) if k not in own]]])
+    own = [3 + i % n for i in (wheel, wheel + 1, wheel - 1)]
+    rest = [k for k in range(3 + n) if k not in own]
+    x = np.column_stack([moved.acceleration[:, own], moved.value[:, :2], np.ones(len(free))])
+    y = moved.acceleration[:, rest]
     C = np.linalg.lstsq(x[free], y[free], rcond=None)[0]
     left = y - x @ C
     covariance = np.cov(left[free], rowvar=False)

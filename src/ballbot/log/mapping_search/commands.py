@@ -3,7 +3,7 @@
 Ball and wheels pass each other the torques that the motion needs (`ballbot.log.checks.torque_balance`): about upright,
 wheel i needs n_i. What drives it is a command d_j of unknown order, sign, kind and scale:
 
-    s_j d_j = a n_i + b w_i + friction's terms in the sign of w_i        w_i speed of the wheel [rad/s]
+    s_j d_j = a n_i + b w_i + h mean(w) + friction's terms in the sign of w_i        w_i speed of the wheel [rad/s]
 
 Every order and every choice of signs is tried; those that explain all commands best, with one a and one b, are the
 answer. The commands are on the left: commands that sum to zero are no difficulty there, while a regression of all
@@ -29,7 +29,9 @@ from ballbot.log.checks.lean import Motion, clarity, motion_of, usable_rows
 from ballbot.log.checks.torque_balance import Driving, driving_of, gains_of, motor_sums
 from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping_search.evidence import (
+    CONFIDENT,
     MOST,
+    PRIOR_POWER,
     behind,
     correlations,
     probabilities,
@@ -44,12 +46,14 @@ from ballbot.robot import Robot
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
 #: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
 SAME_TORQUES = 0.1
+#: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
+OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
 #: logarithm of the ratio of two squared errors from which it counts, and its weight for each second (`behind`)
 LEAST_RATIO, EACH_SECOND = 0.15, 1.5
 #: share of the commands that must be explained, and from which on nothing is in doubt. Commands that are torques about
-#: axes are mixtures of all wheels': single ones leave 0.38 of them, and at most 0.18 on the development halves where
-#: they are right
-LEAST_EXPLAINED, EXPLAINED = 0.5, 0.7
+#: axes are mixtures of all wheels': single ones leave 0.38 of them, and at most 0.35 where they are right, of robots
+#: whose wheels mostly stick (campaigns/mapping_corpus.py)
+LEAST_EXPLAINED, EXPLAINED = 0.55, 0.65
 #: correlation of a free wheel's speed with its command
 FOLLOWED = 0.8
 #: delays of the commands that are tried [s], and the filter of the wheels for it [s]: delays show in what is quick
@@ -60,9 +64,8 @@ RIDGE = 1e-3
 LEAST_ACCELERATION, LEAST_DELAY_TIME = 0.4, 3.0
 #: full scales of a duty in use; 1000 and 1023 differ by 2 %, and the largest command separates them
 FULL_SCALES = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)
-#: a scale is taken by the motion if it is this much [log] nearer than the next one, and that is off by so many standard
-#: errors
-CLEARLY_NEARER, EXCLUDED_ERRORS = 0.5, 3.0
+#: masses, torque constants and friction make a log's torques differ by this [log] from those that its motion needs
+RATIO_DEVIATION = 0.25
 #: a full scale that nobody states must fit the motion this well [log]: others, 400 or 500, are in use, too
 FULL_SCALE_FITS = 0.35
 #: what turns a number in a unit into N m, A or V
@@ -140,7 +143,7 @@ def drive_of(
     elif needs is not None:
         driving, moved = needs
         assigned = assign(driving, [frame.signs[place - 1] for place in frame.order])
-        ordered = replace(driving, torque=_by_wheel(driving.torque, (assigned.wheels, assigned.signs)))
+        ordered = replace(driving, torque=by_wheel(driving.torque, (assigned.wheels, assigned.signs)))
         gain, error = gains_of(motor_sums(ordered, moved, base.robot)).common()
     delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
     kind, ratios, alike = _scale_of(base, gain if math.isfinite(error) else math.nan, error)
@@ -172,25 +175,24 @@ _Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `Com
 
 
 def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
-    """Return the order and signs of the commands that the motion explains best.
+    """Return the likeliest order and signs of the commands: by what the motion leaves of them, and by what is usual.
 
-    Of those that make nearly the same torques, as opposite wheels of four do while the heading stands still, the usual
-    one is taken: motors numbered as encoders, that all turn as these count, or all alike. `counted` are the signs with
-    which the encoders count, of the robot's wheels in turn.
+    That which fits best is likelier if it is usual; what is usual does not make up for a worse fit. Those that make
+    nearly the same torques, as opposite wheels of four do while the heading stands still, are one, and the most usual
+    of them is taken. `counted` are the signs with which the encoders count, of the robot's wheels in turn.
     """
     totals = _left(driving)
-    least = min(totals.values(), key=lambda one: float(one.sum()))
-    found = probabilities({one: -_behind(total, least) for one, total in totals.items()})
-    torques = {one: _by_wheel(driving.torque, one) for one, p in found.items() if p > 1e-3}
+    least = min(totals, key=lambda one: float(totals[one].sum()))
+    usual = {one: _usual(one, counted) for one in totals}
+    prior = dict.fromkeys(totals, min(usual.values())) | {least: usual[least]}
+    found = probabilities(
+        {one: PRIOR_POWER * math.log(prior[one]) - _behind(totals[one], totals[least]) for one in totals}
+    )
+    torques = {one: by_wheel(driving.torque, one) for one, p in found.items() if p > 1e-3}
     likeliest = next(iter(torques.values()))
     size = SAME_TORQUES * float(np.std(likeliest))
     alike = [one for one, u in torques.items() if float(np.std(u - likeliest, axis=0).max()) <= size]
-
-    def unusual(one: _Order) -> tuple[bool, bool]:
-        relative = {sign * counted[wheel] for wheel, sign in zip(*one, strict=True)}
-        return one[0] != tuple(range(len(counted))), len(relative) > 1 and len(set(one[1])) > 1
-
-    best = min(alike, key=unusual)
+    best = max(alike, key=lambda one: usual[one])
     other = next((one for one in found if one not in alike), best)
     explained = 1.0 - float(totals[best].sum())
     enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
@@ -204,9 +206,16 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     )
 
 
-def _by_wheel(commands: Floats, one: _Order) -> Floats:
+def _usual(one: _Order, counted: Sequence[int]) -> float:
+    """Return the probability of an order before the motion is seen.
+
+    Motors are numbered as encoders, and turn all alike or as these count, in most robots.
+    """
     order, signs = one
-    return (commands * np.asarray(signs, dtype=np.float64))[:, np.argsort(order)]
+    n, relative = len(order), {sign * counted[wheel] for wheel, sign in zip(order, signs, strict=True)}
+    own, even = order == tuple(range(n)), len(set(signs)) == 1 or len(relative) == 1
+    p = OWN_ORDER if own else (1.0 - OWN_ORDER) / (math.factorial(n) - 1)
+    return p * (EQUAL_SIGNS / 2.0 if even else (1.0 - EQUAL_SIGNS) / (2**n - 2))
 
 
 def _behind(total: Floats, least: Floats) -> float:
@@ -215,19 +224,29 @@ def _behind(total: Floats, least: Floats) -> float:
     return behind(z, ratio, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
 
 
+def by_wheel(commands: Floats, one: _Order) -> Floats:
+    """Return the commands (N, n) of the robot's wheels in turn, by the wheels (from 0) and signs of the file's."""
+    order, signs = one
+    return (commands * np.asarray(signs, dtype=np.float64))[:, np.argsort(order)]
+
+
 def _left(driving: Driving) -> dict[_Order, Floats]:
     """Return the share (B,) of the commands' variance that each order and choice of signs leaves, by blocks.
 
     The motors are alike: a and b are common to all wheels, and only dry friction is each wheel's own. None of them can
-    be negative. A motor weaker than the others by more than a third can be taken for another if the robot moves along
-    one line.
+    be negative. A controller damps the turning of the heading, which something else drives: commands alike have a part
+    that goes against the wheels' common speed, and would pass for friction of motors with the opposite sign. It is
+    fitted, with either sign. A motor weaker than the others by more than a third can be taken for another if the robot
+    moves along one line.
     """
     n, blocks = driving.torque.shape[1], int(driving.block[-1]) + 1
     u = driving.torque - driving.torque.mean(axis=0)
-    terms = np.zeros((n, len(u), 2 + 2 * n))  # the terms of each wheel
+    terms = np.zeros((n, len(u), 4 + 2 * n))  # the terms of each wheel
+    heading = driving.friction[:, :, 1].mean(axis=1)
     for i in range(n):
         terms[i, :, 0], terms[i, :, 1] = driving.needed[:, i], driving.friction[:, i, 1]
-        terms[i, :, 2 + 2 * i], terms[i, :, 3 + 2 * i] = driving.friction[:, i, 0], driving.friction[:, i, 2]
+        terms[i, :, 2], terms[i, :, 3] = heading, -heading
+        terms[i, :, 4 + 2 * i], terms[i, :, 5 + 2 * i] = driving.friction[:, i, 0], driving.friction[:, i, 2]
     terms = terms - terms.mean(axis=1, keepdims=True)
     terms = terms / np.maximum(np.sqrt(np.square(terms).sum(axis=(0, 1))), 1e-30)
     rows = [driving.block == b for b in range(blocks)]
@@ -324,16 +343,17 @@ def _scale_of(
         if not scales:
             continue
         size = gain * _standstill(one, base.robot)
-        off = {name: abs(math.log(max(size * scale, 1e-12))) for name, scale in scales.items()}
+        logs = {name: math.log(max(size * scale, 1e-12)) for name, scale in scales.items()}
+        deviation = math.hypot(error, RATIO_DEVIATION)
+        likely = probabilities({name: -0.5 * (off / deviation) ** 2 for name, off in logs.items()})
         # without a motion that shows it, the smallest number that holds them all
-        ranked = sorted(scales, key=lambda name: off[name] if math.isfinite(size) else -scales[name])
+        ranked = list(likely) if math.isfinite(size) else sorted(scales, key=lambda name: -scales[name])
         scale = scales[ranked[0]]
         ratios[one] = scale, size * scale
         if one == kind:
             others = [name for name in ranked[1:] if abs(math.log(scales[name] / scale)) > math.log(1.2)]
-            least, fits = off[ranked[0]], one != "duty" or off[ranked[0]] < FULL_SCALE_FITS
-            excluded = max(least + CLEARLY_NEARER, EXCLUDED_ERRORS * error)
-            if others and not (off[others[0]] > excluded and fits):
+            fits = one != "duty" or abs(logs[ranked[0]]) < FULL_SCALE_FITS
+            if others and not (sum(likely[name] for name in others) <= 1.0 - CONFIDENT and fits):
                 alike = (ranked[0], *others[:3])
     return kind, ratios, alike
 

@@ -15,6 +15,9 @@ CONFIDENT = 0.9
 #: weight of standard errors over blocks of a second: these are not independent, and the best of several explanations
 #: fits better by chance
 ERRORS_WEIGHT = 0.6
+#: power of the prior in a confidence: what is usual is preferred among explanations that fit alike, but does not make
+#: one certain
+PRIOR_POWER = 0.7
 #: no log gives more confidence than this
 MOST = 0.999
 #: smallest normal number: a denominator of at least this keeps the ratio of two zeros finite
@@ -32,14 +35,11 @@ def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, flo
     return {one: weights[one] / total for one in ranked}
 
 
-def advantage_confidence(z: float, *, weight: float = ERRORS_WEIGHT) -> float:
-    """Return the confidence in an explanation that is better than the next by z standard errors.
-
-    They count by the weight.
-    """
+def advantage_confidence(z: float) -> float:
+    """Return the confidence in an explanation that is better than the next by z standard errors."""
     if math.isnan(z):
         return 0.5
-    return min(0.5 * math.erfc(-weight * max(z, -10.0) / math.sqrt(2.0)), MOST)
+    return min(0.5 * math.erfc(-ERRORS_WEIGHT * max(z, -10.0) / math.sqrt(2.0)), MOST)
 
 
 def behind(z: float, log_ratio: float, seconds: float, *, least_ratio: float, each_second: float) -> float:
