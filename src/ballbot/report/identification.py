@@ -26,7 +26,7 @@ from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.result import represents_sentence
+from ballbot.identification.result import estimated_robot, represents_sentence
 from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import Log
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
@@ -194,6 +194,8 @@ def friction_curve(
     """Return the friction of a wheel (from 0) at speeds (k,) [rad/s] other than zero, and its standard error [N m]."""
     friction = found.robot.friction
     n = found.robot.wheel_count
+    if friction.own_law:
+        return _curve_by_law(found, wheel, speed)
     gradient = np.zeros((len(speed), len(found.labels)))
     of_wheel = (f"b{wheel + 1}", f"c{wheel + 1}", f"s{wheel + 1}", "v_s", "delta")
     by_parameter = stribeck_gradient(
@@ -210,6 +212,28 @@ def friction_curve(
     variance = np.einsum("ki,ij,kj->k", gradient, found.assumed_covariance, gradient)
     torque = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
     return torque, np.sqrt(np.maximum(variance, 0.0))
+
+
+#: step of the differences, over each parameter
+_STEP = 1e-5
+
+
+def _curve_by_law(
+    found: Identification, wheel: int, speed: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the same for a registered law, by differences; where a parameter is zero, to one side."""
+    at = np.repeat(speed[:, None], found.robot.wheel_count, axis=1)
+
+    def torque(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        robot = estimated_robot(found.robot, found.layout, values)
+        return wheel_friction(at, robot.friction)[:, wheel]
+
+    curve = torque(found.values)
+    steps = _STEP * np.where(found.values == 0.0, 1.0, found.values)
+    moved = [torque(found.values + step * one) for step, one in zip(steps, np.eye(len(steps)), strict=True)]
+    gradient = (np.array(moved) - curve).T / steps
+    variance = np.einsum("ki,ij,kj->k", gradient, found.assumed_covariance, gradient)
+    return curve, np.sqrt(np.maximum(variance, 0.0))
 
 
 #: wheel speeds shown reach this quantile of those in the logs; without logs, so many Stribeck speeds

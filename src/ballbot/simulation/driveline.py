@@ -93,6 +93,7 @@ class Driveline:
                 f"{robot.name} has no wheel {wheel}; its wheels are numbered 0 to {robot.wheel_count - 1}."
             )
         drive, friction = robot.drive, robot.friction
+        friction.check_classical("The plant of one driveline")
         rotor = reflected_rotor_inertia(
             gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
         )

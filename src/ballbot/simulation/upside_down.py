@@ -202,6 +202,7 @@ class ClampedBall:
 
 def _friction_rows(friction: Friction) -> NDArray[np.float64]:
     """Return the rows of `BallNumbers.friction`."""
+    friction.check_classical("The plant of the robot upside down")
     wheels = np.column_stack([friction.viscous, friction.coulomb, friction.stribeck])
     shape = np.full((len(wheels), 2), [1.0 / friction.stribeck_speed, friction.stribeck_exponent])
     return np.hstack([wheels, shape, friction_terms(friction)])

@@ -28,6 +28,7 @@ from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.friction import (
     NO_TERMS,
     WheelTerms,
+    breakaway,
     directed_friction,
     friction_shift,
     sign,
@@ -147,7 +148,7 @@ def available(inertia, torque, speed):
 def move(law, inertia, torque, speed, h) -> tuple[float, float]:
     """Advance an inertia under a law's numbers by h [s] with the torque held; return its speed and the angle turned."""
     loaded = under_load(law, torque)
-    holds = abs(available(inertia, torque, 0.0) - friction_shift(loaded, 0.0)) <= loaded.c + loaded.s
+    holds = abs(available(inertia, torque, 0.0) - friction_shift(loaded, 0.0)) <= breakaway(loaded)
     if speed == 0.0 and holds:
         return 0.0, 0.0
     direction = sign(torque) if speed == 0.0 else sign(speed)
