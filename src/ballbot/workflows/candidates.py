@@ -1,7 +1,7 @@
 """Candidates: the controllers of a comparison, as the command line names them.
 
 none, full, partial            the nominal gain with that compensation
-precise                        the precise controller (`ballbot.control.precise`)
+precise                        the precise controller, or another of `ballbot.control.presets`
 found/controller.toml          a controller file
 mine.py:Mine                   a user's own: `Mine(robot)` in that file returns it
 adaptive=mine.py:Mine          any of these under another name
@@ -38,7 +38,7 @@ from ballbot.arrays import checked_sample_time
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback, estimator_of
-from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.presets import KINDS, nominal_controller
 from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.files import sha256_of
@@ -166,7 +166,7 @@ def _error_text(error: BaseException, file: Path) -> str:
 
 
 #: controllers that are not files
-NAMED_CONTROLLERS = (*get_args(Compensation), "precise")
+NAMED_CONTROLLERS = (*get_args(Compensation), *(name for name in KINDS if name != "nominal"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,8 +187,8 @@ class Candidate:
         for compensation in get_args(Compensation):
             if self.source == compensation:
                 return nominal_controller(robot, compensation=compensation)
-        if self.source == "precise":
-            return precise_controller(robot)
+        if self.source in NAMED_CONTROLLERS:
+            return KINDS[self.source].made(robot)
         path, _, made_by = self.source.rpartition(":")
         if path.endswith(".py"):
             return UserController(path, made_by, robot)
