@@ -36,7 +36,10 @@ NOT_COMPILED = {
         "ballbot.identification.axis.record_of_rows",
         "ballbot.lqr",
     },
-    "a law, whose methods for arrays are in NumPy": {"ballbot.mechanics.friction_laws.Classical"},
+    "a law, whose methods for arrays are in NumPy": {
+        "ballbot.mechanics.friction_laws.Classical",
+        "ballbot.robot.Friction",
+    },
     "made by the package, from a log or a design": {
         *(f"ballbot.workflows.excite.{name}" for name in ("Design", "LoopRuns", "excite", "task")),
         *(f"ballbot.identification.{name}" for name in ("Identification", "WindowErrors")),

@@ -243,10 +243,6 @@ class TestTermsByDirectionAndLoad:
         assert isinstance(law, Classical)
         assert law.terms == WheelTerms(coulomb_asymmetry=0.02, load=0.1)
 
-    def test_asymmetry_beyond_the_friction_is_refused(self):
-        with pytest.raises(InputError, match=r"asymmetries are 0\.2 and 0"):
-            Classical(viscous=0.01, coulomb=0.1, terms=WheelTerms(coulomb_asymmetry=0.2))
-
 
 def test_of_wheel_takes_the_robots_values():
     robot = alten(FRICTION)

@@ -93,17 +93,6 @@ def dry_friction_size(
     return size if torque is None else size + mu * np.abs(torque)
 
 
-def stribeck_gradient(
-    speed: NDArray[np.float64], *, stribeck: float, stribeck_speed: float, stribeck_exponent: float
-) -> NDArray[np.float64]:
-    """Return the derivatives (..., 5) of `stribeck_curve` by b, c, s, v_s and delta at speeds (...) other than zero."""
-    sign, ratio = np.sign(speed), np.abs(speed / stribeck_speed)
-    power, E = ratio**stribeck_exponent, stribeck_decay(ratio, stribeck_exponent)
-    by_speed = stribeck * E * power * stribeck_exponent / stribeck_speed * sign
-    by_exponent = -stribeck * E * power * np.log(np.abs(speed) / stribeck_speed) * sign
-    return np.stack([speed, sign, E * sign, by_speed, by_exponent], axis=-1)
-
-
 class WheelTerms(NamedTuple):
     """The terms that most robots lack, of one wheel; numbers of compiled code too."""
 

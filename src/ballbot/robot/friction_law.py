@@ -10,9 +10,7 @@ robot's own numbers of that name; each other one is described by a `LawParameter
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from inspect import signature
@@ -23,6 +21,7 @@ import numpy as np
 
 from ballbot.errors import InputError, suggest
 from ballbot.robot.parameters import DIMENSIONLESS, Parameter, parameter
+from ballbot.user_files import user_module
 
 #: fields of `Friction` that a law may take
 SHARED = ("coulomb", "stribeck", "stribeck_speed", "stribeck_exponent")
@@ -240,8 +239,13 @@ def friction_law(text: str) -> FrictionLaw | None:
     InputError if there is no such law.
     """
     path, _, name = text.rpartition(":")
-    if name not in _LAWS and path.endswith(".py"):
-        _run(Path(path))
+    file = Path(path).resolve() if path.endswith(".py") else None
+    if file and (name not in _LAWS or _LAWS[name].file != file):
+        _run(file)
+        if name in _LAWS and _LAWS[name].file != file:
+            raise InputError(
+                f"{path} and another file or program register a friction law {name}; rename one of them."
+            )
     if name in _LAWS:
         return _LAWS[name]
     if name == CLASSICAL and not path:
@@ -255,19 +259,8 @@ def friction_law(text: str) -> FrictionLaw | None:
 
 def _run(file: Path) -> None:
     """Run a file that registers laws."""
-    if not file.is_file():
-        raise InputError(f"There is no Python file {str(file)!r} for a friction law.")
-    module_name = f"ballbot_law_{file.stat().st_mtime_ns}_{file.resolve()}"
-    spec = importlib.util.spec_from_file_location(module_name, file)
-    assert spec is not None  # its name ends in .py
-    assert spec.loader is not None
-    sys.modules[module_name] = module = importlib.util.module_from_spec(spec)
-    _LOADING["file"] = file.resolve()
+    _LOADING["file"] = file
     try:
-        spec.loader.exec_module(module)
-    except InputError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{file} cannot be run: {type(error).__name__}: {error}.") from error
+        user_module(file)
     finally:
         del _LOADING["file"]

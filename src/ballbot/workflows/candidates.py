@@ -23,9 +23,6 @@ changes.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,10 +41,9 @@ from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.files import sha256_of
 from ballbot.printable import shell_line
 from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.user_files import error_text, user_module
 
 _Result = TypeVar("_Result")
-#: begins the names of users' files as modules
-_OWN = "ballbot_own_"
 
 
 class UserController:
@@ -116,7 +112,7 @@ class UserController:
             raise
         except (Exception, SystemExit) as error:
             raise InputError(
-                f"{self._place} failed {moment}: {_error_text(error, Path(self._path))}."
+                f"{self._place} failed {moment}: {error_text(error, Path(self._path))}."
             ) from error
 
 
@@ -130,39 +126,13 @@ def _remake(path: str, made_by: str, robot: Robot, estimator: EstimatorName, che
 
 
 def _attribute(path: str, name: str) -> Callable[[Robot], object]:
-    """Return what a Python file has under a name; the file is run once in each process, until it changes."""
-    file = Path(path)
-    if not file.is_file():
-        raise InputError(f"there is no Python file {path!r}.")
-    module_name = f"{_OWN}{file.stat().st_mtime_ns}_{file.resolve()}"
-    if module_name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(module_name, file)
-        assert spec is not None  # its name ends in .py
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[module_name] = module  # dataclasses look their module up
-        folder = str(file.resolve().parent)
-        if folder not in sys.path:
-            sys.path.append(folder)
-        try:
-            spec.loader.exec_module(module)
-        except (Exception, SystemExit) as error:  # sys.exit ends nothing but this call
-            del sys.modules[module_name]
-            raise InputError(f"{path} cannot be run: {_error_text(error, file)}.") from error
-    make = getattr(sys.modules[module_name], name, None)
+    """Return what a Python file has under a name."""
+    make = getattr(user_module(path), name, None)
     if not callable(make):
         raise InputError(
             f"{path} has no {name!r} to call; it must be a class or a function that takes the robot."
         )
     return make
-
-
-def _error_text(error: BaseException, file: Path) -> str:
-    """Return an error in words, with the last line of the user's file that it passed through."""
-    passed = traceback.extract_tb(error.__traceback__)
-    lines = [one.lineno for one in passed if Path(one.filename).resolve() == file.resolve()]
-    words = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".:")
-    return f"{words} (line {lines[-1]})" if lines else words
 
 
 #: controllers that are not files
