@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from ballbot.log import Log as Log
     from ballbot.mechanics.model import Model as Model
     from ballbot.robot import Robot as Robot
+    from ballbot.robot.friction_law import LawParameter as LawParameter
+    from ballbot.robot.friction_law import register_friction_law as register_friction_law
     from ballbot.simulation.batch import simulate_batch as simulate_batch
     from ballbot.simulation.run import simulate as simulate
     from ballbot.validation import validate as validate
@@ -27,12 +29,14 @@ __version__ = "0.1.0"
 _HOME = {
     "Controller": "ballbot.control.controller",
     "InputError": "ballbot.errors",
+    "LawParameter": "ballbot.robot.friction_law",
     "Log": "ballbot.log",
     "Model": "ballbot.mechanics.model",
     "Robot": "ballbot.robot",
     "identify": "ballbot.identification",
     "lqr": "ballbot.control.lqr",
     "loop_margins": "ballbot.control.margins",
+    "register_friction_law": "ballbot.robot.friction_law",
     "simulate": "ballbot.simulation.run",
     "simulate_batch": "ballbot.simulation.batch",
     "study": "ballbot.workflows.study",

@@ -114,17 +114,6 @@ def test_any_of_the_ten_numbers_makes_a_state_invalid(place, bad):
     assert (controller.update(H, np.zeros(10), np.zeros(10)) == 0.0).all()
 
 
-def test_valid_runs_are_the_same_to_the_bit():
-    controller, start = nominal_controller(ROBOT), leaning(0.05)
-    behind = guarded(nominal_controller(ROBOT))
-    for k in range(50):
-        x = start * math.cos(0.2 * k)
-        np.testing.assert_array_equal(
-            behind.update(k * H, x, np.zeros(10)), controller.update(k * H, x, np.zeros(10))
-        )
-    assert behind.stop is None
-
-
 class Gapped(ModelPlant):
     """A plant whose measurement is missing, or predicted, from a sample on."""
 

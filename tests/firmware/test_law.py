@@ -15,6 +15,7 @@ from campaigns.firmware_numbers import TOLERANCE, compare, updates
 from tests.support.compiled_estimators import DOUBLE
 from tests.support.compiled_firmware import Library, library
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from tests.support.friction_law_examples import robot_by_law
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -39,12 +40,13 @@ def double_library(folder: Path) -> Library:
     return Library.open(target)
 
 
-@pytest.mark.parametrize("name", ["everything", "four wheels"])
+@pytest.mark.parametrize("name", ["everything", "four wheels", "registered friction law"])
 def test_law_in_double_precision_is_python_s_law(name, tmp_path_factory):
     """Torques and memories of many updates in a row agree to rounding: nothing but precision sets the two apart."""
     controller = {
         "everything": lambda: everything(alten(FRICTION)),
         "four wheels": lambda: everything(four_wheeled(friction=True)),
+        "registered friction law": lambda: everything(robot_by_law()),
     }[name]()
     compiled = double_library(tmp_path_factory.getbasetemp())
     memory, of_python = (np.zeros(1, MEMORY.dtype()) for _ in range(2))

@@ -11,7 +11,8 @@ from ballbot.cli.output import notice_output
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.overcompensation import has_friction
-from ballbot.control.presets import named_controller, nominal_controller
+from ballbot.control.presets import nominal_controller
+from ballbot.control.source import named_controller
 from ballbot.errors import InputError
 from ballbot.robot import Robot
 

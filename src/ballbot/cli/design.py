@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -24,7 +24,7 @@ from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
 from ballbot.control.file import controller_text
 from ballbot.control.lqr import frictionless_model
-from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT
+from ballbot.control.presets import KINDS, NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import Run
@@ -39,13 +39,18 @@ from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_design import (
     DEFAULT_PARTS,
     GainOptions,
-    Kind,
     PartOptions,
     design_controller,
 )
 from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, robust_design
 
+if TYPE_CHECKING:
+    Kind = str
+else:
+    Kind = Literal[tuple(KINDS)]
+
+_KINDS = f"{'; '.join(f'{name}: {one.text}' for name, one in KINDS.items())}."
 _WRITTEN = ("controller.toml",)
 
 
@@ -54,8 +59,7 @@ _WRITTEN = ("controller.toml",)
 class WeightOptions:
     """How the gain is designed."""
 
-    kind: Kind = "nominal"
-    """nominal: a soft gain; precise: a stiff one that holds its position."""
+    kind: Annotated[Kind, Parameter(help=_KINDS)] = "nominal"
 
     q: str | None = None
     """Weights of x y theta phi psi and of their rates: ten numbers separated by commas. If not given, those of the

@@ -11,8 +11,8 @@ from cyclopts import Parameter
 
 from ballbot.cli.context import Changes, OutFolder, RobotName, changed_robot, open_result
 from ballbot.control.file import controller_text
-from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
+from ballbot.control.source import named_controller
 from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
 from ballbot.report.excitation import excitation_report

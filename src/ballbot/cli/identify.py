@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -57,9 +57,10 @@ class FitOptions:
     velocity_delay), bias (lean_bias, gyro_bias), pivoting (resistance of the floor to turning on the spot), or
     single quantities of friction, such as viscous."""
 
-    law: Literal["viscous", "coulomb", "stribeck", "asymmetric", "directed", "load", "best"] = "stribeck"
-    """The friction law of the wheels. best fits each in turn, shows how much each improves the prediction of held-out
-    windows, and keeps the law that improves it clearly."""
+    law: str = "stribeck"
+    """The friction law of the wheels: viscous, coulomb, stribeck, asymmetric, directed or load. best fits each in turn,
+    shows how much each improves the prediction of held-out windows, and keeps the law that improves it clearly.
+    FILE.py:NAME is a law of your own, which that file registers."""
 
     exclude_states: str = ""
     """States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the

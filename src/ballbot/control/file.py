@@ -31,7 +31,7 @@ from ballbot.printable import toml_string
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import BY_NAME, PARAMETERS
 from ballbot.robot.parameters import Value, value_of
-from ballbot.schema import validate_table
+from ballbot.schema import toml_line, validate_table
 
 _GainRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=10, max_length=10)]
 
@@ -222,6 +222,10 @@ def _friction_terms_text(friction: Friction) -> str:
         for key, text in terms.items()
         if getattr(friction, key)
     ]
+    if friction.own_law:
+        own = [[name, list(value) if isinstance(value, tuple) else value] for name, value in friction.own]
+        lines.append(f"# in place of c + s exp(..): {friction.own_law.formula}, with these parameters\n")
+        lines.append(f"{toml_line('law', friction.law)}\n{toml_line('own', own)}\n")
     return "".join(lines)
 
 

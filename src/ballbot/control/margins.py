@@ -36,7 +36,7 @@ from scipy.optimize import minimize, root_scalar
 from ballbot.control.controller import Controller
 from ballbot.control.linear import Matrix, RobotLoop, robot_loop
 from ballbot.control.lqr import sampling_words
-from ballbot.control.presets import ControllerLike, as_controller
+from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.results import reported
 from ballbot.robot import RobotLike

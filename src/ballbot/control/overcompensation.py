@@ -43,6 +43,7 @@ from ballbot.mechanics.friction import stribeck_decay, wheel_friction
 from ballbot.results import reported
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import BY_NAME, deviation_labels, scaled_friction
+from ballbot.robot.parameters import numbers_of
 
 #: the normal quantile of one-sided 95 % confidence
 _Z = 1.6448536269514722
@@ -67,7 +68,8 @@ def cautious_friction(
     friction : Friction
         As identified, n wheels.
     covariance : array_like (3 n + 3, 3 n + 3) or (6 n + 3, 6 n + 3)
-        Of b, c, s of each wheel, v_s, delta and C_rr in this order, and perhaps d, e and mu of each wheel, SI units.
+        Of b, c, s of each wheel, v_s, delta and C_rr in this order, and perhaps d, e and mu of each wheel, and the
+        parameters of a registered law in its order, SI units.
         The module's text has what a variance that is zero, infinite or NaN means; d, e and mu without rows are exact.
     intervals : mapping of str to (float, float)
         Likelihood intervals of numbers without an error, by label: "friction.stribeck[2]", "friction.rolling".
@@ -78,17 +80,17 @@ def cautious_friction(
         Each wheel's b times a number from 0 to 1, its dry torques times another; so C_rr; v_s and delta unchanged.
     """
     n = len(friction.coulomb)
+    labels, values = _labels(friction), _numbers(friction)
     P = np.asarray(covariance, dtype=np.float64)
-    P = np.pad(P, (0, 6 * n + 3 - len(P)))
+    P = np.pad(P, (0, len(labels) - len(P)))
     unknown = ~np.isfinite(P.diagonal())
     P[unknown], P[:, unknown] = 0.0, 0.0
     ends = {
         place: intervals.get(label) or BY_NAME[label.partition("[")[0]].usual
-        for place, label in enumerate(_labels(n))
+        for place, label in enumerate(labels)
         if unknown[place]
     }
-    values = _numbers(friction)
-    shares = [_certain_shares(values, P, ends, wheel, n) for wheel in range(n)]
+    shares = [_certain_shares(_WheelCurve(friction, wheel), values, P, ends) for wheel in range(n)]
     least = values - _Z * np.sqrt(P.diagonal())  # of each number by itself
     for place, (low, _) in ends.items():
         least[place] = min(low, least[place])
@@ -96,11 +98,12 @@ def cautious_friction(
     cautious = replace(
         scaled_friction(friction, [dry for _, dry in shares], rolling_factor=1.0),
         viscous=tuple(share * b for (share, _), b in zip(shares, friction.viscous, strict=True)),
-        rolling=float(least[3 * n + 2]),
+        rolling=float(least[labels.index("friction.rolling")]),
     )
     if not friction.load:
         return cautious
-    return replace(cautious, load=tuple(np.minimum(cautious.load, least[5 * n + 3 :]).tolist()))
+    first = labels.index("friction.load[0]")
+    return replace(cautious, load=tuple(np.minimum(cautious.load, least[first : first + n]).tolist()))
 
 
 #: the friction's parameters, in the order of a covariance; of one number each or one a wheel
@@ -110,37 +113,66 @@ _NAMES = (
 )
 
 
-def _labels(n: int) -> list[str]:
-    """Return the labels (6 n + 3,) of the friction's numbers."""
-    parameters = [BY_NAME[f"friction.{name}"] for name in _NAMES]
+def _values(friction: Friction) -> dict[str, tuple[float, ...]]:
+    """Return the friction's numbers by name: those of `_NAMES`, then those of its law's own."""
+    none = (0.0,) * len(friction.coulomb)
+    named = {f"friction.{name}": getattr(friction, name) for name in _NAMES}
+    named |= {f"friction.own.{name}": value for name, value in friction.own}
+    return {name: numbers_of(none if value == () else value) for name, value in named.items()}
+
+
+def _labels(friction: Friction) -> list[str]:
+    """Return the labels (p,) of the friction's numbers: (6 n + 3,) without those of a law's own."""
     return [
-        f"{one.name}[{wheel}]" if one.shape == "list" else one.name
-        for one in parameters
-        for wheel in range(n if one.shape == "list" else 1)
+        f"{name}[{wheel}]" if BY_NAME[name].shape == "list" else name
+        for name, values in _values(friction).items()
+        for wheel in range(len(values))
     ]
 
 
 def _numbers(friction: Friction) -> NDArray[np.float64]:
-    """Return the friction's numbers (6 n + 3,)."""
-    none = (0.0,) * len(friction.coulomb)
-    values = [getattr(friction, name) for name in _NAMES]
-    return np.concatenate([np.atleast_1d(none if value == () else value) for value in values])
+    """Return the friction's numbers (p,)."""
+    return np.concatenate([np.array(values, dtype=float) for values in _values(friction).values()])
+
+
+class _WheelCurve:
+    """A wheel's friction against its motion at `_CONFIDENCE_SPEEDS`, of its own numbers out of all."""
+
+    def __init__(self, friction: Friction, wheel: int) -> None:
+        labels = _labels(friction)
+        names = [name for name in _values(friction) if name not in ("friction.rolling", "friction.load")]
+        self.places = [
+            labels.index(f"{name}[{wheel}]" if BY_NAME[name].shape == "list" else name) for name in names
+        ]
+        self._names = [name.rpartition(".")[2] for name in names]
+        self._law = friction.own_law
+        #: whether it differs with the direction of turning, or with the load
+        self.directed = bool(any((*friction.coulomb_asymmetry, *friction.stribeck_asymmetry, *friction.load)))
+
+    def __call__(self, values: NDArray[np.float64], direction: float) -> NDArray[np.float64]:
+        """Return it for a direction of turning; `values` are b, c, s, v_s, delta, d, e and the law's own."""
+        b, c, s, v_s, delta, d, e = values[:7]
+        if self._law:
+            numbers = dict(zip(self._names, values, strict=True))
+            taken = {name: numbers[name] for name in self._law.takes}
+            return (b * _CONFIDENCE_SPEEDS + direction * d) + self._law.size(_CONFIDENCE_SPEEDS, 0.0, **taken)
+        c, s = c + direction * d, s + direction * e
+        return b * _CONFIDENCE_SPEEDS + c + s * stribeck_decay(_CONFIDENCE_SPEEDS / v_s, delta)
 
 
 def _certain_shares(
+    curve_of: _WheelCurve,
     all_values: NDArray[np.float64],
     covariance: NDArray[np.float64],
     ends: Mapping[int, tuple[float, float]],
-    wheel: int,
-    n: int,
 ) -> tuple[float, float]:
     """Return the shares of a wheel's b and of its dry friction, from 0 to 1, that stay below its lower bound."""
-    places = [wheel, n + wheel, 2 * n + wheel, 3 * n, 3 * n + 1, 3 * n + 3 + wheel, 4 * n + 3 + wheel]
+    places = curve_of.places
     values, P = all_values[places], covariance[np.ix_(places, places)]
     unknown = {k: ends[place] for k, place in enumerate(places) if place in ends}
-    directions = (1.0, -1.0) if all_values[3 * n + 3 :].any() else (1.0,)
-    curve = np.concatenate([_wheel_curve(values, one) for one in directions])
-    least = np.concatenate([_lower_bound(values, P, unknown, one) for one in directions])
+    directions = (1.0, -1.0) if curve_of.directed else (1.0,)
+    curve = np.concatenate([curve_of(values, one) for one in directions])
+    least = np.concatenate([_lower_bound(curve_of, values, P, unknown, one) for one in directions])
     if (least >= curve).all():
         return 1.0, 1.0
     viscous = values[0] * np.tile(_CONFIDENCE_SPEEDS, len(directions))
@@ -158,15 +190,16 @@ def _certain_shares(
 
 
 def _lower_bound(
+    curve_of: _WheelCurve,
     values: NDArray[np.float64],
     P: NDArray[np.float64],
     unknown: Mapping[int, tuple[float, float]],
     direction: float,
 ) -> NDArray[np.float64]:
     """Return what a wheel's curve exceeds at each speed (k,), zero or more."""
-    curve = _wheel_curve(values, direction)
+    curve = curve_of(values, direction)
     steps = np.diag(_DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values)))
-    changes = [_wheel_curve(values + one, direction) - _wheel_curve(values - one, direction) for one in steps]
+    changes = [curve_of(values + one, direction) - curve_of(values - one, direction) for one in steps]
     g = np.array(changes) / (2.0 * steps.diagonal()[:, None])
     sigma = np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", g, P, g), 0.0))
     # at each speed the curve rises or falls with each parameter, so it is lowest where all are at an end
@@ -174,17 +207,19 @@ def _lower_bound(
     for corner in itertools.product(*unknown.values()):
         moved = values.copy()
         moved[list(unknown)] = corner
-        lowest = np.minimum(lowest, _wheel_curve(moved, direction))
+        lowest = np.minimum(lowest, curve_of(moved, direction))
     return np.maximum(lowest - _Z * sigma, 0.0)
 
 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
-    """Return the covariance (6 n + 3, 6 n + 3) of the friction in a robot's file, None if it states no deviations.
+    """Return the covariance (p, p) of the friction in a robot's file, None if it states no deviations.
+
+    p is 6 n + 3 and the parameters of a registered law.
 
     A variance is zero if the file states no deviation of that number, and infinite if it states that it is unknown.
     Where the file states no correlations, b, c and s count as independent; the result is then more cautious.
     """
-    labels = _labels(robot.wheel_count)
+    labels = _labels(robot.friction)
     stated = {label: size for label, *_, size in deviation_labels(robot.standard_deviations)}
     if not any(label in stated for label in labels):
         return None
@@ -194,13 +229,6 @@ def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
     at = [labels.index(label) for label in known.of]
     covariance[np.ix_(at, at)] = known.matrix() * np.outer(sizes[at], sizes[at])
     return covariance
-
-
-def _wheel_curve(values: NDArray[np.float64], direction: float) -> NDArray[np.float64]:
-    """Return a wheel's friction against its motion at the speeds; `values` are b, c, s, v_s, delta, d and e."""
-    b, c, s, v_s, delta, d, e = values
-    c, s = c + direction * d, s + direction * e
-    return b * _CONFIDENCE_SPEEDS + c + s * stribeck_decay(_CONFIDENCE_SPEEDS / v_s, delta)
 
 
 #: speeds of a wheel at which the fractions are computed [rad/s]
@@ -327,7 +355,9 @@ def overcompensation_warning(controller: Controller, robot: Robot) -> str | None
 
 def has_friction(friction: Friction) -> bool:
     """Return whether there is any; a robot file without friction has unknown friction."""
-    return any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling))
+    return any(
+        (*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling, *friction.breakaway)
+    )
 
 
 def _curve(friction: Friction, direction: float) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
+from ballbot.control.friction_table import SPEEDS, friction_table
 from ballbot.control.linear import refuse_without_margin
 from ballbot.control.safety import SafetyLimits
 from ballbot.errors import InputError
@@ -84,6 +85,12 @@ def export_controller(
         f"{1e3 * controller.sample_time:g} ms, state of the estimator {controller.estimator!r}.\n"
         f"Records: SHA-256 {FIRMWARE.digest}."
     )
+    friction = controller.robot.friction
+    if friction.own_law and controller.compensation != "none":
+        comment += (
+            f"\nFriction: {friction.own_law.formula}, as a table of {SPEEDS} speeds with an error of at most "
+            f"{100.0 * friction_table(controller.robot).error:.2g} %."
+        )
     files = _fixed_files() | {PARAMETERS_HEADER: parameters_header(record, PARAMETERS, comment=comment)}
     return Export(parameters=record, files=dict(sorted(files.items())), limits=limits)
 

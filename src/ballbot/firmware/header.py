@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.friction_table import SPEEDS
 from ballbot.control.parts.part import MAX_PAST
 from ballbot.control.records import MAX_WHEELS, Number, Schema
 from ballbot.files import write_text
@@ -38,7 +39,11 @@ PARAMETERS_HEADER = "ballbot_parameters.h"
 #: of a member
 _BYTES = 4
 #: lengths that have a name in C
-_NAMED_LENGTHS = {MAX_WHEELS: "BALLBOT_MAX_WHEELS", MAX_PAST: "BALLBOT_MAX_PAST"}
+_NAMED_LENGTHS = {
+    MAX_WHEELS: "BALLBOT_MAX_WHEELS",
+    MAX_PAST: "BALLBOT_MAX_PAST",
+    SPEEDS: "BALLBOT_TABLE_SPEEDS",
+}
 
 
 def struct_name(schema: Schema) -> str:
@@ -66,6 +71,8 @@ def types_header() -> str:
 #define BALLBOT_MAX_WHEELS {MAX_WHEELS}
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST {MAX_PAST}
+/* Speeds of the table of a friction law. */
+#define BALLBOT_TABLE_SPEEDS {SPEEDS}
 /* SHA-256 of names, order, types, lengths and units of everything below. */
 #define BALLBOT_SCHEMA_DIGEST "{FIRMWARE.digest}"
 /* The same as {DIGEST_WORDS} numbers of 31 bits, as the parameters hold it. */

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ballbot.identification.quantities import Layout
 from ballbot.mechanics.friction import stribeck_decay
 from ballbot.results import key, left_out, reported
+from ballbot.robot.friction_law import FrictionLaw
 from ballbot.rounding import plus_minus
 
 #: of the speeds driven that are below W
@@ -62,16 +63,22 @@ def coulomb_equivalent(
     *,
     covariance: NDArray[np.float64],
     wheel_speeds: NDArray[np.float64],
+    law: FrictionLaw | None = None,
 ) -> CoulombEquivalent:
     """Return each wheel's c_e; see the module's text.
 
     `covariance` (p, p) is of the estimates `values` (p,), NaN for those without a standard error; `wheel_speeds`
-    (..., n) [rad/s] are those driven.
+    (..., n) [rad/s] are those driven; `law` is the registered friction law, None the classical one.
     """
     n = layout.wheel_count
     speeds = np.quantile(np.abs(wheel_speeds.reshape(-1, n)), SHARE, axis=0)
 
     def at(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        if law:
+            x = (np.arange(_POINTS) + 0.5) / _POINTS
+            parts = {name: layout.part(name, parameters) for name in law.takes}
+            numbers = {name: part[:, None] for name, part in parts.items() if part is not None}
+            return (law.size(speeds[:, None] * x, 0.0 * x, **numbers) * (4.0 - 6.0 * x)).mean(axis=1)
         c, s = parameters[n : 2 * n], parameters[2 * n : 3 * n]
         return c + s * _weight_of_s(speeds, parameters[3 * n], parameters[3 * n + 1])
 
@@ -79,7 +86,7 @@ def coulomb_equivalent(
     moved = np.flatnonzero(C.diagonal() > 0.0)
     steps = _STEP * np.maximum(np.abs(values), 1e-6)
     G = np.zeros((n, len(values)))
-    for i in moved[moved < 3 * n + 2]:
+    for i in moved if law else moved[moved < 3 * n + 2]:
         step = steps[i] * np.eye(len(values))[i]
         G[:, i] = (at(values + step) - at(values - step)) / (2.0 * steps[i])
     variances = np.einsum("ki,ij,kj->k", G, C, G, optimize=False)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +30,7 @@ from ballbot.identification.alike import (
 )
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
-from ballbot.identification.laws import LawName, bounds_of, law_named, select_law
+from ballbot.identification.laws import bounds_of, law_named, robot_by_law, select_law
 from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION, names_in
@@ -85,7 +84,7 @@ def identify(
     logs: LogsLike | CheckedLogs,
     *,
     free: Sequence[str] | str = ("friction",),
-    law: LawName = "stribeck",
+    law: str = "stribeck",
     bounds: BoundsLike | None = None,
     window: float = 0.25,
     seed: int | None = None,
@@ -106,7 +105,8 @@ def identify(
         Quantities to estimate: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups; in a string
         with commas between.
     law : str
-        The friction law, of `ballbot.identification.laws.LAWS`, if "friction" is estimated.
+        The friction law if "friction" is estimated: of `ballbot.identification.laws.LAWS`, or a registered one
+        (`ballbot.register_friction_law`) by its name or as FILE.py:NAME.
     bounds : Bounds or bounds file, optional
         Within which the parameters are estimated; equal bounds fix a quantity.
     window : float
@@ -128,6 +128,7 @@ def identify(
         parameters (a column missing, too few windows, no motion); or if an option is invalid.
     """
     robot, run = as_robot(robot), run if seed is None else replace(run, seed=seed)
+    robot = robot_by_law(robot, law, free=free)
     checked = checked_logs(robot, logs, accept=options.accept)
     fitted = list(checked.logs.values())
     coordinates = estimated_parameters(robot, free=free, law=law, bounds=as_bounds(bounds))
@@ -173,7 +174,7 @@ def identify_by_law(
     logs: CheckedLogs,
     *,
     free: Sequence[str] | str,
-    law: LawName | Literal["best"],
+    law: str,
     bounds: Bounds,
     window: float,
     options: IdentificationOptions = DEFAULT_OPTIONS,
@@ -201,7 +202,7 @@ def identify_by_law(
         As `identify`.
     """
 
-    def fit(one: LawName, start: Identification | None) -> Identification:
+    def fit(one: str, start: Identification | None) -> Identification:
         def report(now: Progress) -> None:
             error = "" if math.isnan(now.cost) else f", error x {math.exp(now.cost):.3f}"
             run.progress(replace(now, note=f"{one}{error}"))
@@ -223,9 +224,7 @@ def identify_by_law(
     return fit(law, options.warm_start), None
 
 
-def estimated_parameters(
-    robot: Robot, *, free: Sequence[str] | str, law: LawName, bounds: Bounds
-) -> Coordinates:
+def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, bounds: Bounds) -> Coordinates:
     """Return which parameters `identify` deals with, and within which bounds.
 
     Raises
@@ -278,7 +277,7 @@ def _result(
     logs: Sequence[Log],
     findings: tuple[Finding, ...],
     window: float,
-    law: LawName,
+    law: str,
     options: IdentificationOptions,
     run: Run,
 ) -> Identification:
@@ -291,6 +290,9 @@ def _result(
     bounds = np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1)
     covariance = uncertainty.correlation * np.outer(uncertainty.standard_errors, uncertainty.standard_errors)
     held_out = errors(predictor, prepared.held_out, values)
+    ends = ends_without_error(
+        layout.labels, values, uncertainty.standard_errors, bounds=bounds, intervals=uncertainty.intervals
+    )
     source = "the balancing logs"
     balancing = StageEstimate(source=source, labels=layout.labels, values=values, covariance=covariance)
     return Identification(
@@ -300,13 +302,7 @@ def _result(
             values,
             uncertainty.standard_errors,
             covariance=covariance,
-            ends=ends_without_error(
-                layout.labels,
-                values,
-                uncertainty.standard_errors,
-                bounds=bounds,
-                intervals=uncertainty.intervals,
-            ),
+            ends=ends,
             log_count=len(logs),
             asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
         ).annotated(identified_from=[row for log in logs for row in fingerprint(log)]),
@@ -319,7 +315,11 @@ def _result(
         variation=varied,
         correlation=uncertainty.correlation,
         coulomb=coulomb_equivalent(
-            layout, values, covariance=covariance, wheel_speeds=wheel_speeds(predictor.robot, prepared.fit)
+            layout,
+            values,
+            covariance=covariance,
+            wheel_speeds=wheel_speeds(predictor.robot, prepared.fit),
+            law=predictor.robot.friction.own_law,
         ),
         fit=errors(predictor, prepared.fit, values),
         held_out=held_out,

@@ -31,18 +31,21 @@ Each law is fitted to the same windows; `ballbot.fitting.model_selection` has ho
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.model_selection import Candidate, HeldOut, ModelSelection, select_model
 from ballbot.identification.parameters import Bounds
-from ballbot.identification.quantities import FRICTION, Limits
+from ballbot.identification.quantities import BY_NAME, FRICTION, QUANTITIES, Limits, names_in
 from ballbot.identification.result import Identification
 from ballbot.identification.stages import states_counted
 from ballbot.identification.verdict import window_blocks
+from ballbot.robot import Robot
+from ballbot.robot.friction_law import CLASSICAL, SHARED, friction_law, registered_laws
 
+#: the laws that are nested, and compared as "best"
 LawName = Literal["viscous", "coulomb", "stribeck", "asymmetric", "directed", "load"]
 
 _NO_STRIBECK: dict[str, Limits] = {
@@ -56,7 +59,7 @@ _NO_STRIBECK: dict[str, Limits] = {
 class Law:
     """A friction law to select from."""
 
-    name: LawName
+    name: str
     formula: str
     within: LawName | None  #: the law that it contains and is compared with; None: no friction
     free: tuple[str, ...]  #: quantities
@@ -113,15 +116,42 @@ LAWS: tuple[Law, ...] = (
 
 
 def law_named(name: str) -> Law:
-    """Return the law of that name.
+    """Return the law of that name, or the registered one of that name or of FILE.py:NAME.
 
     InputError if there is no such law.
     """
     names = [law.name for law in LAWS]
     if name in names:
         return LAWS[names.index(name)]
+    if ".py:" in name or name in registered_laws():
+        law = friction_law(name)
+        assert law is not None
+        for one in law.own:
+            if one.name in [quantity.name for quantity in QUANTITIES]:
+                raise InputError(
+                    f"The friction law {law.name} has a parameter {one.name}, the name of a quantity that is "
+                    "identified; give it another name."
+                )
+        absent = [one for one in SHARED if one not in law.takes]
+        return Law(
+            name=law.name,
+            formula=f"b w + ({law.formula}) sgn w, C_rr",
+            within=None,
+            free=("viscous", *law.takes, "rolling"),
+            fixed={one: (1.0, 1.0) if BY_NAME[one].scale == "ratio" else (0.0, 0.0) for one in absent},
+        )
+    names += registered_laws()
     hint = suggest(name, names, otherwise="there are")
     raise InputError(f"{name!r} is not a friction law; {hint}")
+
+
+def robot_by_law(robot: Robot, name: str, *, free: Sequence[str] | str) -> Robot:
+    """Return the robot with the friction law that is estimated, its own if friction is not."""
+    if not set(FRICTION) <= set(names_in(free)):
+        return robot
+    classical = name in [law.name for law in LAWS]
+    friction = robot.friction.with_law(CLASSICAL if classical else name, dict(robot.friction.own))
+    return robot if friction == robot.friction else robot.replace(friction=friction)
 
 
 def bounds_of(law: Law, bounds: Bounds) -> Bounds:
@@ -130,7 +160,7 @@ def bounds_of(law: Law, bounds: Bounds) -> Bounds:
 
 
 #: from a law and the identification to begin from, to an identification by that law
-LawFit = Callable[[LawName, Identification | None], Identification]
+LawFit = Callable[[str, Identification | None], Identification]
 
 
 def select_law(fit: LawFit) -> ModelSelection[Identification]:

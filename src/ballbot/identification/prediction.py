@@ -35,6 +35,7 @@ from ballbot.mechanics.parameters import (
     PLACES,
     Formulation,
     friction_places,
+    law_places,
     pack,
     selector,
     term_places,
@@ -158,7 +159,9 @@ class Predictor:
         """Return the states (lanes, m // every, 10 or 11)."""
         pivots = "pivoting" in self.layout.extra
         return simulate_lanes(
-            selector(self.formulation, self.robot.wheel_count, pivoting=pivots),
+            selector(
+                self.formulation, self.robot.wheel_count, pivoting=pivots, law=self.robot.friction.own_law
+            ),
             lanes,
             sample_time=sample_time,
             steps=max(1, int(np.ceil(sample_time / self.step - 1e-9))),
@@ -182,8 +185,15 @@ class Predictor:
         rows[:, PLACES["rolling_force"]] = robot.weight * layout.number("rolling", values)
         # a torque offset stands for the asymmetry of Coulomb friction
         of_term = (None, layout.part("stribeck_asymmetry", values), layout.part("load", values))
+        law = robot.friction.own_law
         for columns, part in zip(term_places(n), of_term, strict=True):
             rows[:, columns] = 0.0 if part is None else part
+        if law:
+            rows[:, term_places(n)[2]] = 1.0  # see `ballbot.mechanics.friction.OwnWheel.factor`
+            for index, name in enumerate(law.takes):
+                part = layout.part(name, values)
+                if part is not None:
+                    rows[:, law_places(n, index, law)] = part
         pivoting = layout.part("pivoting", values)
         if pivoting is not None:
             rows[:, PLACES["pivoting"]] = pivoting[:, 0]

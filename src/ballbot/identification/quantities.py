@@ -13,7 +13,7 @@ triangle inequality of the inertia.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -27,7 +27,8 @@ from ballbot.fitting.parameter import Limits, Scale
 from ballbot.robot import Body, Drive, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
-from ballbot.robot.parameters import DIMENSIONLESS, value_of
+from ballbot.robot.friction_law import OWN_PARAMETERS
+from ballbot.robot.parameters import DIMENSIONLESS, Value, value_of
 
 #: quantities of which the rigid body is made; what changes one of them makes another robot
 RIGID = ("center_of_mass", "second_moment", "ball_inertia", "wheel_inertia", "rotor_inertia")
@@ -73,6 +74,7 @@ def with_friction(
     load: NDArray[np.float64] | None = None,
     torque_offset: NDArray[np.float64] | None = None,
     stribeck_asymmetry: NDArray[np.float64] | None = None,
+    own: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
 ) -> Robot:
     """Return the robot with this friction; terms that identification estimates and that are not given become absent.
 
@@ -90,6 +92,8 @@ def with_friction(
         backward is larger; as far as it is no more than c: beyond, it is no friction.
     stribeck_asymmetry : ndarray (n,), optional
         s forward less the mean of both directions [N m]; as far as it is no more than s.
+    own : mapping of str to ndarray (n,) or (1,)
+        Parameters of a registered law; the others stay as they are.
     """
     n = robot.wheel_count
     b, c, s = (tuple(values[k * n : (k + 1) * n].tolist()) for k in range(3))
@@ -110,8 +114,16 @@ def with_friction(
             if stribeck_asymmetry is None
             else tuple(np.clip(stribeck_asymmetry, np.negative(s), s).tolist()),
             load=() if load is None else tuple(load.tolist()),
+            own=tuple(
+                (name, _shaped_like(value, own[name]) if name in own else value)
+                for name, value in robot.friction.own
+            ),
         )
     )
+
+
+def _shaped_like(value: Value, numbers: NDArray[np.float64]) -> Value:
+    return tuple(numbers.tolist()) if isinstance(value, tuple) else float(numbers[0])
 
 
 def _body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> Body:
@@ -338,7 +350,30 @@ QUANTITIES: tuple[Quantity, ...] = (
     ),
 )
 
-BY_NAME = MappingProxyType({quantity.name: quantity for quantity in QUANTITIES})
+
+class _ByName(Mapping[str, Quantity]):
+    """The quantities by name: those of the table, then the own parameters of registered friction laws."""
+
+    _table = MappingProxyType({quantity.name: quantity for quantity in QUANTITIES})
+
+    def __getitem__(self, name: str) -> Quantity:
+        return self._table[name] if name in self._table else _of_robot(f"{OWN}{name}")
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._table
+        yield from (
+            name.removeprefix(OWN) for name in OWN_PARAMETERS if name.removeprefix(OWN) not in self._table
+        )
+
+    def __len__(self) -> int:
+        return len(tuple(iter(self)))
+
+
+#: begins the dotted names of a friction law's own parameters
+OWN = "friction.own."
+
+
+BY_NAME = _ByName()
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent", "rolling")
 #: further terms of the friction, beside the asymmetry that a torque offset stands for
 TERMS = ("stribeck_asymmetry", "load")
@@ -393,6 +428,11 @@ class Layout:
         """All quantities, in order."""
         return (*FRICTION, *self.extra)
 
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Those that are a registered friction law's own."""
+        return tuple(name for name in self.extra if f"{OWN}{name}" in OWN_PARAMETERS)
+
     @cached_property
     def labels(self) -> tuple[str, ...]:
         """The label of each number (p,)."""
@@ -427,18 +467,19 @@ class Layout:
 
     def without_friction(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return parameters (..., p) with all friction taken out of them; v_s and delta are then without effect."""
-        return self._without((*FRICTION, *TERMS), values)
+        return self._without((*FRICTION, *TERMS, *self.own), values)
 
     def viscous_part(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return parameters (..., p) with all friction taken out of them but the wheels' viscous one."""
-        return self._without((*(name for name in FRICTION if name != "viscous"), *TERMS), values)
+        dry = (name for name in FRICTION if name != "viscous")
+        return self._without((*dry, *TERMS, *self.own), values)
 
     def _without(self, names: Sequence[str], values: NDArray[np.float64]) -> NDArray[np.float64]:
         result = values.copy()
         for name in names:
             part = self.part(name, result)
             if part is not None:
-                part[...] = 1.0 if name in ("stribeck_speed", "stribeck_exponent") else 0.0
+                part[...] = 1.0 if BY_NAME[name].scale == "ratio" else 0.0
         return result
 
     def by_symbol(self, values: NDArray[np.float64]) -> dict[str, list[float] | float]:

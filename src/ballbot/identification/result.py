@@ -18,6 +18,7 @@ from ballbot.identification.quantities import (
     BY_NAME,
     FRICTION,
     OF_WHEELS,
+    OWN,
     RIGID,
     TERMS,
     Layout,
@@ -310,6 +311,7 @@ def found_robot(
     logs = "1 log" if log_count == 1 else f"{log_count} logs"
     lines = {name: (f"friction.{name}",) for name in FRICTION} | {name: _LINES[name] for name in rigid}
     lines |= {name: (f"friction.{name}",) for name in TERMS if name in layout.extra}
+    lines |= {name: (f"{OWN}{name}",) for name in layout.own}
     if asymmetric:
         lines["torque_offset"] = ("friction.coulomb_asymmetry",)
     sources = {}
@@ -343,5 +345,6 @@ def estimated_robot(
         load=layout.part("load", values),
         torque_offset=offset,
         stribeck_asymmetry=layout.part("stribeck_asymmetry", values),
+        own={name: part for name in layout.own if (part := layout.part(name, values)) is not None},
     )
     return with_rigid_body(rubbing, rigid) if rigid else rubbing

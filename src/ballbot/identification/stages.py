@@ -35,6 +35,7 @@ from ballbot.identification.initial_states import (
 )
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
+from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification, OtherOptimum, WindowErrors
 from ballbot.identification.sweep import SweepFriction
 from ballbot.identification.windows import Span, Windows, ball_spin, cut_windows, samples_before
@@ -316,6 +317,7 @@ def _fixed_starts(coordinates: Coordinates) -> list[NDArray[np.float64]]:
             **dict.fromkeys(("viscous", "coulomb", "stribeck", "rolling"), amount),
             "stribeck_speed": shape,
             "stribeck_exponent": shape,
+            **{name: shape if BY_NAME[name].scale == "ratio" else amount for name in coordinates.layout.own},
         }.items():
             point[(names == name) & coordinates.free] = value
         if not any(np.array_equal(point, one) for one in points):

@@ -8,8 +8,11 @@ contacts, stick_slip     where friction acts, and the convex step that finds the
 model                    all of it as one object, with its linearisation
 engine/                  the compiled forms: many robots side by side
 
-How to change a friction term. `mechanics/equations.py` has the equations once, as scalar code that `mechanics/engine/`
-inlines into loops over robots. The places, from `src/ballbot`:
+A friction law of its own is a function and its parameters, registered (`ballbot.robot.friction_law`): equations,
+identification, compensation and twin ask it, and nothing here changes.
+
+How to change a term of the classical law. `mechanics/equations.py` has the equations once, as scalar code that
+`mechanics/engine/` inlines into loops over robots. The places, from `src/ballbot`:
 
 parameter          `robot/components.py`: the field of `Friction`, and `scaled_friction`; `Robot.rolling_force` for the
                    floor

@@ -10,6 +10,10 @@ balances the load, from -(c - d + s - e + mu |u|) to c + d + s + e + mu |u|. The
 A dry friction that differs with direction is a symmetric one, c + mu |u| + s E, about the torque d + e E. So the convex
 step's asymmetric box is a symmetric box, with that torque taken from the motor's: the minimiser is the same.
 
+This is the classical law. A robot may have another g(|w|, |u|) in place of c + mu |u| + s E, and no e
+(`ballbot.robot.friction_law`); the functions here ask the law that the friction names, or that the wheel's numbers are
+of (`OwnWheel`), and no other place knows which it is.
+
 NumPy's form is the reference of the compiled one. The compiled functions take the sign from outside, because
 the integrator must know when it may change.
 """
@@ -77,6 +81,9 @@ def dry_friction_size(
         [N m].
     """
     w = np.asarray(speed, dtype=float)
+    if friction.own_law:
+        load = np.abs(np.zeros(w.shape) if torque is None else np.broadcast_to(torque, w.shape))
+        return friction.dry_size(np.abs(w), load) + np.sign(w) * friction_terms(friction)[:, 0]
     E = stribeck_decay(w / friction.stribeck_speed, friction.stribeck_exponent)
     size = np.asarray(friction.coulomb) + np.asarray(friction.stribeck) * E
     if friction.is_plain:
@@ -84,17 +91,6 @@ def dry_friction_size(
     d, e, mu = friction_terms(friction).T
     size = size + np.sign(w) * (d + e * E)
     return size if torque is None else size + mu * np.abs(torque)
-
-
-def stribeck_gradient(
-    speed: NDArray[np.float64], *, stribeck: float, stribeck_speed: float, stribeck_exponent: float
-) -> NDArray[np.float64]:
-    """Return the derivatives (..., 5) of `stribeck_curve` by b, c, s, v_s and delta at speeds (...) other than zero."""
-    sign, ratio = np.sign(speed), np.abs(speed / stribeck_speed)
-    power, E = ratio**stribeck_exponent, stribeck_decay(ratio, stribeck_exponent)
-    by_speed = stribeck * E * power * stribeck_exponent / stribeck_speed * sign
-    by_exponent = -stribeck * E * power * np.log(np.abs(speed) / stribeck_speed) * sign
-    return np.stack([speed, sign, E * sign, by_speed, by_exponent], axis=-1)
 
 
 class WheelTerms(NamedTuple):
@@ -136,7 +132,24 @@ def wheel_friction(
     return np.asarray(friction.viscous) * w + dry_friction_size(w, friction, torque=torque) * np.sign(w)
 
 
-# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta and `terms` (`WheelTerms`) ---
+# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta and `terms` (`WheelTerms`), or an `OwnWheel` ---
+
+
+class OwnWheel(NamedTuple):
+    """One wheel's numbers under a registered law; subclasses have it as `size`."""
+
+    axle: tuple[float, float, float]
+    b: float
+    coulomb_asymmetry: float
+    factor: float  #: of the law's friction, 1 unless a simulation lets it follow the wheel's force
+    numbers: tuple[float, ...]  #: the law's parameters, in its order
+    load: float  #: size of the motor's torque [N m]
+
+    size = staticmethod(lambda speed, load: 0.0)
+
+    def dry(self, speed):
+        """Return g(|w|, |u|)."""
+        return self.factor * self.size(abs(speed), self.load, *self.numbers)
 
 
 _LOG2_OF_LOG2_E = 0.5287663729448977  # e^-p = 2^-(p log2 e)
@@ -146,7 +159,9 @@ _LARGEST_EXPONENT = 9.5
 
 @traced
 def dry_friction(wheel, speed):
-    """Return c + s exp(-|w/v_s|^delta): the size of the friction, the mean of both directions."""
+    """Return the size of the friction, the mean of both directions: c + s exp(-|w/v_s|^delta)."""
+    if isinstance(wheel, OwnWheel):
+        return wheel.dry(speed)
     return wheel.c + wheel.s * power_of_two(-power_of_two(decay_exponent(wheel, speed)))
 
 
@@ -166,12 +181,16 @@ def with_decay(wheel, power, direction):
 @traced
 def directed_friction(wheel, speed, direction):
     """Return the size of the dry friction of a wheel that turns in a direction (1, -1; 0 for the mean of both)."""
+    if isinstance(wheel, OwnWheel):
+        return wheel.dry(speed) + direction * wheel.coulomb_asymmetry
     return with_decay(wheel, power_of_two(decay_exponent(wheel, speed)), direction)
 
 
 @traced
 def friction_shift(wheel, speed):
     """Return d + e E: the torque about which the dry friction is the same in both directions."""
+    if isinstance(wheel, OwnWheel):
+        return wheel.coulomb_asymmetry
     E = power_of_two(-power_of_two(decay_exponent(wheel, speed)))
     return wheel.terms.coulomb_asymmetry + wheel.terms.stribeck_asymmetry * E
 
@@ -179,7 +198,15 @@ def friction_shift(wheel, speed):
 @traced
 def under_load(wheel, torque):
     """Return a wheel with c + mu |u| for c, whose motor gives the torque u."""
+    if isinstance(wheel, OwnWheel):
+        return wheel._replace(load=abs(torque))
     return wheel._replace(c=wheel.c + wheel.terms.load * abs(torque))
+
+
+@traced
+def breakaway(wheel):
+    """Return the size of the friction at rest, the mean of both directions: c + s."""
+    return wheel.dry(0.0) if isinstance(wheel, OwnWheel) else wheel.c + wheel.s
 
 
 @traced

@@ -137,7 +137,8 @@ class Model:
         for name, value in given.items():
             object.__setattr__(self, name, value)
         self._check()
-        chosen = selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots)
+        law = self.robot.friction.own_law
+        chosen = selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots, law=law)
         object.__setattr__(self, "_selected", chosen)
         row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0)
         object.__setattr__(self, "_row", row)

@@ -5,7 +5,10 @@ of its own. `Parameters` is the list of these numbers: sizes, places and what re
 from its fields. A number is added by a field and its value in `pack`.
 """
 
+import sys
 from collections.abc import Sequence
+from functools import cache
+from hashlib import sha256
 from itertools import accumulate
 from typing import Literal, NamedTuple, get_args, get_type_hints
 
@@ -13,18 +16,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.friction import NO_TERMS, WheelTerms, friction_terms
+from ballbot.mechanics.engine.tracing import instructions_of, traced
+from ballbot.mechanics.friction import NO_TERMS, OwnWheel, WheelTerms, friction_terms
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
+from ballbot.robot.friction_law import MOST_PARAMETERS, FrictionLaw
 
 #: "exact": the corrected rigid-body model; "thesis": Appendix II as printed, only its misprints mended
 Formulation = Literal["exact", "thesis"]
 
 
 class Exact(NamedTuple):
-    """Selects the exact equations; `wheels` carries their number in its length."""
+    """Selects the exact equations; `wheels` carries their number in its length.
+
+    The classes that select equations have subclasses for registered friction laws, with the law's `OwnWheel`.
+    """
 
     wheels: tuple[int, ...]
+
+    own_wheel = None
 
 
 class Thesis(NamedTuple):
@@ -32,11 +42,15 @@ class Thesis(NamedTuple):
 
     wheels: tuple[int, ...]
 
+    own_wheel = None
+
 
 class Pivoting(NamedTuple):
     """Selects the exact equations with a sixth velocity, the ball's spin about the vertical."""
 
     wheels: tuple[int, ...]
+
+    own_wheel = None
 
 
 class Wheel(NamedTuple):
@@ -104,7 +118,7 @@ RIGID_SHAPE, WHEEL_SHAPE = tuple(_RIGID.values()), tuple(_WHEEL.values())
 RIGID_SIZE, WHEEL_SIZE = _count(RIGID_SHAPE), _count(WHEEL_SHAPE)
 #: wheels of the largest robot, and the size of its row
 MAX_WHEELS = 4
-LARGEST_ROW = RIGID_SIZE + WHEEL_SIZE * MAX_WHEELS
+LARGEST_ROW = RIGID_SIZE + (WHEEL_SIZE + MOST_PARAMETERS) * MAX_WHEELS
 
 #: where each of `Parameters` begins in a packed row, and each number of a wheel among its own
 PLACES, WHEEL_PLACES = _places(_RIGID), _places(_WHEEL)
@@ -112,10 +126,41 @@ PLACE_SPEED_SCALE = PLACES["decay"]  # 1/v_s
 PLACE_EXPONENT = PLACE_SPEED_SCALE + 1  # delta
 
 
+_LAW_MARK = "_by_"
+
+
+def __getattr__(name: str) -> type:
+    """Return the class that selects equations by a registered law; code kept on disk names laws of other processes."""
+    kind = {one.__name__: one for one in (Exact, Thesis, Pivoting)}.get(name.partition(_LAW_MARK)[0])
+    if kind is None or _LAW_MARK not in name:
+        raise AttributeError(name)
+    globals()[name] = made = type(name, (kind,), {"__module__": __name__, "__slots__": ()})
+    return made
+
+
+@cache
+def _by_law(kind: type, law: FrictionLaw) -> type:
+    """Return the class that selects equations of a kind by a registered law; its name tells what the law computes."""
+    try:
+        written = instructions_of(law.size, 2 + len(law.takes))
+    except Exception as error:
+        raise InputError(
+            f"The friction law {law.name} cannot be compiled: {error} It may use arithmetic, np.exp, np.log, np.sqrt, "
+            "np.tanh, np.abs, np.minimum, np.maximum and np.where, and no `if` on a number."
+        ) from error
+    token = sha256(f"{law.name} {law.takes} {written}".encode()).hexdigest()[:16]
+    made = getattr(sys.modules[__name__], f"{kind.__name__}{_LAW_MARK}{law.name}_{token}")
+    made.own_wheel = type(f"OwnWheel_{token}", (OwnWheel,), {"__slots__": (), "size": staticmethod(law.size)})
+    made.parameter_count = len(law.takes)
+    return made
+
+
 def selector(
-    formulation: Formulation, wheel_count: int, *, pivoting: bool = False
+    formulation: Formulation, wheel_count: int, *, pivoting: bool = False, law: FrictionLaw | None = None
 ) -> Exact | Thesis | Pivoting:
     """Return the value that selects the compiled equations.
+
+    A registered law of the wheels' friction takes the place of the classical one.
 
     Raises
     ------
@@ -125,14 +170,19 @@ def selector(
     wheels = tuple(range(wheel_count))
     if pivoting and formulation == "thesis":
         raise InputError("The thesis's equations have no pivoting ball; use the formulation 'exact'.")
-    if pivoting:
-        return Pivoting(wheels)
-    return Exact(wheels) if formulation == "exact" else Thesis(wheels)
+    kind = Pivoting if pivoting else Exact if formulation == "exact" else Thesis
+    return (_by_law(kind, law) if law else kind)(wheels)
 
 
+@traced
 def row_size(selected: Exact | Thesis | Pivoting) -> int:
     """Return how many numbers a packed robot has."""
-    return RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)
+    return RIGID_SIZE + (WHEEL_SIZE + parameter_count(selected)) * len(selected.wheels)
+
+
+def parameter_count(selected: Exact | Thesis | Pivoting) -> int:
+    """Return how many parameters a registered friction law has; 0 of the classical one, whose are among a wheel's."""
+    return selected.parameter_count if selected.own_wheel else 0  # pyright: ignore[reportAttributeAccessIssue]
 
 
 _STRAIGHT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -163,7 +213,8 @@ def pack(
     Returns
     -------
     ndarray (row_size,)
-        In the order of `Parameters`; wheels one after another.
+        In the order of `Parameters`; wheels one after another, and then the parameters of a registered friction law,
+        those of one wheel after those of another.
     """
     ball, body, wheels = robot.ball, robot.body, robot.wheels
     A = transforms(robot).T_owb @ np.asarray(seat)
@@ -194,8 +245,20 @@ def pack(
     )
     numbers = np.concatenate([np.ravel(one) for one in rigid])
     terms = friction_terms(friction)
+    law, of_law = friction.own_law, dict(friction.own)
+    if law:
+        terms[:, 2] = 1.0  # see `OwnWheel.factor`
     own = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck, terms])
-    return np.concatenate([numbers, own.ravel()])
+    values = (
+        [of_law[name] if name in of_law else getattr(friction, name) for name in law.takes] if law else []
+    )
+    by_wheel = [np.broadcast_to(np.asarray(one, dtype=float), (robot.wheel_count,)) for one in values]
+    return np.concatenate([numbers, own.ravel(), np.ravel(by_wheel, order="F")])
+
+
+def law_places(wheel_count: int, index: int, law: FrictionLaw) -> NDArray[np.int64]:
+    """Return where a parameter of a registered law, by its index, stands in a packed row: (n,)."""
+    return RIGID_SIZE + WHEEL_SIZE * wheel_count + len(law.takes) * np.arange(wheel_count) + index
 
 
 def friction_places(wheel_count: int) -> NDArray[np.int64]:

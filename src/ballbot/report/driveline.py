@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results, texts
-from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
-from ballbot.mechanics.friction import stribeck_gradient
+from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep, classical
 from ballbot.report.blocks import Cell, Paragraph, Report, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
@@ -92,10 +91,11 @@ def curve_figure(fits: Sequence[DrivelineFit], limit: float) -> Figure:
 
 def curve_error(fit: DrivelineFit, speed: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the standard error [N m] of the friction at speeds (k,) above zero, by the delta method."""
-    law = fit.law
-    gradient = stribeck_gradient(
-        speed, stribeck=law.stribeck, stribeck_speed=law.stribeck_speed, stribeck_exponent=1.0
-    )[:, : len(NAMES)]
+    values = np.array([getattr(fit.law, one.name) for one in QUANTITIES])
+    steps = 1e-5 * np.where(values == 0.0, 1.0, values)
+    moved = [values + step * one for step, one in zip(steps, np.eye(len(values)), strict=True)]
+    curves = np.array([classical(one).steady_friction(speed) for one in moved])
+    gradient = (curves - fit.law.steady_friction(speed)).T / steps
     errors = np.nan_to_num(fit.standard_errors)
     covariance = fit.correlation * np.outer(errors, errors)
     return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradient, covariance, gradient), 0.0))

@@ -26,10 +26,10 @@ from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.result import represents_sentence
+from ballbot.identification.result import estimated_robot, represents_sentence
 from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import Log
-from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
+from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.blocks import Block, Bullets, Report, Sheet, details, section
 from ballbot.report.palette import BLUE, MUTED
 from ballbot.report.style import STATE_UNITS, drawn_picture
@@ -192,24 +192,24 @@ def friction_curve(
     found: Identification, wheel: int, speed: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the friction of a wheel (from 0) at speeds (k,) [rad/s] other than zero, and its standard error [N m]."""
-    friction = found.robot.friction
-    n = found.robot.wheel_count
-    gradient = np.zeros((len(speed), len(found.labels)))
-    of_wheel = (f"b{wheel + 1}", f"c{wheel + 1}", f"s{wheel + 1}", "v_s", "delta")
-    by_parameter = stribeck_gradient(
-        speed,
-        stribeck=friction.stribeck[wheel],
-        stribeck_speed=friction.stribeck_speed,
-        stribeck_exponent=friction.stribeck_exponent,
-    )
-    for label, column in zip(of_wheel, by_parameter.T, strict=True):
-        if label in found.labels:  # a simpler law has fewer parameters
-            gradient[:, found.labels.index(label)] = column
-    if friction.coulomb_asymmetry:  # found as a torque against it
-        gradient[:, found.labels.index(f"offset{wheel + 1}")] = -1.0
+    at = np.repeat(speed[:, None], found.robot.wheel_count, axis=1)
+    directed = bool(found.robot.friction.coulomb_asymmetry)
+
+    def torque(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        robot = estimated_robot(found.robot, found.layout, values, asymmetric=directed)
+        return wheel_friction(at, robot.friction)[:, wheel]
+
+    curve = torque(found.values)
+    # differences; where a parameter is zero, to one side
+    steps = _STEP * np.where(found.values == 0.0, 1.0, found.values)
+    moved = [torque(found.values + step * one) for step, one in zip(steps, np.eye(len(steps)), strict=True)]
+    gradient = (np.array(moved) - curve).T / steps
     variance = np.einsum("ki,ij,kj->k", gradient, found.assumed_covariance, gradient)
-    torque = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
-    return torque, np.sqrt(np.maximum(variance, 0.0))
+    return curve, np.sqrt(np.maximum(variance, 0.0))
+
+
+#: step of these differences, over each parameter
+_STEP = 1e-5
 
 
 #: wheel speeds shown reach this quantile of those in the logs; without logs, so many Stribeck speeds

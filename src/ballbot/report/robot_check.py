@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ballbot.control.presets import PRESETS
+from ballbot.control.presets import KINDS
 from ballbot.report.blocks import (
     Bullets,
     Paragraph,
@@ -104,7 +104,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         ),
         Verbatim(text=f"Poles about upright, exact model [rad/s]: {pole_words(checked.poles)}"),
     )
-    of = f"the {checked.controller} controller" if checked.controller in PRESETS else checked.controller
+    of = f"the {checked.controller} controller" if checked.controller in KINDS else checked.controller
     if checked.margins is None:
         yield section(f"Stability margins with {of}", Paragraph(text=checked.refusal))
     else:

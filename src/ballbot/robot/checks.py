@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, nearest, suggest
 from ballbot.robot.components import (
     BY_NAME,
-    PARAMETERS,
     Ball,
     Body,
     Drive,
@@ -27,6 +26,7 @@ from ballbot.robot.components import (
     RobotValues,
     Wheels,
     deviation_labels,
+    parameters_of_robot,
 )
 from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, numbers_of, to_si, value_of
 
@@ -43,7 +43,8 @@ _WEAKEST_AXIS = 0.01
 def check_robot(robot: RobotValues) -> None:
     """Raise InputError, about the first wrong value, if a robot cannot exist."""
     _check_texts(robot)
-    for parameter in PARAMETERS:
+    _check_law(robot)
+    for parameter in parameters_of_robot(robot):
         for label, value in _numbers(robot, parameter):
             check_number(parameter, label, value)
     _check_ball(robot.ball)
@@ -308,7 +309,24 @@ def _axles(wheels: Wheels) -> NDArray[np.float64]:
     )
 
 
+def _check_law(robot: RobotValues) -> None:
+    friction, law = robot.friction, robot.friction.own_law
+    names = tuple(one.name for one in law.own) if law else ()
+    if tuple(name for name, _ in friction.own) != names:
+        raise InputError(
+            f"The friction law {friction.law} has the parameters {list(names)} in friction.own; the robot states "
+            f"{[name for name, _ in friction.own]}."
+        )
+    if law and any((*friction.stribeck_asymmetry, *friction.load)):
+        raise InputError(
+            f"friction.stribeck_asymmetry and friction.load are terms of the classical law; {law.name} has its own."
+        )
+
+
 def _check_friction(friction: Friction) -> None:
+    if friction.own_law and not min(friction.breakaway) >= 0.0:
+        least = f"{min(friction.breakaway):g} N m at rest"
+        raise InputError(f"The friction law {friction.law} gives {least}; it must be zero or more.")
     for name in ("coulomb", "stribeck"):
         for index, difference in enumerate(getattr(friction, f"{name}_asymmetry")):
             size = getattr(friction, name)[index]

@@ -9,6 +9,7 @@ nominal ones by factors.
 from __future__ import annotations
 
 import math
+from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -17,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import LONGEST_SAMPLE, SHORTEST_SAMPLE
-from ballbot.robot.parameters import Value, components, parameter, parameters_of, table
+from ballbot.errors import InputError
+from ballbot.robot.friction_law import CLASSICAL, OWN_PARAMETERS, FrictionLaw, friction_law
+from ballbot.robot.parameters import Parameter, Value, components, parameter, parameters_of, table
 
 InertiaPoint = Literal["ball_center", "center_of_mass"]
 
@@ -244,16 +247,51 @@ class Friction:
             written="if changed",
         ),
     )
+    law: str = CLASSICAL  #: the friction law, as a robot file names it; see `ballbot.robot.friction_law`
+    own: tuple[tuple[str, Value], ...] = ()  #: its parameters that are not among the above, as (name, value)
+
+    @property
+    def own_law(self) -> FrictionLaw | None:
+        """The registered law of the dry friction; None for the classical one."""
+        return friction_law(self.law)
+
+    def check_classical(self, user: str) -> None:
+        """Raise InputError if the law is a registered one, which this user of the friction does not have."""
+        if self.own_law:
+            raise InputError(f"{user} has the classical friction law only, not {self.law}.")
+
+    def with_law(self, text: str, own: Mapping[str, Value] | None = None) -> Friction:
+        """Return this friction by another law; parameters of its own that are not given have their defaults."""
+        law, given, count = friction_law(text), own or {}, len(self.coulomb)
+        if law is None:
+            return replace(self, law=CLASSICAL, own=())
+        values = {
+            one.name: given.get(one.name, (one.default,) * count if one.each_wheel else one.default)
+            for one in law.own
+        }
+        return replace(self, law=law.text, own=tuple(values.items()))
 
     @property
     def is_plain(self) -> bool:
-        """Whether the dry friction is the same in both directions, whatever the motors' torques."""
-        return not any((*self.coulomb_asymmetry, *self.stribeck_asymmetry, *self.load))
+        """Whether the dry friction is c + s exp(-|w/v_s|^delta) in both directions, whatever the motors' torques."""
+        terms = any((*self.coulomb_asymmetry, *self.stribeck_asymmetry, *self.load))
+        return not terms and self.law == CLASSICAL
+
+    def dry_size(self, speed: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return g(|w|, |u|) [N m] (..., n) of the registered law, for speeds and loads (..., n) of zero or more."""
+        law, own = self.own_law, dict(self.own)
+        assert law is not None
+        numbers = {name: np.asarray(own[name] if name in own else getattr(self, name)) for name in law.takes}
+        return law.size(speed, load, **numbers) + np.zeros(np.broadcast(speed, load).shape)
 
     @property
     def breakaway(self) -> tuple[float, ...]:
         """The torque [N m] that each wheel takes to start, in its harder direction and without load."""
-        start = tuple(c + s for c, s in zip(self.coulomb, self.stribeck, strict=True))
+        if self.law == CLASSICAL:
+            start = tuple(c + s for c, s in zip(self.coulomb, self.stribeck, strict=True))
+        else:
+            zeros = np.zeros(len(self.coulomb))
+            start = tuple(self.dry_size(zeros, zeros).tolist())
         none = (0.0,) * len(start)
         shifts = zip(self.coulomb_asymmetry or none, self.stribeck_asymmetry or none, strict=True)
         return (
@@ -356,7 +394,13 @@ class RobotValues:
 
 #: every parameter of a robot, in the order of robot files, and by its dotted name
 PARAMETERS = parameters_of(RobotValues)
-BY_NAME = {one.name: one for one in PARAMETERS}
+#: those of registered friction laws too
+BY_NAME: Mapping[str, Parameter] = ChainMap(OWN_PARAMETERS, {one.name: one for one in PARAMETERS})
+
+
+def parameters_of_robot(robot: RobotValues) -> tuple[Parameter, ...]:
+    """Return every parameter of a robot, those of its friction law's own too."""
+    return (*PARAMETERS, *(BY_NAME[f"friction.own.{name}"] for name, _ in robot.friction.own))
 
 
 def deviation_labels(deviations: Mapping[str, Value]) -> Iterator[tuple[str, str, int, float]]:
@@ -408,6 +452,14 @@ def scaled_friction(
     def each(values: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(one * value for one, value in zip(factors, values, strict=True)) if values else values
 
+    law = friction.own_law
+    proportional = {one.name for one in law.own if one.is_proportional} if law else ()
+
+    def scaled(name: str, value: Value) -> Value:
+        if name not in proportional:
+            return value
+        return each(value) if isinstance(value, tuple) else value * max(factors)
+
     return replace(
         friction,
         viscous=each(friction.viscous),
@@ -417,4 +469,5 @@ def scaled_friction(
         coulomb_asymmetry=each(friction.coulomb_asymmetry),
         stribeck_asymmetry=each(friction.stribeck_asymmetry),
         load=each(friction.load),
+        own=tuple((name, scaled(name, value)) for name, value in friction.own),
     )

@@ -37,7 +37,8 @@ from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
-from ballbot.robot.components import BY_NAME, PARAMETERS, RobotValues
+from ballbot.robot.components import BY_NAME, PARAMETERS, RobotValues, parameters_of_robot
+from ballbot.robot.friction_law import CLASSICAL, OWN_PARAMETERS, FrictionLaw, friction_law
 from ballbot.robot.parameters import (
     ASSUMED,
     DIMENSIONLESS,
@@ -156,6 +157,8 @@ def _in_si(parameter: Parameter, value: float | list[float], unit: str) -> Value
 
 #: the two texts of a file, each as it could be written; every other key is a parameter
 _TEXTS = {"name": 'name = "myrobot"', "body.inertia.about": 'about = "ball_center"'}
+#: the text that may be left out, and the table of what it names
+_LAW, _OWN = "friction.law", "friction.own"
 
 _HEADER = """\
 # A ball-balancing robot for Ballbot. Check it with: ballbot check FILE
@@ -177,7 +180,13 @@ def read_robot(path: str | Path, kind: type[R]) -> R:
         tree = take_format(tree, "robot")
         tables = {name: tree.pop(name) for name in IdentificationTables.model_fields if name in tree}
         stated = validate_table(IdentificationTables, tables, of="a robot file")
-        return build(kind, _fields(dict(_leaves(tree)), stated))
+        friction = tree.get("friction", {})
+        law = (
+            friction_law(_in_folder(friction.pop("law", CLASSICAL), path))
+            if isinstance(friction, dict)
+            else None
+        )
+        return build(kind, _fields(dict(_leaves(tree)), stated, law))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -199,7 +208,11 @@ def robot_text(robot: RobotValues) -> str:
         blocks += ["", f"# {heading}", f"[{table}]"]
         if table == "body.inertia":
             blocks.append(f"about = {toml_string(robot.body.inertia_about)}")
+        if table == "friction" and robot.friction.own_law:
+            blocks.append(f"law = {toml_string(robot.friction.law)}")
         blocks += _lines(robot, table)
+    if robot.friction.own:
+        blocks += ["", "# Parameters of the friction law's own.", f"[{_OWN}]", *_lines(robot, _OWN)]
     return "\n".join([*blocks, *_identification_lines(robot)]) + "\n"
 
 
@@ -221,7 +234,7 @@ def _identification_lines(robot: RobotValues) -> Iterator[str]:
 
 
 def _lines(robot: RobotValues, table: str) -> Iterator[str]:
-    for parameter in PARAMETERS:
+    for parameter in parameters_of_robot(robot):
         if parameter.table == table and not _left_out(robot, parameter):
             values = [value_of(robot, parameter)]
             if parameter.name in robot.standard_deviations:
@@ -259,7 +272,7 @@ def _leaves(tree: Mapping[str, object], *, table: str = "") -> Iterator[tuple[st
     """Yield the dotted name and the raw content of every key below the tables; refuse unknown names."""
     for key, content in tree.items():
         name = f"{table}.{key}" if table else key
-        if name in headings_of(RobotValues):
+        if name in headings_of(RobotValues) or name == _OWN:
             if not isinstance(content, dict):
                 raise InputError(f"{name} must be a table: write its keys under a line [{name}].")
             yield from _leaves(content, table=name)
@@ -276,13 +289,27 @@ def _nearest(key: str, table: str) -> str:
     return suggest(key, siblings, otherwise=f"{f'[{table}]' if table else 'the top level'} has")
 
 
-def _fields(leaves: Mapping[str, object], stated: IdentificationTables) -> dict[str, object]:
+def _in_folder(law: object, path: str | Path) -> str:
+    """Return a law as a robot file names it; a Python file's path is relative to that file's folder."""
+    if not isinstance(law, str):
+        raise InputError(f'friction.law is {law!r}; it must be a text in quotes, such as "FILE.py:NAME".')
+    file, _, name = law.rpartition(":")
+    return f"{Path(path).parent / file}:{name}" if file else law
+
+
+def _fields(
+    leaves: Mapping[str, object], stated: IdentificationTables, law: FrictionLaw | None
+) -> dict[str, object]:
     """Return the values of a robot's fields by dotted name, in SI units."""
     name, about = _text(leaves, "name"), _text(leaves, "body.inertia.about")
     values: dict[str, Value] = {}
     sources: dict[str, str] = {}
     deviations: dict[str, Value] = {}
-    for parameter in PARAMETERS:
+    own = {one.stated.name: one for one in law.own} if law else {}
+    for key in leaves:
+        if key in OWN_PARAMETERS and key not in own:
+            raise InputError(f"{key} is no parameter of the friction law {law.name if law else CLASSICAL}.")
+    for parameter in (*PARAMETERS, *(one.stated for one in own.values())):
         if parameter.name not in leaves and parameter.default is not None:
             sources[parameter.name] = ASSUMED
             continue
@@ -297,6 +324,8 @@ def _fields(leaves: Mapping[str, object], stated: IdentificationTables) -> dict[
     together = stated.correlation
     return {
         **values,
+        _LAW: law.text if law else CLASSICAL,
+        _OWN: tuple((one.name, values[name]) for name, one in own.items()),
         "name": name,
         "body.inertia_about": about,
         "sources": sources,

@@ -50,7 +50,7 @@ class Parameter:
     written: Literal["always", "if changed"]  #: whether a file is written without a value that is the default
     name: str = ""  #: dotted, as in a file: "ball.radius"
     field: str = ""  #: dotted, as in the dataclass; differs from the name for the parts of an inertia
-    place: int | None = None  #: of the part within such a field
+    place: int | str | None = None  #: of the part within such a field, or its name
     shape: Shape = "number"
     default: Value | None = None  #: of a file that omits the parameter; None if it may not be omitted
 
@@ -127,6 +127,8 @@ def headings_of(kind: type) -> dict[str, str]:
 def value_of(record: object, one: Parameter) -> Value:
     """Return a parameter's value in SI units, a tuple where there is one for each wheel."""
     value = attrgetter(one.field)(record)
+    if isinstance(one.place, str):  # of pairs (name, value); () if there is none of the name
+        return dict(value).get(one.place, ())
     return value if one.place is None else value[one.place]
 
 
@@ -271,7 +273,7 @@ def _shifted(value: float, exponent: int) -> float:
 
 
 def _scale(unit: str, si_unit: str) -> Scale:
-    known = UNITS[si_unit]
+    known = UNITS.get(si_unit, {si_unit: _ONE})
     spelled = unit.replace("²", "^2").replace("·", " ").replace("°", "deg").strip()
     if spelled not in known:
         quoted = either(f'"{one}"' for one in known)

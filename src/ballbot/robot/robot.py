@@ -59,7 +59,7 @@ class Robot(RobotValues):
 
     def replace(
         self,
-        values: Mapping[str, Value] | None = None,
+        values: Mapping[str, Value | str] | None = None,
         /,
         *,
         name: str | None = None,
@@ -73,8 +73,10 @@ class Robot(RobotValues):
     ) -> Robot:
         """Return a copy with other values by dotted name in SI units, or with other components; each may be left out.
 
-        One number stands for all wheels. A value that stays keeps its source and its standard deviation. A value that
-        changes loses both: a file then gives "assumed" as its source. `annotated` states them anew.
+        One number stands for all wheels. "friction.law" is the name of a law (`ballbot.register_friction_law`), whose
+        own parameters have their defaults until they are given. A value that stays keeps its source and its standard
+        deviation. A value that changes loses both: a file then gives "assumed" as its source. `annotated` states them
+        anew.
 
         Raises
         ------
@@ -87,7 +89,12 @@ class Robot(RobotValues):
         >>> heavier.body.mass, heavier.friction.coulomb
         (20.0, (0.1, 0.1, 0.1))
         """
-        changed = with_values(self, {name: _shaped(self, name, one) for name, one in (values or {}).items()})
+        numbers = dict(values or {})
+        before = self
+        if "friction.law" in numbers:
+            law = str(numbers.pop("friction.law"))
+            before = dataclasses.replace(self, friction=self.friction.with_law(law, dict(self.friction.own)))
+        changed = with_values(before, {name: _shaped(before, name, one) for name, one in numbers.items()})
         copy = Robot(
             name=self.name if name is None else name,
             ball=ball or changed.ball,
@@ -245,6 +252,11 @@ def friction_rows(friction: Friction) -> tuple[tuple[str, str], ...]:
         "Stribeck asymmetry": (friction.stribeck_asymmetry, "N m"),
         "friction by load": (friction.load, ""),
     }
+    law = friction.own_law
+    if law is not None:
+        wheels.append(("friction law", f"b w + ({law.formula}) sgn(w)"))
+        for name, value in friction.own:
+            wheels.append((name, listed(np.atleast_1d(value), BY_NAME[f"friction.own.{name}"].unit)))
     return (*wheels, *((name, listed(values, unit)) for name, (values, unit) in more.items() if any(values)))
 
 
@@ -273,14 +285,18 @@ def _preset(name: str) -> Robot:
     return read_robot(_PRESETS / f"{name}.toml", Robot)
 
 
-def _shaped(robot: Robot, name: str, value: Value) -> Value:
+def _shaped(robot: Robot, name: str, value: Value | str) -> Value:
     """Return a value of a parameter as a robot holds it: one number for all wheels stands for each of them."""
     if name not in BY_NAME:
         hint = suggest(name, BY_NAME, otherwise="there are")
         raise InputError(f"{name!r} is not a parameter of a robot; {hint}")
     own = value_of(robot, BY_NAME[name])
+    if name.startswith("friction.own.") and own == ():
+        raise InputError(
+            f"The friction law of {robot.name} ({robot.friction.law}) has no parameter {name!r}."
+        )
     if not isinstance(own, tuple):
-        return value
+        return value  # pyright: ignore[reportReturnType] (a text is refused as no number)
     return tuple(value) if np.ndim(value) else (float(value),) * len(own)  # pyright: ignore[reportArgumentType]
 
 
@@ -293,5 +309,7 @@ def with_values(robot: Robot, changes: Mapping[str, Value]) -> Robot:
         If that is not a robot.
     """
     values = {one.name: value_of(robot, one) for one in PARAMETERS} | dict(changes)
+    own = {name: values.pop(f"friction.own.{name}", value) for name, value in robot.friction.own}
     texts = {"name": robot.name, "body.inertia_about": robot.body.inertia_about, "sources": robot.sources}
-    return build(Robot, {**values, **texts})
+    law = {"friction.law": robot.friction.law, "friction.own": tuple(own.items())}
+    return build(Robot, {**values, **texts, **law})

@@ -18,9 +18,9 @@ from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.law import LAW_TYPE, law_code
-from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
+from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.estimation.heading import JUMP, Heading
 from ballbot.estimation.kalman import filter_row

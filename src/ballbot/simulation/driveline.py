@@ -92,6 +92,7 @@ class Driveline:
                 f"{robot.name} has no wheel {wheel}; its wheels are numbered 0 to {robot.wheel_count - 1}."
             )
         friction = robot.friction
+        friction.check_classical("The plant of one driveline")
         law = Classical(
             viscous=friction.viscous[wheel],
             coulomb=friction.coulomb[wheel],

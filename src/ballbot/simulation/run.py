@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import MOST_CELLS, format_duration, real_array
 from ballbot.control.interface import estimator_of
-from ballbot.control.presets import ControllerLike, as_controller
 from ballbot.control.references import ReferenceLike, as_reference
 from ballbot.control.safety import SafeController
+from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.estimation.heading import Heading
 from ballbot.log import Log

@@ -228,6 +228,7 @@ def simulate_balls(
         If shapes disagree, a number is not finite, or a time is not above zero.
     """
     n = len(ball.A)
+    friction.check_classical("The plant of the robot upside down")
     wheels = np.column_stack([friction.viscous, friction.coulomb, friction.stribeck])
     if len(wheels) != n:
         raise InputError(f"The friction is that of {len(wheels)} wheels; the ball has {n}.")

@@ -169,7 +169,8 @@ def add_wheel(
     joint = add(element, "joint", name=name, axis="0 0 1", armature=rotor_inertia(robot))
     friction = scenario.friction
     joint.set("damping", number_text(friction.viscous[index]))
-    joint.set("frictionloss", number_text(friction.coulomb[index] + friction.stribeck[index]))
+    at_rest = friction.breakaway if friction.own_law else np.add(friction.coulomb, friction.stribeck)
+    joint.set("frictionloss", number_text(float(at_rest[index])))
     if scenario.backlash > 0 or scenario.compliance:
         play = add(element, "joint", name=f"play {index + 1}", axis="0 0 1")
         if not scenario.compliance:
@@ -349,6 +350,8 @@ SIMULATED_FRICTION = (
     "coulomb_asymmetry",
     "stribeck_asymmetry",
     "load",
+    "law",
+    "own",
 )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
-from ballbot.control.presets import ControllerLike, as_controller
+from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, warning
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads

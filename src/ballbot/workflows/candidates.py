@@ -1,7 +1,7 @@
 """Candidates: the controllers of a comparison, as the command line names them.
 
 none, full, partial            the nominal gain with that compensation
-precise                        the precise controller (`ballbot.control.precise`)
+precise                        the precise controller, or another of `ballbot.control.presets`
 found/controller.toml          a controller file
 mine.py:Mine                   a user's own: `Mine(robot)` in that file returns it
 adaptive=mine.py:Mine          any of these under another name
@@ -23,9 +23,6 @@ changes.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,16 +35,15 @@ from ballbot.arrays import checked_sample_time
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback, estimator_of
-from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.presets import KINDS, nominal_controller
 from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.files import sha256_of
 from ballbot.printable import shell_line
 from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.user_files import error_text, user_module
 
 _Result = TypeVar("_Result")
-#: begins the names of users' files as modules
-_OWN = "ballbot_own_"
 
 
 class UserController:
@@ -116,7 +112,7 @@ class UserController:
             raise
         except (Exception, SystemExit) as error:
             raise InputError(
-                f"{self._place} failed {moment}: {_error_text(error, Path(self._path))}."
+                f"{self._place} failed {moment}: {error_text(error, Path(self._path))}."
             ) from error
 
 
@@ -130,26 +126,8 @@ def _remake(path: str, made_by: str, robot: Robot, estimator: EstimatorName, che
 
 
 def _attribute(path: str, name: str) -> Callable[[Robot], object]:
-    """Return what a Python file has under a name; the file is run once in each process, until it changes."""
-    file = Path(path)
-    if not file.is_file():
-        raise InputError(f"there is no Python file {path!r}.")
-    module_name = f"{_OWN}{file.stat().st_mtime_ns}_{file.resolve()}"
-    if module_name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(module_name, file)
-        assert spec is not None  # its name ends in .py
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[module_name] = module  # dataclasses look their module up
-        folder = str(file.resolve().parent)
-        if folder not in sys.path:
-            sys.path.append(folder)
-        try:
-            spec.loader.exec_module(module)
-        except (Exception, SystemExit) as error:  # sys.exit ends nothing but this call
-            del sys.modules[module_name]
-            raise InputError(f"{path} cannot be run: {_error_text(error, file)}.") from error
-    make = getattr(sys.modules[module_name], name, None)
+    """Return what a Python file has under a name."""
+    make = getattr(user_module(path), name, None)
     if not callable(make):
         raise InputError(
             f"{path} has no {name!r} to call; it must be a class or a function that takes the robot."
@@ -157,16 +135,8 @@ def _attribute(path: str, name: str) -> Callable[[Robot], object]:
     return make
 
 
-def _error_text(error: BaseException, file: Path) -> str:
-    """Return an error in words, with the last line of the user's file that it passed through."""
-    passed = traceback.extract_tb(error.__traceback__)
-    lines = [one.lineno for one in passed if Path(one.filename).resolve() == file.resolve()]
-    words = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".:")
-    return f"{words} (line {lines[-1]})" if lines else words
-
-
 #: controllers that are not files
-NAMED_CONTROLLERS = (*get_args(Compensation), "precise")
+NAMED_CONTROLLERS = (*get_args(Compensation), *(name for name in KINDS if name != "nominal"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,8 +157,8 @@ class Candidate:
         for compensation in get_args(Compensation):
             if self.source == compensation:
                 return nominal_controller(robot, compensation=compensation)
-        if self.source == "precise":
-            return precise_controller(robot)
+        if self.source in NAMED_CONTROLLERS:
+            return KINDS[self.source].made(robot)
         path, _, made_by = self.source.rpartition(":")
         if path.endswith(".py"):
             return UserController(path, made_by, robot)

@@ -48,7 +48,6 @@ from ballbot.workflows.comparison import (
     median_with_interval,
     run_comparison,
 )
-from ballbot.workflows.controller_design import Kind
 from ballbot.workflows.courses import ReferenceSpec
 from ballbot.workflows.metrics import Performance, Score, performance_of
 
@@ -96,7 +95,7 @@ def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: 
 
 
 #: how each candidate is made; the first is what the others are compared with
-CANDIDATES: Mapping[str, tuple[Kind, Compensation]] = {
+CANDIDATES: Mapping[str, tuple[str, Compensation]] = {
     "none": ("nominal", "none"),
     "full": ("nominal", "full"),
     "partial": ("nominal", "partial"),
@@ -270,7 +269,7 @@ def candidates(found: Identification, *, sample_time: float) -> dict[str, Contro
     """
     robot = compensated_robot(found)
     gain = design_gain(robot, sample_time=sample_time).gain
-    made: Mapping[Kind, Controller] = {
+    made: Mapping[str, Controller] = {
         "nominal": Controller(robot, gain, sample_time=sample_time),
         "precise": precise_controller(robot, design=design_integral_gain(robot, sample_time=sample_time)),
     }

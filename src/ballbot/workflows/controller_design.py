@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.linear import refuse_without_margin
@@ -23,14 +23,7 @@ from ballbot.control.overcompensation import (
 )
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.presets import (
-    NOMINAL_STATE_WEIGHTS,
-    NOMINAL_TORQUE_WEIGHT,
-    PRECISE_STATE_WEIGHTS,
-    design_gain,
-    design_integral_gain,
-    precise_controller,
-)
+from ballbot.control.presets import KINDS, NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
@@ -41,14 +34,12 @@ from ballbot.workflows.robot_check import linearization_results
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Kind = Literal["nominal", "precise"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class GainOptions:
     """How the gain is designed."""
 
-    kind: Kind = "nominal"  #: the thesis's soft gain, or a stiff one with integral action
+    kind: str = "nominal"  #: of `ballbot.control.presets.KINDS`
     state_weights: Sequence[float] | None = None  #: (10,) diagonal of Q; the kind's own if None
     torque_weight: float = NOMINAL_TORQUE_WEIGHT  #: diagonal of R, the same for every wheel
     sample_time: float | None = None  #: [s]; the robot's own if None
@@ -65,8 +56,8 @@ class PartOptions:
     """
 
     compensation: Compensation | None = None
-    """none; full (all friction); partial (only while friction works against the intended motion). If not given, none
-    for the nominal kind and full for the precise one."""
+    """none; full (all friction); partial (only while friction works against the intended motion). If not given, the
+    kind's own: none for nominal, full for precise."""
 
     compensation_gain: float = 1.0
     """Factor on the compensated friction, below 1 if it is uncertain."""
@@ -162,7 +153,7 @@ def design_controller(
     uncertainty = propagate(robot, lambda one: _design(one, gain).gain)
     certain = certain_friction(robot)
     compensated = robot.replace(friction=scaled_friction(certain, parts.compensation_gain))
-    controller = _controller(compensated, found, parts)
+    controller = _controller(compensated, gain.kind, found, parts)
     if not parts.allow_overcompensation:
         refuse_overcompensation(controller, certain)
     margins = loop_margins(controller)
@@ -180,23 +171,18 @@ def design_controller(
 
 def _design(robot: Robot, options: GainOptions) -> LqrDesign:
     """Return the gain for a robot, with the kind's own weights if none are given."""
-    precise = options.kind == "precise"
-    design = design_integral_gain if precise else design_gain
-    return design(
+    kind = KINDS[options.kind]
+    return kind.design(
         robot,
-        state_weights=options.state_weights or (PRECISE_STATE_WEIGHTS if precise else NOMINAL_STATE_WEIGHTS),
+        state_weights=options.state_weights or kind.state_weights,
         torque_weight=options.torque_weight,
         sample_time=options.sample_time,
     )
 
 
-def _controller(robot: Robot, found: LqrDesign, options: PartOptions) -> Controller:
+def _controller(robot: Robot, kind: str, found: LqrDesign, options: PartOptions) -> Controller:
     """Return the controller of a gain with the requested parts, and its kind's own compensation if none is given."""
-    if found.integral_gain is not None:
-        made = precise_controller(robot, compensation=options.compensation or "full", design=found)
-    else:
-        compensation = options.compensation or "none"
-        made = Controller(robot, found.gain, sample_time=found.sample_time, compensation=compensation)
+    made = KINDS[kind].controller(robot, found, options.compensation or KINDS[kind].compensation)
     parts = made.parts
     if options.notch is not None:
         parts = replace(parts, notch=Notch(frequency=options.notch))

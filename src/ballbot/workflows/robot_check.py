@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.margins import Margins, loop_margins
-from ballbot.control.presets import PRESETS, named_controller
+from ballbot.control.presets import KINDS
 from ballbot.control.references import as_reference, is_reference_file
+from ballbot.control.source import named_controller
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, finding_results, stop_on_errors
 from ballbot.identification.swing import (
@@ -231,7 +232,7 @@ def check_robot(
     try:
         margins = loop_margins(named_controller(controller, robot))
     except InputError as error:
-        if controller not in PRESETS:
+        if controller not in KINDS:
             raise
         refusal = str(error)
     poles = np.asarray(linear.poles(), dtype=np.complex128)

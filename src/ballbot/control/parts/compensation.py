@@ -7,6 +7,8 @@ For wheel i with encoder speed w_i and the feedback's own torque u_i,
 
 and the wheel torques that carry the rolling friction N C_rr v/|v| (partial: only while they do not oppose u).
 
+Under a registered friction law a table (`ballbot.control.friction_table`) stands for c + s exp(..).
+
 Friction that differs with direction is compensated in the direction of the speed. The load of a drive is estimated by
 the torque that is about to be commanded, the feedback's and the compensation without the load: a little less than it
 will be, and never more, if friction is compensated in full.
@@ -22,6 +24,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.friction_table import SPEEDS, friction_table
 from ballbot.control.parts.part import LawSettings
 from ballbot.control.records import MAX_WHEELS, number
 from ballbot.mechanics.engine.compiled import inlined
@@ -58,6 +61,10 @@ class CompensationRecord:
     coulomb_asymmetry: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
     stribeck_asymmetry: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
     load: NDArray[np.float64] = field(metadata=number("1", MAX_WHEELS))
+    #: 1 if the friction is by a registered law, and its table: sizes at speeds
+    tabulated: float = field(metadata=number("1"))
+    table_speeds: NDArray[np.float64] = field(metadata=number("rad/s", SPEEDS))
+    table_sizes: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS, SPEEDS))
     #: torque for a force of 1 N along x, and along y
     for_rolling: NDArray[np.float64] = field(metadata=number("m", MAX_WHEELS, 2))
 
@@ -66,6 +73,11 @@ def compensation_record(settings: LawSettings) -> CompensationRecord:
     """Return the friction of a controller's robot as compiled code reads it."""
     robot, friction = settings.robot, settings.robot.friction
     d, e, mu = friction_terms(friction).T
+    table, none = None, np.zeros(robot.wheel_count)
+    if friction.own_law and settings.compensation != "none":
+        table = friction_table(robot)
+        mu = table.load
+    law = friction.own_law is not None
     return CompensationRecord(
         inv_rb=1.0 / robot.ball.radius,
         inv_vs=1.0 / friction.stribeck_speed,
@@ -77,12 +89,15 @@ def compensation_record(settings: LawSettings) -> CompensationRecord:
         partial=float(settings.compensation == "partial"),
         axles=transforms(robot).T_owb,
         viscous=np.asarray(friction.viscous),
-        coulomb=np.asarray(friction.coulomb),
-        stribeck=np.asarray(friction.stribeck),
-        directed=float(not friction.is_plain),
+        coulomb=none if law else np.asarray(friction.coulomb),
+        stribeck=none if law else np.asarray(friction.stribeck),
+        directed=float(bool(d.any() or e.any() or mu.any())),
         coulomb_asymmetry=d,
         stribeck_asymmetry=e,
         load=mu,
+        tabulated=float(table is not None),
+        table_speeds=table.speeds if table else np.zeros(SPEEDS),
+        table_sizes=table.sizes if table else np.zeros((robot.wheel_count, SPEEDS)),
         for_rolling=rolling_torques(robot),
     )
 
@@ -146,12 +161,27 @@ def _wheel_friction(own, i, relative, torque) -> tuple[float, float]:
     wheel = Wheel(axle, own.viscous[i], own.coulomb[i], own.stribeck[i], terms, own.inv_vs, own.delta)
     ramp = _ramp(speed * own.steepness)
     friction = wheel.b * speed + dry_friction(wheel, speed) * ramp
+    if own.tabulated > 0.0:
+        friction += _tabulated(own, i, abs(speed)) * ramp
     if own.directed > 0.0:
         # by which the friction forward, or less than it backward, differs from the mean of both directions
         friction += friction_shift(wheel, speed) * abs(ramp)
         friction += own.load[i] * abs(torque + friction) * ramp
     works_against = torque * friction > 0.0
     return friction, own.full + (own.partial if works_against else 0.0)
+
+
+@inlined
+def _tabulated(own, i, speed):
+    """Return a wheel's friction by the table, at a speed of zero or more."""
+    place, width = 0, SPEEDS // 2
+    while width > 0:
+        if place + width < SPEEDS - 1 and own.table_speeds[place + width] <= speed:
+            place += width
+        width //= 2
+    first, second = own.table_speeds[place], own.table_speeds[place + 1]
+    share = min((speed - first) / (second - first), 1.0)
+    return own.table_sizes[i, place] + share * (own.table_sizes[i, place + 1] - own.table_sizes[i, place])
 
 
 @inlined

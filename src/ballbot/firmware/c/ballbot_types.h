@@ -13,10 +13,12 @@
 #define BALLBOT_MAX_WHEELS 4
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
+/* Speeds of the table of a friction law. */
+#define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "fe484c8587500afec94d3a720ab57bd644c49ab1b943119cb5e36751c0ce1eed"
+#define BALLBOT_SCHEMA_DIGEST "d95e200fa0be379dfab1a10f9e3df680bb628b22760a7cd79c31c02bd2cb33f4"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 2118667397, 122686206, 1229798002, 179665878, 1153735345, 960696732, 904095569, 1087250157 }
+#define BALLBOT_SCHEMA_WORDS { 1499340815, 549336989, 2058461455, 507377280, 996313890, 1980398807, 473022507, 1389048820 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -39,9 +41,12 @@ struct ballbot_compensation_record {
     float coulomb_asymmetry[BALLBOT_MAX_WHEELS]; /* [N m] */
     float stribeck_asymmetry[BALLBOT_MAX_WHEELS]; /* [N m] */
     float load[BALLBOT_MAX_WHEELS]; /* [1] */
+    float tabulated; /* [1] */
+    float table_speeds[BALLBOT_TABLE_SPEEDS]; /* [rad/s] */
+    float table_sizes[BALLBOT_MAX_WHEELS][BALLBOT_TABLE_SPEEDS]; /* [N m] */
     float for_rolling[BALLBOT_MAX_WHEELS][2]; /* [m] */
 };
-typedef char ballbot_compensation_record_has_no_padding[(sizeof(struct ballbot_compensation_record) == 53u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_compensation_record_has_no_padding[(sizeof(struct ballbot_compensation_record) == 214u * sizeof(float)) ? 1 : -1];
 
 /* The sampled shaping. */
 struct ballbot_shaping_record {
@@ -140,7 +145,7 @@ struct ballbot_law {
     struct ballbot_notch_record notch;
     struct ballbot_prediction_record prediction;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1109u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1270u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -191,7 +196,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1206u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1367u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {

@@ -8,10 +8,18 @@ that wait for each other, and these polynomials are most of it. Accuracy is meas
 tests/mechanics/test_elementary.py.
 """
 
+from math import prod
+
+import numpy as np
+
 from ballbot.mechanics.engine.tracing import (
+    FUNCTIONS,
     bits_of,
     float_of,
+    greatest,
     in_order,
+    least,
+    root,
     traced,
     where,
     whole,
@@ -150,3 +158,41 @@ def binary_logarithm(x):
     f = (m - 1.0) / (m + 1.0)
     # k as a float, which few processors can do to eight integers at once
     return (float_of(k + _BITS_OF_SHIFT) - _SHIFT) + f * polynomial(f * f, _LOGARITHM)
+
+
+# --- NumPy's functions, for what a user writes (`ballbot.robot.friction_law`) ---
+
+_LARGEST_POWER = 1000.0  # of two, that a float holds
+
+
+def _raised(exponent):
+    return power_of_two(least(greatest(exponent, -_LARGEST_POWER), _LARGEST_POWER))
+
+
+def exponential(x):
+    """Return e^x, kept where a float holds it."""
+    return _raised(x * 1.4426950408889634)
+
+
+def logarithm(x):
+    """Return ln x of a positive x."""
+    return 0.6931471805599453 * binary_logarithm(x)
+
+
+def hyperbolic_tangent(x):
+    """Return tanh x; to an absolute error of rounding."""
+    return 1.0 - 2.0 / (exponential(2.0 * x) + 1.0)
+
+
+def power(base, exponent):
+    """Return base^exponent: by products for a whole exponent from 0 to 8, else of a base of zero or more."""
+    if isinstance(exponent, int | float):
+        if exponent == 0.5:
+            return root(base)
+        if exponent in range(9):
+            return prod([base] * int(exponent))
+    return _raised(exponent * binary_logarithm(base))
+
+
+FUNCTIONS |= {np.exp: exponential, np.log: logarithm, np.tanh: hyperbolic_tangent, np.power: power}
+FUNCTIONS |= {np.square: lambda x: x * x, np.float_power: power}

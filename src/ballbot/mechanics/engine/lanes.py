@@ -23,6 +23,7 @@ from ballbot.mechanics.parameters import (
     Parameters,
     Pivoting,
     Wheel,
+    parameter_count,
 )
 
 #: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling. An odd
@@ -131,6 +132,19 @@ def unpacked(selected, at):
     n, places = len(selected.wheels), count()
     rigid = shaped(RIGID_SHAPE, map(at, places))
     wheels = [Wheel(*shaped(WHEEL_SHAPE, map(at, places)), *rigid[_DECAY]) for _ in range(n)]
+    if selected.own_wheel:
+        like = (0.0,) * parameter_count(selected)
+        wheels = [
+            selected.own_wheel(
+                one.axle,
+                one.b,
+                one.terms.coulomb_asymmetry,
+                one.terms.load,
+                shaped(like, map(at, places)),
+                0.0,
+            )
+            for one in wheels
+        ]
     return Parameters(*rigid, tuple(wheels))  # pyright: ignore[reportCallIssue] (as many as `RIGID_SHAPE`)
 
 

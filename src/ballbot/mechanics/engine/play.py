@@ -56,7 +56,7 @@ from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, is_upr
 from ballbot.mechanics.engine.tracing import greatest, lanes, least, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, advanced, inner, scale, subtract
 from ballbot.mechanics.equations import balancing_attitude, solve
-from ballbot.mechanics.friction import NO_TERMS, dry_friction, friction_shift
+from ballbot.mechanics.friction import NO_TERMS, OwnWheel, dry_friction, friction_shift
 from ballbot.mechanics.parameters import MAX_WHEELS, Exact, Pivoting, Thesis, Wheel
 
 _SWEEPS = 100
@@ -93,7 +93,12 @@ assert _RATIO < ROWS  # compiled code does not look whether a row is in the arra
 @traced
 def wheel_side(P, rotor):
     """Return the robot beyond its gears: without rotors and their friction, which is on the motor's side."""
-    bare = (Wheel(wheel.axle, 0.0, 0.0, 0.0, NO_TERMS, 1.0, 1.0) for wheel in P.wheels)
+    bare = (
+        wheel._replace(b=0.0, coulomb_asymmetry=0.0, factor=0.0)
+        if isinstance(wheel, OwnWheel)
+        else Wheel(wheel.axle, 0.0, 0.0, 0.0, NO_TERMS, 1.0, 1.0)
+        for wheel in P.wheels
+    )
     return P._replace(d1=P.d1 - rotor, d2=P.d2 - rotor, d3=P.d3 - rotor, wheels=tuple(bare))
 
 

@@ -47,7 +47,7 @@ from ballbot.mechanics.equations import (
     rates_from_angles,
     rates_of_angles,
 )
-from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, Exact, Pivoting, Thesis, row_size
+from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
 
 
 @traced
@@ -131,7 +131,7 @@ def _sort(selected, work, width):
 
 @inlined
 def _swap_lanes(selected, work, first, second):
-    for row in range(RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)):
+    for row in range(row_size(selected)):
         swap(work, row, first, second)
     for row in range(STATE, STATE + 11):
         swap(work, row, first, second)

@@ -45,7 +45,7 @@ from ballbot.mechanics.equations import (
     with_forces,
 )
 from ballbot.mechanics.floor import floor_friction, floor_margin, rolling_margin
-from ballbot.mechanics.friction import decay_exponent, sign, with_decay
+from ballbot.mechanics.friction import breakaway, decay_exponent, directed_friction, sign, with_decay
 
 _MOMENT = 0.01  # of a step: a wheel that friction stops in so short a time is at rest
 
@@ -77,7 +77,7 @@ def in_state_order(position, angles, v, w):
 
 def speed_margin(wheel, sign_at_start, speed):
     """Return a number that stays positive while a wheel's speed keeps its sign, or has no dry friction."""
-    return greatest(sign_at_start * speed, where(wheel.c + wheel.s == 0.0, 1.0, -1.0))
+    return greatest(sign_at_start * speed, where(breakaway(wheel) == 0.0, 1.0, -1.0))
 
 
 def smallest_margin(P, signs, speeds):
@@ -91,7 +91,7 @@ def rest_speeds(P, h):
     A wheel that sticks does not stay at a speed of zero to the last digit, since the robot turns within the step.
     """
     per_torque = _MOMENT * h / P.d1
-    return tuple(per_torque * (wheel.c + wheel.s) for wheel in P.wheels)
+    return tuple(per_torque * breakaway(wheel) for wheel in P.wheels)
 
 
 def moving_margin(P, v, speeds, h):
@@ -177,6 +177,13 @@ def _begin(selected, work, width):
 
 
 def _dry_friction(selected, work, width):
+    if selected.own_wheel:
+        for wheel in range(len(selected.wheels)):
+            for lane in lanes(0, width):
+                one = load(selected, work, lane).wheels[wheel]
+                speed, direction = entry(work, SPEEDS + wheel, lane), entry(work, _SIGNS + wheel, lane)
+                put(work, _DRY + wheel, lane, directed_friction(one, speed, direction))
+        return
     for wheel in range(len(selected.wheels)):
         for lane in lanes(0, width):
             one = load(selected, work, lane).wheels[wheel]

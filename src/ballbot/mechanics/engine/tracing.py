@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, wraps
 from inspect import signature
+from operator import add, eq, ge, gt, le, lt, mul, ne, neg, sub, truediv
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,7 +28,8 @@ from numba.extending import lower_builtin, type_callable
 
 #: what the compiler may assume: reassociation and fused multiply-add, but NaN and infinity stay what they are
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
-_IN_ORDER = {"contract"}
+#: the same as LLVM's instructions have them, in one order; and those of code that is not reassociated
+_FAST, _IN_ORDER = tuple(sorted(FAST)), ("contract",)
 
 REAL, _WHOLE, _TRUTH = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
 _NUMBA_TYPES = {REAL: types.float64, _WHOLE: types.int64, _TRUTH: types.boolean}
@@ -40,7 +42,7 @@ class _Place:
     """Where instructions are added, and how freely they may be reordered."""
 
     builder: ir.IRBuilder
-    flags = FAST
+    flags = _FAST
 
 
 def _real(operation: str) -> Callable:
@@ -49,7 +51,7 @@ def _real(operation: str) -> Callable:
     def operator(self: Number, other: Number | float) -> Number:
         one, two = _alike(self, other)
         if one.type == REAL:
-            return Number(getattr(_Place.builder, f"f{operation}")(one, two, flags=tuple(_Place.flags)))
+            return Number(getattr(_Place.builder, f"f{operation}")(one, two, flags=_Place.flags))
         return Number(getattr(_Place.builder, operation)(one, two, flags=("nsw",)))
 
     return operator
@@ -95,7 +97,7 @@ class Number:
 
     def __neg__(self) -> Number:
         if self.value.type == REAL:
-            return Number(_Place.builder.fneg(self.value, flags=tuple(_Place.flags)))
+            return Number(_Place.builder.fneg(self.value, flags=_Place.flags))
         return 0 - self
 
     def __abs__(self) -> Number:
@@ -106,6 +108,39 @@ class Number:
 
     def __bool__(self) -> bool:
         raise TypeError("A number of compiled code is known only when it runs; choose by `where`.")
+
+    def __pow__(self, exponent: Number | float) -> Number:
+        return FUNCTIONS[np.power](self, exponent)
+
+    def __rpow__(self, base: float) -> Number:
+        return FUNCTIONS[np.power](base, self)
+
+    def __array_ufunc__(self, function: np.ufunc, method: str, *numbers: Any, **options: Any) -> Any:
+        if method != "__call__" or options or function not in FUNCTIONS:
+            return NotImplemented
+        return FUNCTIONS[function](*(float(one) if isinstance(one, np.generic) else one for one in numbers))
+
+    def __array_function__(self, function: Callable, kinds: object, arguments: tuple, options: object) -> Any:
+        if options or function not in FUNCTIONS:
+            return NotImplemented
+        return FUNCTIONS[function](*arguments)
+
+
+#: what stands for NumPy's functions in code that is compiled; `ballbot.mechanics.engine.elementary` adds to it
+FUNCTIONS: dict[Callable, Callable] = {
+    np.add: add,
+    np.subtract: sub,
+    np.multiply: mul,
+    np.true_divide: truediv,
+    np.negative: neg,
+    np.absolute: abs,
+    np.less: lt,
+    np.less_equal: le,
+    np.greater: gt,
+    np.greater_equal: ge,
+    np.equal: eq,
+    np.not_equal: ne,
+}
 
 
 class Rows:
@@ -197,6 +232,9 @@ def _joined(conditions: Sequence, join: Callable):
 def root(x):
     """Return the square root."""
     return _called("llvm.sqrt", x) if isinstance(x, Number) else np.sqrt(x)
+
+
+FUNCTIONS |= {np.where: where, np.minimum: least, np.maximum: greatest, np.sqrt: root}
 
 
 def bits_of(x):
@@ -310,11 +348,20 @@ def in_order(function: F) -> F:
 def written_by(builder: ir.IRBuilder) -> Iterator[None]:
     """Add instructions there; Numba compiles in one thread at a time. What has a builder's methods will do."""
     before = _Place.__dict__.get("builder"), _Place.flags
-    _Place.builder, _Place.flags = builder, FAST
+    _Place.builder, _Place.flags = builder, _FAST
     try:
         yield
     finally:
         _Place.builder, _Place.flags = before  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def instructions_of(function: Callable, count: int) -> str:
+    """Return the instructions that a function of so many numbers stands for; TypeError if it returns no number."""
+    scratch = ir.Function(ir.Module(), ir.FunctionType(REAL, [REAL] * count), "scratch")
+    with written_by(ir.IRBuilder(scratch.append_basic_block())):
+        found = function(*(Number(one) for one in scratch.args))
+        _Place.builder.ret(_value(found, like=REAL))
+    return str(scratch)
 
 
 @cache

@@ -15,19 +15,17 @@ order 1 + delta, because the law itself is no smoother there).
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.friction import (
     NO_TERMS,
     WheelTerms,
+    breakaway,
     directed_friction,
     friction_shift,
     sign,
@@ -50,14 +48,7 @@ class ClassicalNumbers(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Classical:
-    """Static, Coulomb, viscous and Stribeck friction of one driveline.
-
-    Raises
-    ------
-    InputError
-        If a value is negative or not finite, the Stribeck speed or exponent is zero, or an asymmetry is larger than
-        what it is the asymmetry of.
-    """
+    """Static, Coulomb, viscous and Stribeck friction of one driveline, within what a robot's can be."""
 
     viscous: float  #: b [N m s/rad]
     coulomb: float  #: c [N m]
@@ -65,20 +56,6 @@ class Classical:
     stribeck_speed: float = 1.0  #: v_s [rad/s]
     stribeck_exponent: float = 2.0  #: delta [-]
     terms: WheelTerms = NO_TERMS  #: by direction of turning and by the driving torque
-
-    def __post_init__(self) -> None:
-        check_values(
-            self,
-            positive=("stribeck_speed", "stribeck_exponent"),
-            not_negative=("viscous", "coulomb", "stribeck"),
-        )
-        check_values(self.terms, positive=(), not_negative=("load",))
-        d, e = self.terms.coulomb_asymmetry, self.terms.stribeck_asymmetry
-        if not (abs(d) <= self.coulomb and abs(e) <= self.stribeck):
-            raise InputError(
-                f"Classical's asymmetries are {d:g} and {e:g}; they must be at most {self.coulomb:g} (coulomb) and "
-                f"{self.stribeck:g} (stribeck) in magnitude."
-            )
 
     def numbers(self) -> ClassicalNumbers:
         """Return the law's numbers for compiled code."""
@@ -111,17 +88,6 @@ class Classical:
         return self.viscous + fading * max(self.stribeck_exponent, 1.0) / self.stribeck_speed
 
 
-def check_values(law: object, *, positive: Sequence[str], not_negative: Sequence[str]) -> None:
-    """Raise InputError unless these attributes of a law are finite and above zero, or at least zero."""
-    for name in (*positive, *not_negative):
-        value = getattr(law, name)
-        if not math.isfinite(value) or value < 0.0 or (value == 0.0 and name in positive):
-            wanted = "above zero" if name in positive else "zero or more"
-            raise InputError(
-                f"{type(law).__name__}'s {name} is {value:g}; it must be a finite number, {wanted}."
-            )
-
-
 # --- compiled ---
 
 #: stands for "no limit"; finite, so that it stays a number when multiplied by zero
@@ -147,7 +113,7 @@ def available(inertia, torque, speed):
 def move(law, inertia, torque, speed, h) -> tuple[float, float]:
     """Advance an inertia under a law's numbers by h [s] with the torque held; return its speed and the angle turned."""
     loaded = under_load(law, torque)
-    holds = abs(available(inertia, torque, 0.0) - friction_shift(loaded, 0.0)) <= loaded.c + loaded.s
+    holds = abs(available(inertia, torque, 0.0) - friction_shift(loaded, 0.0)) <= breakaway(loaded)
     if speed == 0.0 and holds:
         return 0.0, 0.0
     direction = sign(torque) if speed == 0.0 else sign(speed)

@@ -7,7 +7,8 @@
  *
  * and the wheel torques that carry the rolling friction N C_rr v/|v| (partial: only while they do not oppose u). Below
  * the speed band the sign of a speed is a ramp, so that a wheel at rest is not compensated. Friction that differs with
- * direction adds (d + e E) |ramp|, and the load of a drive mu |u| ramp.
+ * direction adds (d + e E) |ramp|, and the load of a drive mu |u| ramp. By another friction law than this, a table over
+ * the speed stands for c + s E.
  */
 #include "parts/parts.h"
 
@@ -58,6 +59,24 @@ static float rolling_torque(const struct ballbot_compensation_record *own, int32
     return own->for_rolling[i][0] * force.x + own->for_rolling[i][1] * force.y;
 }
 
+/* Return a wheel's friction by the table [N m], at a speed of zero or more. */
+static float tabulated(const struct ballbot_compensation_record *own, int32_t i, float speed)
+{
+    const int32_t last = BALLBOT_TABLE_SPEEDS - 1;
+    int32_t place = 0;
+
+    for (int32_t width = BALLBOT_TABLE_SPEEDS / 2; width > 0; width /= 2) {
+        if (((place + width) < last) && (own->table_speeds[place + width] <= speed)) {
+            place += width;
+        }
+    }
+    const float first = own->table_speeds[place];
+    const float share = ballbot_smaller((speed - first) / (own->table_speeds[place + 1] - first), 1.0f);
+    const float size = own->table_sizes[i][place];
+
+    return size + share * (own->table_sizes[i][place + 1] - size);
+}
+
 /* Return a wheel's friction where the feedback's torque is `torque`. */
 static struct friction wheel_friction(const struct ballbot_compensation_record *own, int32_t i,
                                       const float relative[3], float torque)
@@ -69,6 +88,9 @@ static struct friction wheel_friction(const struct ballbot_compensation_record *
     struct friction found;
 
     found.torque = own->viscous[i] * speed + (own->coulomb[i] + own->stribeck[i] * decay) * ramp;
+    if (own->tabulated > 0.0f) {
+        found.torque += tabulated(own, i, ballbot_magnitude(speed)) * ramp;
+    }
     if (own->directed > 0.0f) {
         found.torque += (own->coulomb_asymmetry[i] + own->stribeck_asymmetry[i] * decay) * ballbot_magnitude(ramp);
         found.torque += own->load[i] * ballbot_magnitude(torque + found.torque) * ramp;

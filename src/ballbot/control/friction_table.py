@@ -1,0 +1,92 @@
+"""A registered friction law as a table over the speed, which the compensation reads on the computer and on the robot.
+
+The table has the friction of each wheel at `SPEEDS` speeds, between which it is linear; beyond the last it stays what
+it is there. It reaches half beyond the speed that the supply allows. The speeds are placed where the law is curved. A
+load that adds to the friction in proportion is a number beside the table. A law that the table gives with an error of
+more than 2 % at any speed and load is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.robot import Friction, Robot
+from ballbot.robot.derived import wheel_speed_limit
+
+#: speeds of a table; half of them, half of these and so on are whole numbers, for the search
+SPEEDS = 32
+#: largest error of a table that is accepted, over the friction at that speed
+LARGEST_ERROR = 0.02
+#: of the robot's top speed: the least speed above zero of the grid, and where a table ends
+_FIRST, _LAST = 1e-4, 1.5
+_LOADS = np.linspace(0.0, 1.0, 5)  # of the torque limit
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrictionTable:
+    """The dry friction of a robot's wheels under a registered law."""
+
+    speeds: NDArray[np.float64]  #: (SPEEDS,) [rad/s], rising from zero
+    sizes: NDArray[np.float64]  #: (n, SPEEDS) [N m] without load
+    load: NDArray[np.float64]  #: (n,) what each N m of the motor's torque adds
+    error: float  #: the largest, over the friction there, at speeds and loads between those of the table
+
+
+def friction_table(robot: Robot) -> FrictionTable:
+    """Return the table of a robot's registered friction law.
+
+    Raises
+    ------
+    InputError
+        If the table's error is too large.
+    """
+    friction, drive = robot.friction, robot.drive
+    top = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
+    grid = np.concatenate([[0.0], np.geomspace(_FIRST * top, _LAST * top, 600)])
+    exact = _sizes(friction, grid, 0.0)
+    knots = _knots(grid, exact)
+    heaviest = _LOADS[-1] * drive.torque_limit
+    added = (_sizes(friction, grid, heaviest) - exact) / heaviest
+    load = 0.5 * (added.min(axis=1) + added.max(axis=1))
+    between = np.sort(np.concatenate([grid, 0.5 * (grid[1:] + grid[:-1])]))
+    error = 0.0
+    for torque in _LOADS * drive.torque_limit:
+        wanted = _sizes(friction, between, torque)
+        found = (
+            np.array([np.interp(between, grid[knots], row) for row in exact[:, knots]])
+            + load[:, None] * torque
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            errors = np.abs(found - wanted) / wanted
+        error = max(error, float(np.nan_to_num(errors, posinf=np.inf).max()))
+    if not error <= LARGEST_ERROR:
+        raise InputError(
+            f"The friction law {friction.law} cannot be compensated: a table of {SPEEDS} speeds from 0 to "
+            f"{grid[-1]:.3g} rad/s, with a load that adds in proportion, has an error of {100.0 * error:.3g} % of the "
+            f"friction; at most {100.0 * LARGEST_ERROR:g} % are allowed. Use a law without steps, or no compensation."
+        )
+    return FrictionTable(speeds=grid[knots], sizes=exact[:, knots], load=load, error=error)
+
+
+def _sizes(friction: Friction, speeds: NDArray[np.float64], load: float) -> NDArray[np.float64]:
+    """Return g (n, k) at speeds (k,)."""
+    at = np.repeat(speeds[:, None], len(friction.coulomb), axis=1)
+    return friction.dry_size(at, np.full(at.shape, load)).T
+
+
+def _knots(grid: NDArray[np.float64], exact: NDArray[np.float64]) -> list[int]:
+    """Return the places in a grid of the speeds that a table has: each next one where its error was largest."""
+    knots = [0, len(grid) - 1]
+    scale = np.maximum(exact, 1e-12 * max(exact.max(), 1e-300))
+    while len(knots) < SPEEDS:
+        found = np.array([np.interp(grid, grid[knots], row) for row in exact[:, knots]])
+        errors = (np.abs(found - exact) / scale).max(axis=0)
+        errors[knots] = -1.0
+        knots = sorted([*knots, int(errors.argmax())])
+    return knots

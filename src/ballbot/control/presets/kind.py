@@ -1,0 +1,44 @@
+"""A kind of ready-made controller: how its gain is designed, and what stands around the gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from ballbot.control.controller import Compensation, Controller
+from ballbot.control.lqr import LqrDesign
+from ballbot.robot import RobotLike
+
+
+class GainDesign(Protocol):
+    """Designs a gain for a robot."""
+
+    def __call__(
+        self,
+        robot: RobotLike,
+        *,
+        state_weights: Sequence[float],
+        torque_weight: float,
+        sample_time: float | None = None,
+    ) -> LqrDesign:
+        """Return the gain by ten weights of the state and one of each torque, at the robot's sample time by default."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerKind:
+    """One kind; the value `KIND` of its file in this folder."""
+
+    name: str  #: as `ballbot design --kind`, `simulate --controller` and `compare` take it
+    text: str  #: for `ballbot design --help`
+    compensation: Compensation  #: unless another is asked for
+    state_weights: Sequence[float]  #: (10,) unless others are given
+    torque_weight: float = 30.0  #: of each wheel [1/(N m)^2]
+    design: GainDesign
+    controller: Callable[[RobotLike, LqrDesign, Compensation], Controller]  #: with a gain that `design` made
+
+    def made(self, robot: RobotLike, compensation: Compensation | None = None) -> Controller:
+        """Return the controller for a robot, by the kind's own weights."""
+        design = self.design(robot, state_weights=self.state_weights, torque_weight=self.torque_weight)
+        return self.controller(robot, design, compensation or self.compensation)

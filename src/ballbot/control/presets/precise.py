@@ -1,0 +1,128 @@
+"""The precise controller: stiff, with integral action, smooth references, compensation and a disturbance observer.
+
+The nominal gain wanders by the friction divided by its position gain. This one is twenty times as stiff in position.
+Such a gain needs quiet speeds: with the thesis's on-board state (`ballbot.estimation.OnboardState`) the motors rattle
+through their play. It is made for the state of the Kalman filter (`ballbot.estimation.kalman`), which uses the same
+sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ballbot.control.controller import Compensation, Controller, default_speed_band, grip_torque_limit
+from ballbot.control.lqr import LqrDesign, StateSpace, frictionless_model, lqr
+from ballbot.control.parts import Parts
+from ballbot.control.parts.disturbance_observer import DisturbanceObserver
+from ballbot.control.parts.feed_forward import FeedForward
+from ballbot.control.parts.integral import IntegralAction
+from ballbot.control.parts.lean_limit import LeanLimit
+from ballbot.control.parts.reference_shaping import ReferenceShaping
+from ballbot.control.presets.kind import ControllerKind
+from ballbot.errors import InputError
+from ballbot.robot import Robot, RobotLike, as_robot
+
+#: weights of x y theta phi psi [1/m^2, 1/rad^2] and of their rates
+PRECISE_STATE_WEIGHTS = (2000.0, 2000.0, 500.0, 500.0, 50.0, 300.0, 300.0, 20.0, 20.0, 5.0)
+#: weights of the integrals of x, y [1/(m s)^2] and psi [1/(rad s)^2]
+PRECISE_INTEGRAL_WEIGHTS = (2000.0, 2000.0, 20.0)
+#: weight of each wheel's torque [1/(N m)^2]
+PRECISE_TORQUE_WEIGHT = 30.0
+
+#: speed band over the default one, which is made for speeds counted from sample to sample
+PRECISE_SPEED_BAND = 1.0 / 3.0
+
+#: where x, y and psi stand in the state
+_POSE_PLACES = (0, 1, 4)
+
+
+def design_integral_gain(
+    robot: RobotLike,
+    *,
+    state_weights: Sequence[float] = PRECISE_STATE_WEIGHTS,
+    integral_weights: Sequence[float] = PRECISE_INTEGRAL_WEIGHTS,
+    torque_weight: float = PRECISE_TORQUE_WEIGHT,
+    sample_time: float | None = None,
+) -> LqrDesign:
+    """Return the sampled LQR of the exact model without friction and of the integrals of x, y and psi.
+
+    Parameters
+    ----------
+    robot : Robot, preset or robot file
+    state_weights, integral_weights : sequences of 10 and 3 numbers
+        Diagonal of Q.
+    torque_weight : float
+        Diagonal of R, the same for every wheel.
+    sample_time : float, optional
+        [s]; the robot's own if not given.
+
+    Raises
+    ------
+    InputError
+        As `ballbot.lqr` does.
+    """
+    robot = as_robot(robot)
+    time = robot.sensors.sample_time if sample_time is None else sample_time
+    weights = (*state_weights, *integral_weights)
+    found = lqr(_with_integrals(robot), weights, (torque_weight,) * robot.wheel_count, sample_time=time)
+    return replace(found, gain=found.gain[:, :10].copy(), integral_gain=found.gain[:, 10:].copy())
+
+
+def _with_integrals(robot: Robot) -> StateSpace:
+    """Return the model without friction (13, 13), the integrals of x, y and psi last."""
+    linear = frictionless_model(robot).linearize()
+    A, B = np.zeros((13, 13)), np.zeros((13, robot.wheel_count))
+    A[:10, :10], B[:10] = linear.A, linear.B
+    A[[10, 11, 12], _POSE_PLACES] = 1.0
+    return replace(linear, A=A, B=B)
+
+
+def precise_controller(
+    robot: RobotLike, *, compensation: Compensation = "full", design: LqrDesign | None = None
+) -> Controller:
+    """Return the controller with this gain and every part that earned its place; see docs/generated/evidence.md.
+
+    Parameters
+    ----------
+    robot : Robot, preset or robot file
+        Its friction is what is compensated.
+    compensation : {"none", "full", "partial"}
+    design : LqrDesign, optional
+        With an integral gain; `design_integral_gain(robot)` if not given.
+    """
+    robot = as_robot(robot)
+    chosen = design if design is not None else design_integral_gain(robot)
+    time, integral_gain = chosen.sample_time, chosen.integral_gain
+    if time is None or integral_gain is None:
+        raise InputError("The precise controller needs a sampled gain with integral action.")
+    return Controller(
+        robot,
+        chosen.gain,
+        sample_time=time,
+        compensation=compensation,
+        torque_limit=grip_torque_limit(robot),
+        speed_band=PRECISE_SPEED_BAND * default_speed_band(robot, time),
+        parts=Parts(
+            shaping=ReferenceShaping(),
+            feed_forward=FeedForward(),
+            integral=IntegralAction(gain=integral_gain),
+            disturbance_observer=DisturbanceObserver(),
+            lean_limit=LeanLimit(),
+        ),
+        estimator="kalman",
+    )
+
+
+KIND = ControllerKind(
+    name="precise",
+    text="a stiff one that holds its position",
+    compensation="full",
+    state_weights=PRECISE_STATE_WEIGHTS,
+    design=design_integral_gain,
+    controller=lambda robot, design, compensation: precise_controller(
+        robot, compensation=compensation, design=design
+    ),
+)

@@ -1,0 +1,266 @@
+"""Friction laws by name: how the dry friction of a wheel depends on its speed and its load.
+
+    tau(w) = b w + g(|w|, |u|) sgn(w)
+
+The classical law is g = c + s exp(-|w/v_s|^delta), `ballbot.mechanics.friction`. Any other is registered: a function g
+of speed and load whose further arguments are its parameters. Those named as fields of `Friction` (`SHARED`) are the
+robot's own numbers of that name; each other one is described by a `LawParameter` and stands in the table
+[friction.own] of a robot file, beside `law = "NAME"` in [friction], or `law = "FILE.py:NAME"` if the file is to be run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ballbot.errors import InputError, suggest
+from ballbot.robot.parameters import DIMENSIONLESS, Parameter, parameter
+from ballbot.user_files import user_module
+
+#: fields of `Friction` that a law may take
+SHARED = ("coulomb", "stribeck", "stribeck_speed", "stribeck_exponent")
+#: parameters that a law may have: compiled code has room for so many
+MOST_PARAMETERS = 8
+#: the name of the law of a robot that names none
+CLASSICAL = "classical"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawParameter:
+    """A parameter of a friction law that is no field of `Friction`.
+
+    `usual` are the bounds within which it is estimated. If the lower one is above zero the parameter must be, and its
+    estimate is by ratios, as of a speed; if it is zero the parameter is not negative; else it may have either sign.
+    """
+
+    name: str  #: as the function's argument
+    symbol: str  #: in results
+    meaning: str
+    unit: str = DIMENSIONLESS  #: SI
+    usual: tuple[float, float]
+    default: float  #: of a robot that states none
+    each_wheel: bool = True  #: a number for each wheel, or one for all
+    #: whether it is one of those, with `coulomb` and `stribeck`, to which the friction is proportional together; by
+    #: default if its unit begins with N m
+    proportional: bool | None = None
+
+    def __post_init__(self) -> None:
+        low, high = self.usual
+        if not (self.name.isidentifier() and math.isfinite(low) and low < high < math.inf):
+            raise InputError(
+                f"{self.name!r}: a parameter needs an identifier as its name and finite bounds in order."
+            )
+        if not low <= self.default <= high:
+            raise InputError(
+                f"The default of {self.name} is {self.default:g}; it must be from {low:g} to {high:g}."
+            )
+
+    @property
+    def is_proportional(self) -> bool:
+        """Whether friction that is twice as large has it twice as large."""
+        return self.unit.startswith("N m") if self.proportional is None else self.proportional
+
+    @property
+    def stated(self) -> Parameter:
+        """The line of a robot file."""
+        low, _ = self.usual
+        metadata = parameter(
+            f"{self.symbol}, {self.meaning}",
+            unit=self.unit,
+            least=None if low > 0.0 else 0.0 if low == 0.0 else -math.inf,
+            usual=self.usual,
+        )
+        one = metadata["parameter"]
+        assert isinstance(one, Parameter)
+        shape = "list" if self.each_wheel else "number"
+        return replace(
+            one, name=f"friction.own.{self.name}", field="friction.own", place=self.name, shape=shape
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionLaw:
+    """A registered friction law."""
+
+    name: str
+    size: Callable[
+        ..., Any
+    ]  #: g(speed, load, ..) [N m] for speed and load of zero or more, on numbers and arrays
+    own: tuple[LawParameter, ...]
+    takes: tuple[str, ...]  #: the names of its parameters, shared and own, as its function has them
+    formula: str  #: for results, as "c + s/(1 + (w/v_s)^2)"
+    file: Path | None  #: that a robot file names
+
+    @property
+    def text(self) -> str:
+        """The law as a robot file names it."""
+        return f"{self.file}:{self.name}" if self.file else self.name
+
+
+_LAWS: dict[str, FrictionLaw] = {}
+#: parameters of all registered laws, by their dotted names
+OWN_PARAMETERS: dict[str, Parameter] = {}
+
+
+def register_friction_law(
+    size: Callable[..., Any],
+    *,
+    parameters: Sequence[LawParameter] = (),
+    name: str | None = None,
+    formula: str = "",
+) -> FrictionLaw:
+    """Register a friction law, so that robots may name it; a second one of the same name replaces the first.
+
+    Parameters
+    ----------
+    size : callable
+        g(speed, load, ..) [N m], the size of a turning wheel's friction beside the viscous b w: of the speed's
+        magnitude [rad/s], that of the motor's torque [N m] and the parameters, which are passed by name. At a speed of
+        zero it is the break-away torque. It is called with floats, with arrays, and once with stand-ins for compiled
+        code: so it uses arithmetic, `np.exp`, `np.log`, `np.sqrt`, `np.tanh`, `np.minimum`, `np.maximum`, `np.abs` and
+        `np.where`, and no `if` on a number.
+    parameters : sequence of LawParameter
+        Those of its arguments that are not among `SHARED`.
+    name : str, optional
+        The function's own by default.
+    formula : str
+        For results.
+
+    Returns
+    -------
+    FrictionLaw
+
+    Raises
+    ------
+    InputError
+        If the function's arguments do not agree with the parameters, or another law has a parameter of the same name
+        and another meaning.
+
+    Examples
+    --------
+    >>> import ballbot
+    >>> def rational(speed, load, coulomb, stribeck, stribeck_speed, quadratic):
+    ...     return coulomb + stribeck / (1.0 + (speed / stribeck_speed) ** 2) + quadratic * speed**2
+    >>> quadratic = ballbot.LawParameter(
+    ...     name="quadratic", symbol="b_2", meaning="torque for each (rad/s)^2", unit="N m s^2/rad^2",
+    ...     usual=(0.0, 0.01), default=0.0,
+    ... )
+    >>> law = ballbot.register_friction_law(rational, parameters=[quadratic])
+    >>> robot = ballbot.Robot.load("alten").replace({"friction.coulomb": 0.1, "friction.law": "rational"})
+    >>> robot.replace({"friction.own.quadratic": 1e-3}).friction.law
+    'rational'
+    """
+    name = name or size.__name__
+    arguments = list(signature(size).parameters)
+    own = {one.name: one for one in parameters}
+    if not name.isidentifier() or name == CLASSICAL:
+        raise InputError(
+            f"A friction law cannot have the name {name!r}; it must be an identifier of its own."
+        )
+    if (
+        arguments[:2] != ["speed", "load"]
+        or len(own) != len(parameters)
+        or len(arguments) > 2 + MOST_PARAMETERS
+    ):
+        raise InputError(
+            f"The law {name} has the arguments {', '.join(arguments)}; they must be speed, load and at most "
+            f"{MOST_PARAMETERS} parameters."
+        )
+    takes = tuple(arguments[2:])
+    for one in takes:
+        if one not in own and one not in SHARED:
+            hint = suggest(one, [*own, *SHARED], otherwise="there are")
+            raise InputError(
+                f"The law {name} has the argument {one}, which is not described by a parameter; {hint}"
+            )
+    for one in own.values():
+        if one.name in SHARED or one.name not in takes:
+            raise InputError(f"The law {name} does not take {one.name} as a parameter of its own.")
+        for other in _LAWS.values():
+            if (
+                other.name != name
+                and one.name in {two.name: two for two in other.own}
+                and one not in other.own
+            ):
+                raise InputError(
+                    f"The law {other.name} has another parameter {one.name}; give it a name of its own."
+                )
+    law = FrictionLaw(
+        name=name,
+        size=size,
+        own=tuple(own.values()),
+        takes=takes,
+        formula=formula or name,
+        file=_LOADING.get("file"),
+    )
+    _check_proportional(law)
+    _LAWS[name] = law
+    OWN_PARAMETERS.clear()
+    OWN_PARAMETERS.update({one.stated.name: one.stated for law in _LAWS.values() for one in law.own})
+    return law
+
+
+#: a number of each of `SHARED`, to try a law with
+_TRIED = {"coulomb": 0.1, "stribeck": 0.05, "stribeck_speed": 0.6, "stribeck_exponent": 1.1}
+
+
+def _check_proportional(law: FrictionLaw) -> None:
+    """Raise InputError unless a law is twice as large for twice its proportional parameters; it is scaled by them."""
+    scaled = {one.name for one in law.own if one.is_proportional} | {"coulomb", "stribeck"}
+    values = _TRIED | {one.name: 0.5 * sum(one.usual) for one in law.own}
+    speed, load = np.array([0.0, 0.01, 0.5, 3.0, 20.0]), np.array([0.0, 0.1, 0.5, 1.0, 0.2])
+    once = law.size(speed, load, **{name: values[name] for name in law.takes})
+    twice = law.size(speed, load, **{name: values[name] * (1 + (name in scaled)) for name in law.takes})
+    if not np.allclose(twice, 2.0 * np.asarray(once), rtol=1e-9, atol=0.0):
+        together = ", ".join(one for one in law.takes if one in scaled)
+        raise InputError(
+            f"The friction law {law.name} is not proportional to {together} together; set `proportional` of its "
+            "parameters."
+        )
+
+
+_LOADING: dict[str, Path] = {}
+
+
+def registered_laws() -> list[str]:
+    """Return the names of the registered laws."""
+    return list(_LAWS)
+
+
+def friction_law(text: str) -> FrictionLaw | None:
+    """Return the law that a robot names, or that FILE.py:NAME registers; None for the classical one.
+
+    InputError if there is no such law.
+    """
+    path, _, name = text.rpartition(":")
+    file = Path(path).resolve() if path.endswith(".py") else None
+    if file and (name not in _LAWS or _LAWS[name].file != file):
+        _run(file)
+        if name in _LAWS and _LAWS[name].file != file:
+            raise InputError(
+                f"{path} and another file or program register a friction law {name}; rename one of them."
+            )
+    if name in _LAWS:
+        return _LAWS[name]
+    if name == CLASSICAL and not path:
+        return None
+    hint = suggest(name, [CLASSICAL, *_LAWS], otherwise="there are")
+    raise InputError(
+        f"There is no friction law {text!r}; {hint} Register it with ballbot.register_friction_law, or name the Python "
+        "file that does, as FILE.py:NAME."
+    )
+
+
+def _run(file: Path) -> None:
+    """Run a file that registers laws."""
+    _LOADING["file"] = file
+    try:
+        user_module(file)
+    finally:
+        del _LOADING["file"]

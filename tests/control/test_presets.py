@@ -1,0 +1,23 @@
+"""Kinds of controllers: each is one file, found by its name wherever a controller is named."""
+
+import pytest
+
+from ballbot.control.presets import KINDS, nominal_controller, precise_controller
+from ballbot.control.source import named_controller
+from ballbot.workflows.candidates import NAMED_CONTROLLERS
+from ballbot.workflows.controller_design import GainOptions, design_controller
+from tests.support.control_examples import FRICTION, alten
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_kind_is_made_designed_and_compared_by_its_name(name):
+    made = named_controller(name, alten(FRICTION))
+    designed = design_controller(alten(FRICTION), gain=GainOptions(kind=name)).controller
+    assert made.packed.tolist() == designed.packed.tolist()
+    assert made.compensation == KINDS[name].compensation
+    assert name == "nominal" or name in NAMED_CONTROLLERS
+
+
+def test_kinds_are_the_functions_of_their_names():
+    for name, function in (("nominal", nominal_controller), ("precise", precise_controller)):
+        assert KINDS[name].made(alten()).packed.tolist() == function(alten()).packed.tolist()
