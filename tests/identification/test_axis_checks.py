@@ -25,12 +25,22 @@ def noise(record: AxisRecord) -> NDArray[np.float64]:
     return 50.0 * np.random.default_rng(3).standard_normal(len(record))
 
 
+def led(record: AxisRecord) -> NDArray[np.float64]:
+    """Return the reference that a loop may have followed, in degrees."""
+    return np.degrees(np.append(record.position[20:], np.full(20, record.position[-1])))
+
+
 Change = Callable[[AxisRecord], AxisRecord]
-WRONG_OPEN: dict[str, tuple[Change, str, str]] = {
-    "force negated": (lambda r: replace(r, force=-r.force), "force-sign", "has the opposite sign"),
-    "position negated": (lambda r: replace(r, position=-r.position), "force-sign", "has the opposite sign"),
-    "random force": (lambda r: replace(r, force=noise(r)), "force-unrelated", "noise or from another run"),
-    "time in ms": (lambda r: replace(r, sample_time=1.0), "scale", "0.001 if it is in milliseconds"),
+WRONG_OPEN: dict[str, tuple[Change, set[str]]] = {
+    "force negated": (lambda r: replace(r, force=-r.force), {"force-sign"}),
+    "position negated": (lambda r: replace(r, position=-r.position), {"force-sign"}),
+    "magnitude of the force": (
+        lambda r: replace(r, force=np.abs(r.force)),
+        {"force-sign", "force-unrelated"},
+    ),
+    "reference as the force": (lambda r: replace(r, force=led(r)), {"force-sign", "force-unrelated"}),
+    "random force": (lambda r: replace(r, force=noise(r)), {"force-unrelated"}),
+    "time in ms": (lambda r: replace(r, sample_time=1.0), {"scale"}),
 }
 
 
@@ -38,10 +48,10 @@ def error_texts(record: AxisRecord, code: str) -> list[str]:
     return [one.text for one in record_findings(record) if (one.code, one.severity) == (code, "error")]
 
 
-@pytest.mark.parametrize(("change", "code", "message"), WRONG_OPEN.values(), ids=WRONG_OPEN)
-def test_wrong_records_in_open_loop_are_stopped(change: Change, code: str, message: str) -> None:
-    wrong = change(open_loop())
-    assert any(message in text for text in error_texts(wrong, code)), record_findings(wrong)
+@pytest.mark.parametrize(("change", "codes"), WRONG_OPEN.values(), ids=WRONG_OPEN)
+def test_wrong_records_in_open_loop_are_stopped(change: Change, codes: set[str]) -> None:
+    found = record_findings(change(open_loop()))
+    assert {one.code for one in found if one.severity == "error"} & codes, found
 
 
 def test_correct_records_pass() -> None:
@@ -51,18 +61,6 @@ def test_correct_records_pass() -> None:
 def test_the_benchmark_s_record_passes(shared_data: Path) -> None:
     columns = AxisColumns(position="qm", force="vir", force_scale="gtau")
     assert record_findings(read_axis_record(shared_data / "emps" / "DATA_EMPS.mat", columns)) == ()
-
-
-@pytest.mark.parametrize("factor", [1.0, float(np.degrees(1.0)), 1000.0])
-def test_a_reference_is_no_force(factor: float) -> None:
-    led = np.append(open_loop().position[20:], np.full(20, open_loop().position[-1]))
-    found = record_findings(replace(open_loop(), force=factor * led))
-    assert {one.code for one in found if one.severity == "error"} & {"force-sign", "force-unrelated"}
-
-
-def test_a_magnitude_is_no_force() -> None:
-    found = record_findings(replace(open_loop(), force=np.abs(open_loop().force)))
-    assert {one.code for one in found if one.severity == "error"} & {"force-sign", "force-unrelated"}
 
 
 def test_a_position_that_is_stuck_while_the_axis_moves_is_an_error() -> None:

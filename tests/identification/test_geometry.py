@@ -19,7 +19,6 @@ from ballbot.identification.geometry import (
     mocap_run,
     robot_with_geometry,
     survey_geometry,
-    upside_down_geometry,
 )
 from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.columns import STATE_NAMES
@@ -216,11 +215,10 @@ class TestKnownRobots:
             name: getattr(ALTEN.friction, name)[:1] * count for name in ("viscous", "coulomb", "stribeck")
         }
         robot = ALTEN.replace(wheels=wheels, friction=replace(ALTEN.friction, **spare))
-        fit = upside_down_geometry(robot, [upside_down_log(robot, seed=12, duration=44.0)]).fit
+        found = survey_geometry(robot, upside_down=[upside_down_log(robot, seed=12, duration=44.0)])
         # rows of counts are not noise of a normal kind: wider than 4
-        assert (
-            np.abs(fit.values[: 2 + count] - [ratio, tilt, *azimuths]) < 5.0 * fit.errors[: 2 + count]
-        ).all()
+        for one, truth in zip(found.measured, [ratio, tilt, *azimuths], strict=False):
+            assert abs(one.value - truth) < 5.0 * one.standard_error
 
 
 @pytest.mark.sample
@@ -229,8 +227,11 @@ def test_intervals_cover_the_truth():
     truth = np.array([0.1115 / 0.0612, TRUE.wheels.tilt, *TRUE.wheels.azimuths])
     held = np.zeros(5)
     for seed in range(200):
-        fit = upside_down_geometry(TRUE, [upside_down_log(TRUE, seed=3 * seed)]).fit
-        held += np.abs(fit.values[:5] - truth) < 1.96 * fit.errors[:5]
+        found = survey_geometry(TRUE, upside_down=[upside_down_log(TRUE, seed=3 * seed)]).measured[:5]
+        held += [
+            abs(one.value - value) < 1.96 * one.standard_error
+            for one, value in zip(found, truth, strict=True)
+        ]
     assert (np.abs(held - 190) < 3.0 * 3.1).all(), held
 
 

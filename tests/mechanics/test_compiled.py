@@ -14,10 +14,8 @@ SMALL = """
 import sys
 sys.stderr.isatty = lambda: True
 import numpy as np
-from ballbot.identification.swing import follow_pendulum
-t, angles, rates = np.arange(3.0), np.empty(3), np.empty(3)
-follow_pendulum(1.0, 0.1, 0.01, 0.2, 0.0, t, 0.05, angles, rates)
-print(angles)
+from ballbot.identification.swing import pendulum_motion
+print(pendulum_motion(1.0, 0.1, 0.01, 0.2, 0.0, np.arange(3.0))[0])
 """
 
 #: batches of the law and the mechanics: functions that others call, in vector lanes and alone

@@ -27,7 +27,7 @@ from ballbot.estimation.kalman import KalmanFilter
 from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.swing import Swing
-from ballbot.identification.swing import _motion as swing_motion
+from ballbot.identification.swing import _sensed as swing_motion
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.friction_laws import Classical
 from ballbot.mechanics.stick_slip import minimise
@@ -303,9 +303,8 @@ def _identification() -> Iterator[tuple[str, Case]]:
 
     def moved(a: Arrays) -> object:
         record = AxisRecord(name="axis", sample_time=H, **a)
-        return axis.windows(
-            record, np.array([0, 100]), np.array([99, 99]), np.array([[0.0, 0.0], [0.1, 0.0]])
-        )
+        starts = np.array([[0.0, 0.0], [0.1, 0.0]])
+        return axis.windows(record.force, H, np.array([0, 100]), np.array([99, 99]), starts)
 
     yield "AxisRecord", Case(call=moved, arrays={"force": path, "position": path})
     t = np.arange(10) * H

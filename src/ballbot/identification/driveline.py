@@ -213,11 +213,10 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     # a robot file has this law; a free wheel has no weight, and a sweep passes its ripple at every speed
     options = AxisOptions(law="stribeck", gravity=False, load_friction=False)
     found = identify_axis(sweep.record(), options=options, known={"mass": sweep.inertia}, run=run)
-    places = [list(found.best.values).index(one.name) for one in QUANTITIES]
-    values, errors, halves = (
-        np.array([by_label[one.name] for one in QUANTITIES])
-        for by_label in (found.best.values, found.best.standard_errors, found.best.half_widths)
-    )
+    best = found.best
+    places = [list(best.values).index(one.name) for one in QUANTITIES]
+    tables = (best.values, best.standard_errors, best.half_widths)
+    values, errors, halves = (np.array(list(table.values()))[places] for table in tables)
     predicted = np.full(len(sweep.t), np.nan)
     line = Driveline(inertia=sweep.inertia, friction=classical(values))
     for first, end in sweep.pieces():
@@ -235,7 +234,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
         values=values,
         standard_errors=errors,
         intervals=np.column_stack([np.maximum(values - halves, 0.0), values + halves]),
-        correlation=np.nan_to_num(found.best.correlation[np.ix_(places, places)]),
+        correlation=np.nan_to_num(best.correlation[np.ix_(places, places)]),
         predicted=predicted,
         without=without,
         rmse=float(np.sqrt(np.nanmean((predicted - sweep.speed) ** 2))),

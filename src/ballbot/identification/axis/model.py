@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.fitting.parameter import Parameter, RelativeSpace, Scale
-from ballbot.identification.axis.record import AxisRecord
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import NO_TERMS, stribeck_curve
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumbers, Inertia, move
@@ -128,14 +127,6 @@ class _Numbers(NamedTuple):
     mu: float
 
 
-class _Windows(NamedTuple):
-    """Windows of a record's rows: each begins at a row, in a state there, and runs over some rows."""
-
-    firsts: NDArray[np.int64]  #: (w,)
-    counts: NDArray[np.int64]  #: (w,) rows
-    starts: NDArray[np.float64]  #: (w, 2) position [m] and speed [m/s]
-
-
 @inlined
 def _step(axis, position, speed, force, h) -> tuple[float, float]:
     """Return position and speed after h [s] under a force, less gravity halfway."""
@@ -152,19 +143,20 @@ def _step(axis, position, speed, force, h) -> tuple[float, float]:
 
 
 @compiled
-def follow_windows(axis, windows, forces, rises, h, steps, positions):
-    """Move in windows; `positions` takes, one window after another, the position at each row's end.
+def follow_windows(axis, firsts, counts, starts, forces, rises, h, steps, states):
+    """Move in windows; `states` takes, one window after another, position and speed at each row's end.
 
-    The force of each row begins at `forces` (N,) [N] and rises evenly by `rises` (N,) [N] over h [s].
+    A window begins at a row (`firsts`), in a state there (`starts`), and runs over some rows (`counts`). The force of
+    each row begins at `forces` (N,) [N] and rises evenly by `rises` (N,) [N] over h [s].
     """
     place = 0
-    for w in range(len(windows.firsts)):
-        position, speed = windows.starts[w, 0], windows.starts[w, 1]
-        for k in range(windows.firsts[w], windows.firsts[w] + windows.counts[w]):
+    for w in range(len(firsts)):
+        position, speed = starts[w, 0], starts[w, 1]
+        for k in range(firsts[w], firsts[w] + counts[w]):
             for i in range(steps):
                 force = forces[k] + rises[k] * (i + 0.5) / steps
                 position, speed = _step(axis, position, speed, force, h / steps)
-            positions[place] = position
+            states[place, 0], states[place, 1] = position, speed
             place += 1
 
 
@@ -185,19 +177,20 @@ class Axis:
 
     def windows(
         self,
-        record: AxisRecord,
+        force: NDArray[np.float64],
+        h: float,
         firsts: NDArray[np.int64],
         counts: NDArray[np.int64],
         starts: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Return the positions at the ends of the rows of windows of a record, one window after another.
+        """Return position and speed at the ends of the rows of windows, one window after another (sum of counts, 2).
 
-        Each window has its first row (w,), how many rows it runs over (w,), and position and speed at its first row (w,
-        2).
+        The force (N,) [N] is that of rows that last h [s]. Each window has its first row (w,), how many rows it runs
+        over (w,), and position and speed at its first row (w, 2).
         """
-        acting = record.force - self._value("offset")
+        acting = force - self._value("offset")
         rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))
-        positions = np.empty(int(counts.sum()))
+        states = np.empty((int(counts.sum()), 2))
         numbers = _Numbers(
             law=self._law,
             asymmetry=self._value("asymmetry"),
@@ -206,9 +199,8 @@ class Axis:
             cosine=self._value("gravity_cosine"),
             mu=self._value("load"),
         )
-        h, steps = record.sample_time, self._steps(record.sample_time)
-        follow_windows(numbers, _Windows(firsts, counts, starts), acting, rises, h, steps, positions)
-        return positions
+        follow_windows(numbers, firsts, counts, starts, acting, rises, h, self._steps(h), states)
+        return states
 
     def friction(self, speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the friction without load [N] at speeds (N,)."""

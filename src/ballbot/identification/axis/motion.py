@@ -158,15 +158,12 @@ def speed_at_start(record: AxisRecord) -> float:
 class InverseModel:
     """The inverse model of the moving axis, by least squares."""
 
-    names: tuple[str, ...]  #: (p,) the parameters that the force is linear in
-    fit: LinearFit
+    values: dict[
+        str, float
+    ]  #: the parameters that the force is linear in, by name; friction may be below zero
+    errors: dict[str, float]  #: their standard errors
     explained: float  #: share of the force's square
     condition: float  #: of the columns, each of length one
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The parameters by name; friction may be below zero."""
-        return dict(zip(self.names, self.fit.values.tolist(), strict=True))
 
 
 def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseModel:
@@ -181,42 +178,35 @@ def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseMod
     begins = np.cumsum([0, *(int(one.block[-1]) + 1 for one in motions)])
     block = np.concatenate([one.block[one.moving] + a for one, a in zip(motions, begins[:-1], strict=True)])
     lengths = np.linalg.norm(X, axis=0)
-    if len(X) <= len(names) or not lengths.all():
-        which = [name for name, length in zip(names, lengths, strict=True) if length == 0.0] or list(names)
-        raise _apart(motions[0].record, which)
-    singular, directions = np.linalg.svd(X / lengths, full_matrices=False)[1:]
-    if singular[0] > LARGEST_CONDITION * singular[-1]:
+    singular, directions = np.linalg.svd(X / np.maximum(lengths, 1e-300), full_matrices=False)[1:]
+    if len(X) <= len(names) or singular[0] > LARGEST_CONDITION * singular[-1]:
         mixed = np.abs(directions[-1])
         which = [name for name, share in zip(names, mixed, strict=True) if share > 0.3 * mixed.max()]
-        raise _apart(motions[0].record, which)
-    fit = fit_linear(X, force, block)
+        raise InputError(
+            f"{motions[0].record.name} cannot show {' and '.join(which)} apart: the motion is too short, too even or "
+            "of one direction only. Record speeding up, slowing down and both directions at several speeds."
+        )
+    fit: LinearFit = fit_linear(X, force, block)
     return InverseModel(
-        names=names,
-        fit=fit,
+        values=dict(zip(names, fit.values.tolist(), strict=True)),
+        errors=dict(zip(names, fit.errors.tolist(), strict=True)),
         explained=float(1.0 - np.sum(fit.residuals**2) / np.sum(force**2)),
         condition=float(singular[0] / singular[-1]),
     )
 
 
-def _apart(record: AxisRecord, names: Sequence[str]) -> InputError:
-    return InputError(
-        f"{record.name} cannot show {' and '.join(names)} apart: the motion is too short, too even or of one direction "
-        "only. Record speeding up, slowing down and both directions at several speeds."
-    )
-
-
 def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, NDArray[np.float64]]:
     """Return the force and its part for each parameter of one, of the moving rows (n,)."""
-    record, position, speed = motion.record, motion.position, motion.speed
-    force = motion.force(interpolated=model.interpolated)
+    position, speed = motion.position, motion.speed
     columns = {
         "mass": motion.acceleration,
         "viscous": speed,
         "asymmetry": np.abs(speed),
         "coulomb": np.sign(speed),
-        "offset": np.ones(len(record)),
+        "offset": np.ones(len(speed)),
         "gravity_sine": np.sin(position),
         "gravity_cosine": np.cos(position),
     }
+    force = motion.force(interpolated=model.interpolated)
     columns["force"] = force - sum((value * columns[name] for name, value in model.known.items()), 0.0)
     return {name: motion.lowpassed(one)[motion.moving] for name, one in columns.items()}

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import Stopping, minimize_squares
+from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.uncertainty import block_length, correlation, covariance, leverage_corrected
-from ballbot.identification.axis.model import AxisModel, Values
+from ballbot.identification.axis.model import LAWS, Axis, AxisModel, Values
 from ballbot.identification.axis.motion import LEAST_PART, AxisMotion, speed_at_start
 from ballbot.identification.axis.record import AxisRecord
 
@@ -74,9 +75,10 @@ class OutputError:
         """Return windows of about that duration [s], end to end in each part between gaps."""
         rows, starts = list[tuple[int, int, int]](), list[tuple[float, float]]()
         for number, motion in enumerate(motions):
-            for begin, end in motion.record.parts:
+            record = motion.record
+            for begin, end in record.parts:
                 if end - begin >= LEAST_PART:
-                    count = max(1, round((end - 1 - begin) * motion.record.sample_time / duration))
+                    count = max(1, round((end - 1 - begin) * record.sample_time / duration))
                     edges = np.linspace(begin, end - 1, count + 1).astype(int).tolist()
                     rows += [(number, a, b - a) for a, b in pairwise(edges) if b > a]
         for number, first, _ in rows:
@@ -101,18 +103,16 @@ class OutputError:
     @cached_property
     def _compared(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
         """Which of the positions at rows' ends are compared (m,), with what [m], and the window of each."""
-        places, measured, window, begin = [], [], [], 0
-        for w, (number, first, count) in enumerate(
-            zip(self.record.tolist(), self.firsts.tolist(), self.counts.tolist(), strict=True)
-        ):
+        places, measured, begin = [], [], 0
+        for number, first, count in zip(self.record, self.firsts, self.counts, strict=True):
             record = self.motions[number].record
             every = max(1, round(_COMPARED_EVERY / record.sample_time))
             steps = np.arange(min(every, count), count + 1, every)
             places.append(begin + steps - 1)
             measured.append(record.position[first + steps])
-            window.append(np.full(len(steps), w))
             begin += count
-        return np.concatenate(places), np.concatenate(measured), np.concatenate(window)
+        window = np.repeat(np.arange(self.count), [len(one) for one in places])
+        return np.concatenate(places), np.concatenate(measured), window
 
     @property
     def window(self) -> NDArray[np.int64]:
@@ -132,8 +132,9 @@ class OutputError:
         """Return simulated minus recorded positions (m,), all starts `moved` (2,) by so many standard deviations."""
         axis, starts, positions = self.model.axis(values), self.starts + moved * self.sizes, []
         for number, motion in enumerate(self.motions):
-            own = self.record == number
-            positions.append(axis.windows(motion.record, self.firsts[own], self.counts[own], starts[own]))
+            own, record = self.record == number, motion.record
+            windows = self.firsts[own], self.counts[own], starts[own]
+            positions.append(axis.windows(record.force, record.sample_time, *windows)[:, 0])
         places, measured, _ = self._compared
         return np.concatenate(positions)[places] - measured
 
@@ -163,8 +164,13 @@ class OutputError:
 
     def only(self, kept: NDArray[np.bool_]) -> OutputError:
         """Return the errors over some of the windows (w,)."""
-        names = ("record", "firsts", "counts", "starts")
-        return replace(self, **{name: getattr(self, name)[kept] for name in names})
+        return replace(
+            self,
+            record=self.record[kept],
+            firsts=self.firsts[kept],
+            counts=self.counts[kept],
+            starts=self.starts[kept],
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,9 +195,18 @@ class Begun:
         return errors - self.noise * explained
 
 
+@dataclass(frozen=True, kw_only=True)
+class AxisErrors:
+    """How well parameters predict a record."""
+
+    record: str
+    window_rmse: float  #: of the position over windows from their best starts [m]
+    open_loop_rmse: float  #: of the position over the whole record, from its start [m]; NaN if it has gaps
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OutputErrorFit:
-    """Parameters estimated by output error."""
+class AxisEstimate:
+    """A model's parameters, estimated by output error."""
 
     problem: OutputError  #: with the starts estimated
     values: dict[str, float]  #: by name, SI units
@@ -200,6 +215,8 @@ class OutputErrorFit:
     residuals: NDArray[np.float64]  #: (m,) [m], of the best starts
     #: (m, p) derivatives of the residuals, projected; zero for a parameter at a bound
     slopes: NDArray[np.float64]
+    errors: tuple[AxisErrors, ...] = ()  #: on the records fitted, then on the others
+    gain: Gain | None = None  #: on held-out blocks over the simpler law
 
     @property
     def model(self) -> AxisModel:
@@ -207,19 +224,66 @@ class OutputErrorFit:
         return self.problem.model
 
     @property
+    def law(self) -> str:
+        """Its friction law."""
+        return self.model.law
+
+    @property
     def rms(self) -> float:
         """Root mean square error of the positions [m]."""
         return float(np.sqrt(np.mean(self.residuals**2)))
 
     @property
-    def quantile(self) -> float:
-        """Half the width of a 95 % interval over the standard error."""
-        return float(scipy.stats.t.ppf(0.975, max(1, self.problem.count - len(self.values))))
+    def half_widths(self) -> dict[str, float]:
+        """Half widths of the 95 % intervals, by name."""
+        quantile = float(scipy.stats.t.ppf(0.975, max(1, self.problem.count - len(self.values))))
+        return {name: quantile * error for name, error in self.standard_errors.items()}
+
+    def axis(self) -> Axis:
+        """Return the axis."""
+        return self.model.axis(self.values)
+
+    def on(self, motion: AxisMotion, duration: float) -> AxisErrors:
+        """Return how well it predicts a record over windows of a duration [s], and whole."""
+        record, problem = motion.record, OutputError.of(self.model, [motion], duration)
+        squares, counts = problem.squares(self.values), np.bincount(problem.window)
+        whole = (
+            np.sqrt(np.mean(open_loop_error(self.axis(), record) ** 2)) if len(record.parts) == 1 else np.nan
+        )
+        return AxisErrors(
+            record=record.name,
+            window_rmse=float(np.sqrt(np.sum(squares * counts) / counts.sum())),
+            open_loop_rmse=float(whole),
+        )
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        halves = self.half_widths
+        return {
+            "parameters": self.values,
+            "standard_errors": self.standard_errors,
+            "intervals_95": {
+                name: [one - halves[name], one + halves[name]] for name, one in self.values.items()
+            },
+            "errors": {
+                one.record: {"window_rmse": one.window_rmse, "open_loop_rmse": one.open_loop_rmse}
+                for one in self.errors
+            },
+            "simpler": LAWS[self.law][1],
+            "gain": self.gain.to_dict() if self.gain else None,
+        }
+
+
+def open_loop_error(axis: Axis, record: AxisRecord) -> NDArray[np.float64]:
+    """Return the error [m] of the position (N - 1,) after each row, moved by the force from the first row on."""
+    start = np.array([[record.position[0], speed_at_start(record)]])
+    rows = np.array([0]), np.array([len(record) - 1])
+    return axis.windows(record.force, record.sample_time, *rows, start)[:, 0] - record.position[1:]
 
 
 # a trial step may diverge: its cost is not finite; it is refused
 @np.errstate(over="ignore", invalid="ignore")
-def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputErrorFit:
+def _descended(problem: OutputError, start: Values, most_steps: int) -> AxisEstimate:
     model, space = problem.model, problem.model.space(start)
     lower, upper = space.bounds()
     scale = max(float(np.ptp(one.record.position)) for one in problem.motions) * 1e-3
@@ -262,7 +326,7 @@ def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputEr
     scores = np.add.reduceat(J * residuals[:, None], begins, axis=0)
     # an axis passes its slow speeds in a few windows, which a fit follows closely
     C = covariance(leverage_corrected(matrices, scores, kept), kept)
-    return OutputErrorFit(
+    return AxisEstimate(
         problem=problem,
         values=at(z),
         standard_errors=model.by_name(np.sqrt(C.diagonal()) * space.slopes(z)),
@@ -272,7 +336,7 @@ def _descended(problem: OutputError, start: Values, most_steps: int) -> OutputEr
     )
 
 
-def fit_output_error(problem: OutputError, start: Values) -> OutputErrorFit:
+def fit_output_error(problem: OutputError, start: Values) -> AxisEstimate:
     """Descend from `start`, and again from better starts of the windows as long as the error falls by a percent."""
     fit = _descended(problem, start, _MOST_STEPS)
     for _ in range(_ROUNDS - 1):
@@ -293,7 +357,7 @@ def blocks_of(windows: int) -> list[NDArray[np.int64]]:
     return [np.arange(first, min(first + size, windows)) for first in range(0, windows, size)]
 
 
-def held_out_squares(fit: OutputErrorFit) -> NDArray[np.float64]:
+def held_out_squares(fit: AxisEstimate) -> NDArray[np.float64]:
     """Fit again without each third of the blocks of time; return the mean square errors [m^2] there (w,)."""
     squares, blocks = np.empty(fit.problem.count), blocks_of(fit.problem.count)
     for fold in range(_FOLDS):
