@@ -258,9 +258,8 @@ def test_swing_recorded_wrongly_is_stopped_with_its_cause(
     assert f"--accept {code}" in str(refusal.value)
 
 
-@pytest.mark.parametrize("degrees", [2.0, 20.0])
-def test_rates_in_degrees_a_second_are_refused(degrees: float) -> None:
-    truth = swung(duration=30.0, h=0.02, amplitude=np.radians(degrees), dry=0.0)
+def test_rates_in_degrees_a_second_are_refused() -> None:
+    truth = swung(duration=30.0, h=0.02, amplitude=np.radians(20.0), dry=0.0)
     with pytest.raises(InputError, match="rad/s"):
         fit_swing(swing_of(truth.t, np.degrees(truth.rate), kind="rate", source="gyro_x"))
 

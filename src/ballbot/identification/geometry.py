@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,7 @@ from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.log.pose import read_poses
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.results import key, reported, to_results
 from ballbot.robot import Robot
 from ballbot.robot.parameters import Value
 
@@ -154,9 +155,10 @@ class GeometryQuantity:
     standard_error: float
     in_file: float  #: the file's value, or the value that follows from the file
     unit: str  #: "m", "rad", "s" or "1"
-    kind: str  #: of logs that it is from: "upside down", "balancing" or "both"
+    #: of logs that it is from: "upside down", "balancing" or "both"
+    kind: str = field(metadata=key("from"))
 
-    @property
+    @reported
     def deviation(self) -> float:
         """How many standard errors the file's value lies off."""
         return (self.in_file - self.value) / self.standard_error
@@ -170,11 +172,6 @@ class GeometryQuantity:
         """Return whether the file is off beyond noise and slip, but for a turn that several have in common."""
         off = abs(self.in_file - self.value + turn)
         return off > max(CLEAR * self.standard_error, self.slip)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        stated = {name: getattr(self, name) for name in ("name", "value", "standard_error", "in_file")}
-        return {**stated, "deviation": self.deviation, "unit": self.unit, "from": self.kind}
 
 
 #: an unknown: its name, its value in the file, its unit, and a change of it that matters
@@ -212,10 +209,15 @@ def _solved(
     return fit_clustered(residuals, start, scales=scales, clusters=clusters, undetermined=undetermined)
 
 
-def _stacked(parts: Sequence[tuple[NDArray[np.float64], ...]]) -> list[NDArray[np.float64]]:
-    """Return the columns of several logs on end, the last ones, clusters, numbered on."""
-    apart = [(*part[:-1], part[-1] + 1_000_000 * number) for number, part in enumerate(parts)]
-    return [np.concatenate(columns) for columns in zip(*apart, strict=True)]
+#: increments (w, .) over windows, and the windows' clusters (w,)
+_Increments = tuple[tuple[NDArray[np.float64], ...], NDArray[np.int64]]
+
+
+def _stacked(parts: Sequence[_Increments]) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
+    """Return the increments of several logs on end, and their clusters, numbered on."""
+    columns = zip(*(columns for columns, _ in parts), strict=True)
+    clusters = [clusters + 1_000_000 * number for number, (_, clusters) in enumerate(parts)]
+    return [np.concatenate(one) for one in columns], np.concatenate(clusters)
 
 
 #: length of a window [s]
@@ -230,7 +232,7 @@ def _of_rolling(
     The share is one of `leaning`, (r_b / r_w) cos(tilt), wheel angle for an angle of leaning.
     """
     n = robot.wheel_count
-    wheels, rolls, turns, speeds, clusters = _stacked([_rolling_increments(run, n) for run in runs])
+    (wheels, rolls, turns, speeds), clusters = _stacked([_rolling_increments(run, n) for run in runs])
     wheels = wheels - wheels.mean(axis=1, keepdims=True)
 
     def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -250,7 +252,7 @@ def _of_rolling(
     return _quantities(BALANCING, unknowns, fit), fit
 
 
-def _rolling_increments(run: MocapRun, wheel_count: int) -> tuple[NDArray[np.float64], ...]:
+def _rolling_increments(run: MocapRun, wheel_count: int) -> _Increments:
     """Return increments (w, .) of wheel angles, rolling, turning and rolling's rate, all level parts; clusters (w,)."""
     log, rolling, motion = run.log, run.rolling, run.motion
     angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
@@ -264,7 +266,7 @@ def _rolling_increments(run: MocapRun, wheel_count: int) -> tuple[NDArray[np.flo
     before, after = (rolling.over(at - 0.02, at + 0.02)[:, :2] / 0.04 for at in (start, end))
     turned = (turning[last] - turning[first])[:, :2]
     rolls = rolling.over(start, end)[:, :2]
-    return angles[last] - angles[first], rolls, turned, after - before, clusters[known]
+    return (angles[last] - angles[first], rolls, turned, after - before), clusters[known]
 
 
 def _of_upside_down(
@@ -272,7 +274,7 @@ def _of_upside_down(
 ) -> tuple[list[GeometryQuantity], list[GeometryQuantity], ClusteredFit]:
     """Find r_b / r_w, tilt, azimuths, and the camera's tilt and delay; and r_b / r_w of each wheel by itself."""
     n = robot.wheel_count
-    wheels, turns, rates, clusters = _stacked([_upside_down_increments(log, n) for log in logs])
+    (wheels, turns, rates), clusters = _stacked([_upside_down_increments(log, n) for log in logs])
 
     def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
         frame = Rotation.from_rotvec([p[2 + n], p[3 + n], 0.0])
@@ -306,13 +308,13 @@ def axle_directions(tilt: float, azimuths: NDArray[np.float64]) -> NDArray[np.fl
     )
 
 
-def _upside_down_increments(log: Log, wheel_count: int) -> tuple[NDArray[np.float64], ...]:
+def _upside_down_increments(log: Log, wheel_count: int) -> _Increments:
     """Return increments (w, .) of wheel angles, of the ball's turning and of its rate, and clusters (w,)."""
     angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
     omega = np.column_stack([log[name] for name in BALL_NAMES])
     first, last, clusters = cut(log, np.hstack([angles, omega]), window=UPSIDE_DOWN_WINDOW)
     totals = angles, Turning.of_rates(log.t, omega).total, omega
-    return *(total[last] - total[first] for total in totals), clusters
+    return tuple(total[last] - total[first] for total in totals), clusters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -339,8 +341,7 @@ class Geometry:
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds, SI units."""
-        groups = {"measured": self.measured, "wheel_ratios": self.wheel_ratios, "others": self.others}
-        return {name: [one.to_dict() for one in group] for name, group in groups.items()}
+        return to_results(self)
 
 
 def common_turn(azimuths: Sequence[GeometryQuantity]) -> float:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -40,6 +40,7 @@ from ballbot.identification.axis.model import Axis
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.log.signals import longest_repeat
+from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.robot.derived import inertia_from_swing
 from ballbot.rounding import plus_minus
@@ -309,8 +310,8 @@ def _sensed(
     p: NDArray[np.float64], swing: Swing, rows: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the angle [rad] and the sensor's value, both (rows,)."""
-    *motion, zero = p.tolist()
-    angles, rates = pendulum_motion(*motion, swing.t[:rows])
+    stiffness, viscous, dry, angle, rate, zero = p.tolist()
+    angles, rates = pendulum_motion(stiffness, viscous, dry, angle, rate, swing.t[:rows])
     return angles, (angles if swing.kind == "angle" else rates) + zero
 
 
@@ -358,14 +359,10 @@ class SwingEstimate:
     deviation: float
     shares: dict[str, float]
 
-    @property
+    @reported
     def half_width(self) -> float:
         """Half of the 95 % interval."""
         return HALF_WIDTH * self.deviation
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {**asdict(self), "half_width": self.half_width}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -532,7 +529,7 @@ def inertia_findings(found: SwingInertia, robot: Robot) -> list[Finding]:
 def swing_results(fit: SwingFit, found: SwingInertia, pivot: Pivot) -> dict[str, object]:
     """Return the entries of results.json, SI units; half widths are of 95 %."""
     half, inertia = fit.half_widths, found.about_pivot.value
-    return {
+    results = {
         "source": fit.swing.source,
         "swings": fit.swing.swings,
         "amplitude_first": fit.amplitudes[0],
@@ -544,11 +541,12 @@ def swing_results(fit: SwingFit, found: SwingInertia, pivot: Pivot) -> dict[str,
         "dry": float(fit.values[2]) * inertia,
         "dry_half_width": float(half[2]) * inertia,
         "residual_share": fit.residual,
-        "pivot": asdict(pivot),
-        "inertia_about_pivot": found.about_pivot.to_dict(),
-        "inertia_about_center_of_mass": found.about_center_of_mass.to_dict(),
-        "inertia_about_ball_center": found.about_ball_center.to_dict(),
+        "pivot": pivot,
+        "inertia_about_pivot": found.about_pivot,
+        "inertia_about_center_of_mass": found.about_center_of_mass,
+        "inertia_about_ball_center": found.about_ball_center,
     }
+    return to_results(results)
 
 
 def swing_rows(fit: SwingFit, found: SwingInertia) -> list[list[str]]:
