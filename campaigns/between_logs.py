@@ -29,15 +29,18 @@ from ballbot.fitting.between_logs import RobotLogs, fit_prior
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty, assess
 from ballbot.fitting.model_selection import gain_between
 from ballbot.fitting.run import Run, Threads
-from ballbot.fitting.search import at_bound
 from ballbot.fitting.uncertainty import discrepancy
 from ballbot.identification.coulomb import coulomb_equivalent
-from ballbot.identification.identify import estimated_parameters, speed_groups
+from ballbot.identification.identify import (
+    IdentificationOptions,
+    estimated_parameters,
+    prepare,
+    refine,
+    speed_groups,
+)
 from ballbot.identification.laws import LawName
-from ballbot.identification.parameters import Bounds, Coordinates
-from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import FRICTION
-from ballbot.identification.stages import IdentificationOptions, errors, prepare, refine
+from ballbot.identification.prediction import Predictor, window_errors
+from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
 from ballbot.identification.variation import (
     PRIOR_FILE,
     LogEstimates,
@@ -206,23 +209,14 @@ def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
         prepared = prepare(predictor, coordinates, [log], window=0.25, options=options, run=run)
         begin = coordinates.scaled(np.where(coordinates.free, BEGIN, coordinates.nominal))
         estimate = refine(prepared, begin, options=options, run=run)
-        fit, estimated = estimate.finished, estimate.estimated
-        stands = coordinates.free & at_bound(fit.point) & ~estimate.unknown
-        groups = speed_groups(ROBOT, prepared.fit)
-        widen = discrepancy(fit.equations, groups, estimated, seed=0).factor
-        within = assess(fit, estimated=estimated, at_bound=stands, most_profiles=0, widen=widen, run=run)
+        equations, experiment = estimate.finished.equations, prepared.experiment
+        widen = discrepancy(equations, speed_groups(experiment), estimate.estimated, seed=0).factor
+        within = assess(estimate, most_profiles=0, widen=widen, run=run)
         return Fit(
             coordinates=coordinates,
             values=np.where(estimate.unknown, np.nan, estimate.values),
             within=within,
-            by_log=log_estimates(
-                coordinates,
-                fit,
-                prepared.fit.spans,
-                values=estimate.values,
-                uncertainty=within,
-                widen=widen,
-            ),
+            by_log=log_estimates(within, equations, experiment.block_log, widen=widen),
         )
 
     return _kept(f"fit_{name}_{law}", make)
@@ -286,8 +280,8 @@ class Judged:
 def judge(both: tuple[Fit, Fit], priors: Priors) -> Iterator[Judged]:
     """Yield each parameter that both logs give a number."""
     first, second = both
-    coordinates, values = first.coordinates, _known(first)
-    stated, varied = widened(coordinates, values, first.within, first.by_log, priors=priors)
+    coordinates = first.coordinates
+    stated, varied = widened(coordinates, first.within, first.by_log, priors=priors)
     kinds = (stated.intervals, varied.predictions)
     for place, label in enumerate(coordinates.labels):
         numbers = (float(first.values[place]), float(second.values[place]))
@@ -406,7 +400,7 @@ def _held_out_gain(log: Log, inner: Fit, outer: Fit) -> float:
     windows = prepare(predictor, coordinates, [log], window=0.25, run=run).held_out
     # NaN are v_s and delta of a law without s
     squares = [
-        errors(predictor, windows, np.where(np.isfinite(one.values), one.values, 1.0)).squares_with
+        window_errors(predictor, windows, np.where(np.isfinite(one.values), one.values, 1.0)).squares_with
         for one in (outer, inner)
     ]
     return gain_between(squares[0], squares[1], window_blocks(windows.spans)).share

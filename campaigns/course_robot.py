@@ -23,9 +23,8 @@ from ballbot.cli.context import read_balancing_log
 from ballbot.cli.main import main as ballbot
 from ballbot.files import write_text
 from ballbot.fitting.run import Run, Threads
-from ballbot.identification.identify import identify
+from ballbot.identification.identify import IdentificationOptions, identify
 from ballbot.identification.result import Identification
-from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.windows import common_back_emf
 from ballbot.log import Log
 from ballbot.robot import Robot

@@ -19,10 +19,9 @@ from ballbot.control.presets import design_gain
 from ballbot.control.references import square
 from ballbot.fitting.intervals import Interval, assess
 from ballbot.fitting.run import Run, Threads
-from ballbot.fitting.search import at_bound
-from ballbot.identification.parameters import scale_between
+from ballbot.identification.identify import IdentificationOptions, prepare, refine
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.stages import IdentificationOptions, prepare, refine
+from ballbot.identification.quantities import scale_between
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
@@ -88,8 +87,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
         run=run,
     )
     estimate = refine(prepared, coordinates.scaled(BEGIN), options=options, run=run)
-    stands = at_bound(estimate.finished.point) & ~estimate.unknown
-    sure = assess(estimate.finished, estimated=estimate.estimated, at_bound=stands, run=run)
+    sure = assess(estimate, run=run)
     numbers = zip(coordinates.labels, estimate.values.tolist(), estimate.unknown, strict=True)
     return Repeat(
         estimates={label: None if unknown else value for label, value, unknown in numbers},

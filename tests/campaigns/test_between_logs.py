@@ -7,8 +7,7 @@ import pytest
 
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.identification.identify import estimated_parameters
-from ballbot.identification.parameters import Bounds
-from ballbot.identification.quantities import FRICTION
+from ballbot.identification.quantities import FRICTION, Bounds
 from ballbot.identification.variation import LogEstimates, Priors, scaled_units
 from campaigns.between_logs import (
     ROBOT,
@@ -28,11 +27,12 @@ def pair(random: np.random.Generator) -> tuple[Fit, Fit]:
         values = VALUES * np.exp(0.1 * random.standard_normal(12) + 0.05 * random.standard_normal(12))
         scaled = coordinates.scaled(values)
         errors = 0.05 * values
+        scaled_errors = errors / coordinates.slopes(scaled)
         within = Uncertainty(
-            scaled_errors=errors / coordinates.slopes(scaled),
-            standard_errors=errors,
-            bootstrap_errors=errors,
-            correlation=np.eye(12),
+            coordinates=coordinates,
+            point=scaled,
+            covariance=np.diag(scaled_errors**2),
+            bootstrap=scaled_errors,
             intervals={
                 label: Interval(lower=value - half, upper=value + half, method="clustered")
                 for label, value, half in zip(
@@ -40,7 +40,7 @@ def pair(random: np.random.Generator) -> tuple[Fit, Fit]:
                 )
             },
         )
-        by_log = LogEstimates(points=scaled[None], covariances=np.diag(within.scaled_errors**2)[None])
+        by_log = LogEstimates(points=scaled[None], covariances=within.covariance[None])
         fits.append(Fit(coordinates=coordinates, values=values, within=within, by_log=by_log))
     return fits[0], fits[1]
 

@@ -15,7 +15,7 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.fitting.run import Executor, Run, Threads
 from ballbot.identification import Identification, Progress, identify
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.identify import IdentificationOptions
 from ballbot.progress import ProgressCallback, ignore_progress
 from tests.support.control_examples import alten
 from tests.support.identification_examples import balancing_log, noisy

@@ -8,9 +8,9 @@ import pytest
 from scipy.stats import norm
 
 from ballbot.findings import texts
-from ballbot.fitting.intervals import Errors, Interval, Profile, between, intervals, truncated_reach
+from ballbot.fitting.intervals import Errors, Interval, between, truncated_reach
 from ballbot.fitting.uncertainty import covariance, leverage_corrected
-from ballbot.identification.parameters import scale_between
+from ballbot.identification.quantities import scale_between
 from ballbot.identification.result_findings import (
     correlation_findings,
     interval_findings,
@@ -36,7 +36,7 @@ def errors(**scaled: tuple[float, float, float]) -> Errors:
 
 
 def test_the_larger_error_makes_the_interval_in_si_units():
-    found = intervals(COORDINATES, errors(c1=(0.2, 0.01, 0.012), b1=(0.5, 0.02, 0.01)), None, most_profiles=0)
+    found = errors(c1=(0.2, 0.01, 0.012), b1=(0.5, 0.02, 0.01)).intervals(COORDINATES, {})
     assert set(found) == {"c1", "b1"}
     # c is estimated between 0 and 0.5 N m, b between 0 and 0.1 N m s/rad
     assert (found["c1"].lower, found["c1"].upper) == (pytest.approx(0.088), pytest.approx(0.112))
@@ -46,7 +46,7 @@ def test_the_larger_error_makes_the_interval_in_si_units():
 
 
 def test_a_ratio_has_an_interval_of_ratios():
-    found = intervals(COORDINATES, errors(v_s=(0.5, 0.02, 0.02)), None, most_profiles=0)["v_s"]
+    found = errors(v_s=(0.5, 0.02, 0.02)).intervals(COORDINATES, {})["v_s"]
     middle = math.sqrt(0.1 * 3.0)
     assert found.upper / middle == pytest.approx(middle / found.lower)
     assert found.upper / middle == pytest.approx(30.0**0.04)
@@ -71,9 +71,8 @@ def test_doubtful_errors_are_profiled_the_worst_first():
         c1=(0.2, 0.01, 0.011), c2=(0.2, 0.01, 0.02), v_s=(0.5, 0.2, 0.2), s1=(0.1, 0.004, 0.013)
     )
     assert [LABELS[i] for i in doubtful.doubtful] == ["s1", "c2", "v_s"]
-    found = intervals(
-        COORDINATES, doubtful, lambda i: Profile(place=i, lower=0.15, upper=None), most_profiles=2
-    )
+    limits: tuple[float, None] = (0.15, None)
+    found = doubtful.intervals(COORDINATES, dict.fromkeys(doubtful.doubtful[:2].tolist(), limits))
     assert [found[label].method for label in ("s1", "c2", "v_s")] == ["profile", "profile", "clustered"]
     assert (found["s1"].lower, found["s1"].upper) == (pytest.approx(0.075), math.inf)
 

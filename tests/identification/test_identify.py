@@ -15,9 +15,8 @@ from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Bounds, Identification, Progress, cross_validate, identify
 from ballbot.identification.excitation import check_excitation
 from ballbot.identification.holdout import friction_by_horizon, horizon_errors
-from ballbot.identification.identify import estimated_parameters
+from ballbot.identification.identify import IdentificationOptions, estimated_parameters
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.results import to_results

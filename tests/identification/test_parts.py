@@ -9,9 +9,8 @@ from ballbot import Log
 from ballbot.errors import InputError
 from ballbot.fitting.uncertainty import NormalEquations, covariance
 from ballbot.identification.excitation import chatter, chatter_finding, check_excitation
-from ballbot.identification.parameters import read_bounds, scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import Layout
+from ballbot.identification.quantities import Layout, read_bounds, scale_between
 from ballbot.identification.windows import cut_windows, split
 from tests.support.control_examples import alten
 from tests.support.identification_examples import TRUTH, balancing_log

@@ -10,20 +10,20 @@ from hypothesis import strategies as st
 from ballbot import Log, Model
 from ballbot.errors import InputError
 from ballbot.identification.excitation import heading_findings, share_shown
-from ballbot.identification.parameters import Bounds, scale_between
-from ballbot.identification.prediction import Predictor
+from ballbot.identification.prediction import Predictor, windows_for
 from ballbot.identification.quantities import FRICTION as FRICTION_NAMES
 from ballbot.identification.quantities import (
     NOT_IDENTIFIED,
     OF_WHEELS,
     QUANTITIES,
     TERMS,
+    Bounds,
     Layout,
     names_in,
+    scale_between,
     second_moments,
     with_rigid_body,
 )
-from ballbot.identification.stages import windows_for
 from ballbot.identification.windows import back_emf_of, ball_spin, seen_late, standstill_torques, state_delays
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation

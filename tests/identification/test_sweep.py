@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification import identify
+from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.quantities import Layout
-from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.sweep import SweepFriction, combine, read_sweep
 from ballbot.robot import Friction
 from tests.support.control_examples import alten

@@ -24,6 +24,7 @@ from ballbot.cli.context import (
 )
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
+from ballbot.fitting.fit import Search
 from ballbot.fitting.run import Run
 from ballbot.identification import (
     Bounds,
@@ -31,9 +32,8 @@ from ballbot.identification import (
     read_bounds,
 )
 from ballbot.identification.holdout import InitialStates
-from ballbot.identification.identify import identify_by_law
+from ballbot.identification.identify import IdentificationOptions, identify_by_law
 from ballbot.identification.laws import law_results
-from ballbot.identification.stages import IdentificationOptions, Search
 from ballbot.identification.sweep import read_sweep
 from ballbot.identification.windows import common_back_emf
 from ballbot.log import Log

@@ -114,6 +114,16 @@ class ParameterSpace:
         """Return scaled parameters from those of a random search, z = y^2 for amounts."""
         return np.where(self.sqrt_scaled, drawn**2, drawn)
 
+    def physical_one(self, place: int, scaled: float) -> float:
+        """Return the value of the parameter at a place in SI units, from a scaled one."""
+        return float(self.physical(np.full(len(self.parameters), scaled))[place])
+
+    def scaled_one(self, place: int, physical: float) -> float:
+        """Return a value of the parameter at a place, scaled and brought within its bounds."""
+        return float(
+            self.scaled(np.where(np.arange(len(self.parameters)) == place, physical, self.nominal))[place]
+        )
+
     def slopes(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return dp/dz (..., p): what turns an error of a scaled parameter into one in SI units."""
         low = np.where(self.logarithmic, self.lower, 1.0)

@@ -32,8 +32,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, texts, warning
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import BY_NAME
+from ballbot.identification.quantities import BY_NAME, Coordinates
 from ballbot.identification.windows import Windows, ball_spin, measured_wheel_speeds
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_speed_names

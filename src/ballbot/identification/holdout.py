@@ -26,10 +26,9 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, warning
 from ballbot.fitting.comparison import HorizonErrors
 from ballbot.identification.excitation import Chatter, chatter, chatter_finding
-from ballbot.identification.prediction import Predictor, chunks
-from ballbot.identification.result import Identification, WindowErrors
+from ballbot.identification.prediction import Predictor, WindowErrors, chunks, window_errors, windows_for
+from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
-from ballbot.identification.stages import errors, windows_for
 from ballbot.identification.windows import COMPARISONS, Windows, measured_wheel_speeds, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
 from ballbot.mechanics.model import Model
@@ -218,7 +217,7 @@ def cross_validate(
     )
     if not len(windows):
         raise InputError(f"{name} has no window of {found.window:g} s without gaps or missing values.")
-    found_errors = errors(predictor, windows, found.values)
+    found_errors = window_errors(predictor, windows, found.values)
     moved = chatter(log, predictor.robot)
     horizons = friction_by_horizon(horizon_errors(predictor, found.values, log, starts=starts))
     findings = [

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.findings import Finding, warning
+from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import FRICTION, QUANTITIES
-from ballbot.identification.result import OtherOptimum
+from ballbot.identification.quantities import FRICTION, QUANTITIES, Coordinates
 from ballbot.mechanics.parameters import MAX_WHEELS
 
 #: beyond this correlation, the logs determine two parameters' sum or ratio and not each

@@ -8,6 +8,10 @@ predicts with u_0 = u + b_e w and with the viscous friction b + b_e, and gives b
 
 If b_e is not known, a duty scaled to a torque may stand for u_0 and the viscous friction found is b + b_e.
 
+Whole intervals of each log are held out, 8 s of every 28 s: neighbouring windows share a swing of the limit cycle, and
+a validation in closed loop needs seconds in one piece. As 28 s is not a multiple of the 8 s or 32 s with which
+references often repeat, the intervals do not always hold the same piece of the path.
+
 Windows. Each is predicted from the state measured at its start. An unstable plant's open-loop prediction means
 something for a fraction of a second only. A window of m samples starts at row k: the torques are rows k .. k + m - 1,
 each held until the next, and states k + 1 .. k + m are compared. Windows with a missing value or a spoilt one
@@ -312,6 +316,45 @@ def split(count: int, *, held_out: float, seed: int) -> tuple[NDArray[np.int64],
     order = np.random.default_rng(seed).permutation(count)
     kept = max(1, round(held_out * count))
     return np.sort(order[kept:]), np.sort(order[:kept])
+
+
+#: fraction of each log that a fit does not see
+HELD_OUT = 2 / 7
+#: from one interval that is held out to the next, and what of that comes before it [s]
+_HOLDOUT_CYCLE, _HOLDOUT_OFFSET = 28.0, 12.0
+
+
+def holdout_intervals(log: Log, *, fraction: float = HELD_OUT) -> tuple[tuple[float, float], ...]:
+    """Return the (start, end) [s] that a fit does not see; a log shorter than a cycle has one, in proportion."""
+    first, duration = float(log.t[0]), float(log.t[-1] - log.t[0])
+    cycle = min(_HOLDOUT_CYCLE, duration)
+    length = fraction * cycle
+    offset = min(_HOLDOUT_OFFSET * cycle / _HOLDOUT_CYCLE, cycle - length)
+    starts = np.arange(offset, max(duration - 0.5 * length, np.nextafter(offset, np.inf)), cycle)
+    ends = np.minimum(starts + length, duration)
+    return tuple((first + float(start), first + float(end)) for start, end in zip(starts, ends, strict=True))
+
+
+def split_in_time(
+    spans: Sequence[Span], held_out: Sequence[Sequence[tuple[float, float]]]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of the windows to fit and of those held out, which overlap an interval of their log.
+
+    At least one is held out.
+
+    Parameters
+    ----------
+    spans : sequence of Span
+    held_out : sequence of sequence of (float, float)
+        The intervals (start, end) [s] of each log.
+    """
+    held = np.array(
+        [any(one.start < end and start < one.end for start, end in held_out[one.log]) for one in spans],
+        dtype=bool,
+    )
+    if len(held) and not held.any():
+        held[len(held) // 2] = True
+    return np.flatnonzero(~held), np.flatnonzero(held)
 
 
 def _named(number: int, logs: Sequence[Log]) -> str:
