@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
+from ballbot.identification.axis.experiment import AxisEstimate, open_loop_error
 from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
 from ballbot.identification.axis.motion import motion_of
-from ballbot.identification.axis.output_error import AxisEstimate, open_loop_error
 from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED
 from ballbot.report.series import Line, Look, Panel, TimeSeries

@@ -35,15 +35,15 @@ _LONG, _ROWS = 0.2, 40
 _JUMP = 3.0
 
 
-def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tuple[Finding, ...]:
-    """Return what is wrong with a record, errors first; the bandwidth [Hz] is that of its motion.
+def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
+    """Return what is wrong with a record, errors first.
 
-    InputError if the bandwidth does not suit the sampling, or the record cannot give mass and friction.
+    InputError if the record cannot give mass and friction.
     """
     findings = [*record.findings, *_of_rows(record), *_of_stuck(record)]
     # a constant force is refused by the identification itself
     if np.ptp(record.force) > 0.0 and all(one.severity != "error" for one in findings):
-        motion = motion_of(record, bandwidth)
+        motion = motion_of(record)
         findings += list(_of_speed(motion)) or _of_motion(record, _inverse(motion))
     return by_severity(findings)
 

@@ -1,7 +1,7 @@
 """Identification of one axis: a wheel, a motor, a joint or a slide.
 
 1. The inverse model (`motion`) gives start values.
-2. Output error over windows (`output_error`) fits nested models, and each is kept that predicts held-out blocks of time
+2. Output error over windows (`experiment`) fits nested models, and each is kept that predicts held-out blocks of time
    better than the simpler one: gravity, friction under load, and a law of friction, if its own parameters are
    determined.
 3. Intervals: the covariance clustered in time; and how far the parameters are, beyond chance, from those of the inverse
@@ -22,20 +22,21 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, finding_results, note, warning
+from ballbot.fitting.fit import at_bound
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import resamples
-from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, AxisModel, unit_for
-from ballbot.identification.axis.motion import AxisMotion, inverse_model, motion_of
-from ballbot.identification.axis.output_error import (
+from ballbot.fitting.uncertainty import NormalEquations, covariance, resamples
+from ballbot.identification.axis.experiment import (
     AxisEstimate,
-    OutputError,
+    AxisExperiment,
     blocks_of,
-    fit_output_error,
+    fit_axis,
     held_out_squares,
     window_duration,
 )
+from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, AxisModel, unit_for
+from ballbot.identification.axis.motion import AxisMotion, inverse_model, motion_of
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
 from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
@@ -62,14 +63,11 @@ _DRAWS, _SEED = 2000, 0
 class AxisOptions:
     """How an axis is identified; what is None is selected by errors on held-out blocks.
 
-    InputError if there is no such law, or the bandwidth is not above zero.
+    InputError if there is no such law.
     """
 
     law: str | None = None
     """The friction law: viscous, coulomb, stribeck or asymmetric."""
-
-    bandwidth: float | None = None
-    """Bandwidth of the motion, in hertz, which sets the filters."""
 
     gravity: bool | None = None
     """Whether gravity acts on an axis that turns: S sin q + C cos q."""
@@ -81,10 +79,6 @@ class AxisOptions:
         if self.law is not None and self.law not in LAWS:
             hint = suggest(self.law, LAWS, otherwise="the laws are")
             raise InputError(f"There is no friction law {self.law!r} (--law); {hint}")
-        if self.bandwidth is not None and not 0.0 < self.bandwidth < np.inf:
-            raise InputError(
-                f"--bandwidth is {self.bandwidth:g}; it must be a finite number above zero [Hz]."
-            )
 
 
 DEFAULT_OPTIONS = AxisOptions()
@@ -172,8 +166,7 @@ def identify_axis(
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
     _check(records, validation_records, options)
     run.progress(Progress(stage="forces"))
-    seen = [motion_of(one, options.bandwidth) for one in records]
-    others = [motion_of(one, options.bandwidth) for one in validation_records]
+    seen, others = ([motion_of(one) for one in several] for several in (records, validation_records))
     first, forces = _with_forces(seen, options, known)
     law = options.law
     # a law that is requested is fitted beside the simpler one
@@ -216,10 +209,7 @@ def identify_axis(
 def _check(
     records: Sequence[AxisRecord], validation_records: Sequence[AxisRecord], options: AxisOptions
 ) -> None:
-    everything = (*records, *validation_records)
-    names = [one.name for one in everything]
-    if not records:
-        raise InputError("There is no record to identify the axis from.")
+    names = [one.name for one in (*records, *validation_records)]
     if options.gravity and records[0].unit == "m":
         raise InputError(
             "An axis that slides has no gravity over its position (--gravity), but in its offset."
@@ -228,8 +218,6 @@ def _check(
         raise InputError(
             f"Two of the records have the same name ({', '.join(names)}); give each its own name."
         )
-    if len({one.unit for one in everything}) > 1:
-        raise InputError("Some of the records are of an axis that turns and some are not; identify one axis.")
     for one in records:
         if np.ptp(one.force) == 0.0:
             raise InputError(
@@ -293,9 +281,9 @@ def _fit(
 ) -> AxisEstimate:
     """Fit a model from some values, or from the inverse model's."""
     records = [one.record for one in seen]
-    problem = OutputError.of(model, seen, window_duration(records))
+    experiment = AxisExperiment.of(model, seen, window_duration(records))
     if begin is not None:
-        return fit_output_error(problem, begin)
+        return fit_axis(experiment, begin)
     inverse = inverse_model(seen, model).values
     if inverse.get("mass", 1.0) <= 0.0:
         raise InputError(
@@ -306,7 +294,7 @@ def _fit(
         name: value if PARAMETERS[name].scale == "signed" else max(value, 0.0)
         for name, value in inverse.items()
     }
-    return fit_output_error(problem, {"load": _LOAD_START, **start})
+    return fit_axis(experiment, {"load": _LOAD_START, **start})
 
 
 def _fit_law(law: str, first: AxisEstimate, seen: Sequence[AxisMotion]) -> AxisEstimate:
@@ -441,19 +429,21 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
 
 
 def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
-    """Warn if the motion shows that the force acts later or earlier than its rows."""
-    problem = fit.problem
-    row = max(one.record.sample_time for one in problem.motions)
-    late = [replace(one, record=_late(one.record, row)) for one in problem.motions]
-    begun = problem.begun(fit.values)
-    column = begun.project(replace(problem, motions=tuple(late)).errors(fit.values) - begun.errors) / row
-    free = np.linalg.norm(fit.slopes, axis=0) > 0.0
-    X = np.column_stack([fit.slopes[:, free], column])
-    lengths = np.linalg.norm(X, axis=0)
-    if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
+    """Warn if the motion shows that the force acts later or earlier than its rows, by one step of Gauss-Newton."""
+    model = replace(fit.model, forces=(*fit.model.forces, "delay"))
+    late = replace(fit.experiment, model=model)
+    point = late.scaled({**fit.values, "delay": 0.0})
+    equations = late.equations(replace(fit.end, point=point))
+    H, scores = equations.normal.matrix, equations.scores
+    free = ~at_bound(point) & (H.diagonal() > 0.0)
+    inner, sizes = H[np.ix_(free, free)], 1.0 / np.sqrt(H.diagonal()[free])
+    if not free[-1] or np.linalg.cond(inner * np.outer(sizes, sizes)) > _LARGEST_CONDITION**2:
         return
-    found = fit_linear(X / lengths, -fit.residuals, fit.problem.window)
-    delay, error = float(found.values[-1] / lengths[-1]), float(found.errors[-1] / lengths[-1])
+    step = np.zeros(len(point))
+    step[free] = -np.linalg.solve(inner, scores[:, free].sum(axis=0))
+    after = NormalEquations(matrix=H, scores=scores + equations.matrices @ step)
+    slope, row = late.coordinates.slopes(point)[-1], max(one.record.sample_time for one in late.motions)
+    delay, error = float(step[-1] * slope), float(np.sqrt(covariance(after, free)[-1, -1]) * slope)
     if abs(delay) > max(_CLEAR * error, 0.5 * row):
         text = (
             f"The force seems to act {1e3 * abs(delay):.2g} ± {1e3 * error:.2g} ms "
@@ -461,11 +451,6 @@ def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
             "or has play: then inertia and viscous friction are off. Shift the force if you know its delay."
         )
         yield warning("force-delay", text)
-
-
-def _late(record: AxisRecord, delay: float) -> AxisRecord:
-    """Return a record whose force acts so much later [s]."""
-    return replace(record, force=np.interp(record.t - delay, record.t, record.force))
 
 
 def _elsewhere(found: AxisIdentification) -> Iterator[Finding]:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.parameter import Parameter, RelativeSpace, Scale
+from ballbot.fitting.parameter import Parameter, ParameterSpace, Scale
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import NO_TERMS, stribeck_curve
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumbers, Inertia, move
@@ -30,21 +30,27 @@ from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumber
 Values = Mapping[str, float]
 
 
+#: what a record's largest force, speed and acceleration make possible: parameters are within so many times that
+_REACH = 100.0
+
+
 def _parameter(
     name: str, symbol: str, unit: str, meaning: str, scale: Scale = "amount", most: float = math.inf
 ) -> Parameter:
+    least = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed": -_REACH}[scale]
     return Parameter(
         name=name,
         symbol=symbol,
         unit=unit,
         scale=scale,
-        bounds=(-math.inf if scale == "signed" else 0.0, most),
+        bounds=(least, min(most, _REACH)),
         default=1.0 if scale == "ratio" else 0.0,
         meaning=meaning,
     )
 
 
-#: by name; units are those of an axis that moves along a line, see `unit_for`
+#: by name; units are those of an axis that moves along a line, see `unit_for`, and bounds are those of an axis whose
+#: largest force, speed and acceleration are one
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
         one.name: one
@@ -59,6 +65,7 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
             _parameter("gravity_sine", "S", "N", "gravity, of sin q", "signed"),
             _parameter("gravity_cosine", "C", "N", "gravity, of cos q", "signed"),
             _parameter("load", "mu", "1", "Coulomb, as a share of the load", most=1.0),
+            _parameter("delay", "delay", "s", "of the force behind its rows", "signed"),
         )
     }
 )
@@ -83,7 +90,7 @@ LAWS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
 )
 #: what else may act, and its parameters
 FORCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"gravity": ("gravity_sine", "gravity_cosine"), "load": ("load",)}
+    {"gravity": ("gravity_sine", "gravity_cosine"), "load": ("load",), "delay": ("delay",)}
 )
 
 
@@ -106,14 +113,14 @@ class AxisModel:
         """Return the axis with these parameters and the known ones."""
         return Axis(values={**self.known, **values}, interpolated=self.interpolated)
 
-    def space(self, start: Values) -> RelativeSpace:
-        """Return the parameters, scaled by their values at `start`."""
-        named = [replace(PARAMETERS[name], default=float(start[name])) for name in self.names]
-        return RelativeSpace(parameters=tuple(named))
-
-    def by_name(self, vector: NDArray[np.float64]) -> dict[str, float]:
-        """Return parameters (p,) by name."""
-        return dict(zip(self.names, vector.tolist(), strict=True))
+    def space(self, *, force: float, speed: float, acceleration: float) -> ParameterSpace:
+        """Return the parameters with the bounds that a record's largest force, speed and acceleration set."""
+        sizes = {"kg": force / acceleration, "N s/m": force / speed, "N": force, "m/s": speed}
+        named = []
+        for parameter in (PARAMETERS[name] for name in self.names):
+            size, (lower, upper) = sizes.get(parameter.unit, 1.0), parameter.bounds
+            named.append(replace(parameter, bounds=(lower * size, upper * size)))
+        return ParameterSpace(parameters=tuple(named))
 
 
 class _Numbers(NamedTuple):

@@ -90,17 +90,13 @@ class AxisMotion:
         return (self.record.t // BLOCK).astype(np.int64)
 
 
-def motion_of(record: AxisRecord, bandwidth: float | None = None) -> AxisMotion:
-    """Return the motion of a record.
+def motion_of(record: AxisRecord) -> AxisMotion:
+    """Return the motion of a record, its bandwidth 20 Hz, or less if the sampling is slow or the position noisy.
 
-    The bandwidth is 20 Hz by default, or less if the sampling is slow or the position noisy.
-
-    InputError if the filter for the bandwidth [Hz] is beyond half the sampling rate, or no part is long enough.
+    InputError if no part is long enough.
     """
     if all(end - first < LEAST_PART for first, end in record.parts):
         raise InputError(f"{record.name} has no part of {LEAST_PART} rows on end; log without gaps.")
-    if bandwidth is not None:
-        return _motion(record, bandwidth)
     rate = 1.0 / record.sample_time
     band = min(LARGEST_BANDWIDTH, 0.04 * rate)
     least = min(band, _LEAST_MOTIONS / record.duration)
@@ -130,14 +126,7 @@ def _motion(record: AxisRecord, band: float) -> AxisMotion:
 
 def _filtered(record: AxisRecord, values: NDArray[np.float64], cutoff: float) -> NDArray[np.float64]:
     """Return values (N,) without what is faster than a frequency [Hz], in each part that is long enough."""
-    rate = 1.0 / record.sample_time
-    if not 0.0 < cutoff < 0.5 * rate:
-        band = cutoff / _POSITION_FILTER
-        raise InputError(
-            f"A bandwidth (--bandwidth) of {band:g} Hz needs a filter at {cutoff:g} Hz, and {record.name} is "
-            f"sampled at {rate:.4g} Hz; choose a bandwidth above zero and below {0.1 * rate:.3g} Hz."
-        )
-    b, a = np.asarray(scipy.signal.butter(_ORDER, cutoff / (0.5 * rate)), dtype=float)
+    b, a = np.asarray(scipy.signal.butter(_ORDER, 2.0 * cutoff * record.sample_time), dtype=float)
     smooth = values.copy()
     for first, end in record.parts:
         if end - first >= LEAST_PART:
