@@ -81,11 +81,6 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, mat_file, capsys, w
     assert told.count("\n") == 1
 
 
-def test_a_wrong_option_is_refused_before_a_file_is_read(tmp_path, capsys):
-    assert main(["identify-axis", str(tmp_path / "none.mat"), "--law", "magic", "--out", str(tmp_path)]) == 2
-    assert "--law" in capsys.readouterr().err
-
-
 def test_force_of_the_wrong_sign_is_reported(noisy_record):
     record = AxisRecord(
         name="wrong", sample_time=1e-3, force=-noisy_record.force, position=noisy_record.position

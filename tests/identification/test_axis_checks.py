@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ballbot.cli.main import main
 from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
-from ballbot.log import Log
-from tests.support.axis_examples import SAMPLE_TIME, simulated_record
+from tests.support.axis_examples import simulated_record
 
 
 def open_loop() -> AxisRecord:
@@ -68,19 +66,6 @@ def test_a_position_that_is_stuck_while_the_axis_moves_is_an_error() -> None:
     position[2000:2800] = position[2000]
     (text,) = error_texts(replace(open_loop(), position=position), "stuck")
     assert "without change for 0.8 s (from row 2001" in text
-
-
-def test_the_command_stops_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    t = np.arange(len(open_loop())) * SAMPLE_TIME
-    Log({"t": t, "position": open_loop().position, "force": -open_loop().force}).write(
-        tmp_path / "record.csv"
-    )
-    out = tmp_path / "out"
-    assert main(["identify-axis", str(tmp_path / "record.csv"), "--out", str(out)]) == 2
-    printed = capsys.readouterr().err
-    assert "the force, or the position, has the opposite sign" in printed
-    assert printed.endswith("To continue despite this: --accept force-sign.\n")
-    assert not out.exists()
 
 
 def swept_wheel(limit: float, *, duration: float = 60.0) -> AxisRecord:

