@@ -374,7 +374,7 @@ def fit_axis(experiment: AxisExperiment, start: Values) -> AxisEstimate:
     found = fit(experiment, point, refused=np.zeros(len(point), dtype=bool), most_steps=_MOST_STEPS)
     end, equations = found.finished.end, found.finished.equations
     # an axis passes its slow speeds in a few windows, which a fit follows closely
-    kept = found.estimated
+    kept = found.estimated & (equations.normal.matrix.diagonal() > 0.0)
     C = covariance(leverage_corrected(equations.matrices, equations.scores, kept), kept)
     errors = np.sqrt(C.diagonal()) * experiment.coordinates.slopes(end.point)
     return AxisEstimate(

@@ -419,7 +419,8 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
         if kind.scale == "signed":
             continue
         if not np.isfinite(error):
-            yield warning("at-bound", f"{kind.symbol} ({kind.meaning}) is at its bound, {value:.3g}.")
+            text = f"{kind.symbol} ({kind.meaning}) is at its bound, or has no effect: {value:.3g}."
+            yield warning("at-bound", text)
         elif error > abs(value):
             yield warning(
                 "undetermined",
