@@ -6,13 +6,18 @@ Over a whole record the inverse model must estimate a mass and a dry friction ab
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.identification.axis.model import AxisModel
-from ballbot.identification.axis.motion import AxisMotion, InverseModel, inverse_model, motion_of
+from ballbot.identification.axis.motion import (
+    AxisMotion,
+    InverseModel,
+    inverse_model,
+    motion_of,
+    with_gravity,
+)
 from ballbot.identification.axis.record import GAP, AxisRecord
 from ballbot.log.signals import longest_repeat
 
@@ -20,8 +25,6 @@ from ballbot.log.signals import longest_repeat
 ERROR_CODES = ("force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck")
 #: share of the force that the motion must explain
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
-#: columns of the inverse model beyond this condition do not distinguish gravity
-_LARGEST_CONDITION = 300.0
 #: [s]; slower samplings of an axis are rather another unit of time
 _SLOWEST_SAMPLING = 0.2
 #: the speed counts as at its limit from this share of the largest (the 99 % quantile), if more than so many rows are;
@@ -44,18 +47,9 @@ def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
     # a constant force is refused by the identification itself
     if np.ptp(record.force) > 0.0 and all(one.severity != "error" for one in findings):
         motion = motion_of(record)
-        findings += list(_of_speed(motion)) or _of_motion(record, _inverse(motion))
+        model = with_gravity([motion], AxisModel(law="coulomb", interpolated=not record.even))
+        findings += list(_of_speed(motion)) or _of_motion(record, inverse_model([motion], model))
     return by_severity(findings)
-
-
-def _inverse(motion: AxisMotion) -> InverseModel:
-    """Return the inverse model, with gravity if the axis turns far enough to distinguish it."""
-    plain = AxisModel(law="coulomb", interpolated=not motion.record.even)
-    if motion.record.unit == "rad":
-        found = inverse_model([motion], replace(plain, forces=("gravity",)))
-        if found.condition < _LARGEST_CONDITION:
-            return found
-    return inverse_model([motion], plain)
 
 
 def _of_rows(record: AxisRecord) -> Iterator[Finding]:

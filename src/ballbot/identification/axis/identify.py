@@ -36,7 +36,13 @@ from ballbot.identification.axis.experiment import (
     window_duration,
 )
 from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, AxisModel, unit_for
-from ballbot.identification.axis.motion import AxisMotion, inverse_model, motion_of
+from ballbot.identification.axis.motion import (
+    DISTINGUISHED,
+    AxisMotion,
+    inverse_model,
+    motion_of,
+    with_gravity,
+)
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
 from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
@@ -46,8 +52,6 @@ if TYPE_CHECKING:
 
 #: a force or a law that lowers the error on held-out blocks by less than this share is not worth its parameters
 USEFUL_GAIN = 0.02
-#: of the columns of the inverse model with one force more, each of length one
-_LARGEST_CONDITION = 300.0
 #: Stribeck speeds that a fit begins at, over the fastest speed, and shares of the load
 _STRIBECK_STARTS, _LOAD_START = (0.03, 0.15), 0.05
 #: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
@@ -235,14 +239,11 @@ def _with_forces(
     asked = {"gravity": options.gravity, "load": options.load_friction}
     forces = tuple(name for name, wanted in asked.items() if wanted)
     model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
-    fit, gains = None, dict[str, Gain]()
-    if options.gravity is None and seen[0].record.unit == "rad":
-        wider = replace(model, forces=("gravity", *forces))
-        if inverse_model(seen, wider).condition < _LARGEST_CONDITION:
-            fit = _fit(wider, seen)
-            without = _fit(model, seen, begin=fit.values)
-            fit = _if_useful("gravity", fit, without, gains)
-    fit = fit or _fit(model, seen)
+    gains = dict[str, Gain]()
+    wider = model if options.gravity is not None else with_gravity(seen, model)
+    fit = _fit(wider, seen)
+    if wider is not model:
+        fit = _if_useful("gravity", fit, _fit(model, seen, begin=fit.values), gains)
     # without gravity, friction under load is part of b and c
     if options.load_friction is None and "gravity" in fit.model.forces:
         wider = replace(fit.model, forces=(*fit.model.forces, "load"))
@@ -438,7 +439,7 @@ def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
     H, scores = equations.normal.matrix, equations.scores
     free = ~at_bound(point) & (H.diagonal() > 0.0)
     inner, sizes = H[np.ix_(free, free)], 1.0 / np.sqrt(H.diagonal()[free])
-    if not free[-1] or np.linalg.cond(inner * np.outer(sizes, sizes)) > _LARGEST_CONDITION**2:
+    if not free[-1] or np.linalg.cond(inner * np.outer(sizes, sizes)) > DISTINGUISHED**2:
         return
     step = np.zeros(len(point))
     step[free] = -np.linalg.solve(inner, scores[:, free].sum(axis=0))

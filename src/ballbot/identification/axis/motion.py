@@ -11,7 +11,7 @@ and rows next to the ends of a part, where the filters have no rows beyond.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,8 @@ _NOISE_SHARE = 0.02
 _LOWERED, _LEAST_MOTIONS = 1.25, 10.0
 #: of columns of length one: beyond it their errors are 1e4 times those of the force, which no record has to 1e-4
 LARGEST_CONDITION = 1e4
+#: and below it a further force or a delay is distinguished from the others
+DISTINGUISHED = 300.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -182,6 +184,17 @@ def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseMod
         explained=float(1.0 - np.sum(fit.residuals**2) / np.sum(force**2)),
         condition=float(singular[0] / singular[-1]),
     )
+
+
+def with_gravity(motions: Sequence[AxisMotion], model: AxisModel) -> AxisModel:
+    """Return a model with gravity if the axis turns, and far enough to distinguish it; itself if not."""
+    if motions[0].record.unit == "m":
+        return model
+    wider = replace(model, forces=("gravity", *model.forces))
+    try:
+        return wider if inverse_model(motions, wider).condition < DISTINGUISHED else model
+    except InputError:  # it turns so little that gravity is a constant force
+        return model
 
 
 def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, NDArray[np.float64]]:
