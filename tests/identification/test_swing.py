@@ -71,9 +71,9 @@ def test_pendulum_motion_equals_scipys_integration(
     t = np.arange(0.0, 6.0, h)
     angle, rate = pendulum(t, stiffness=STIFFNESS, viscous=viscous, dry=dry, amplitude=amplitude)
     angles, rates = pendulum_motion(STIFFNESS, viscous, dry, amplitude, 0.0, t)
-    # a step of 0.003 radians leaves 4e-7 of the phase, 9e-6 rad after four swings of 2.5 rad
     np.testing.assert_allclose(angles, angle, atol=1e-5)
-    np.testing.assert_allclose(rates, rate, atol=4e-5)
+    # where it turns, the acceleration jumps by 0.6 / s^2 within a step of 0.03 / 3.9 s, of which the spline misses 4 %
+    np.testing.assert_allclose(rates, rate, atol=2e-4)
 
 
 @pytest.mark.parametrize("amplitude", [0.5, 1.5])
