@@ -51,21 +51,6 @@ def test_a_difference_beyond_the_errors_names_the_numbers_that_differ_most():
     assert all(f"{label} " in found.text for label in ("b1", "c1"))
 
 
-def test_numbers_without_errors_are_not_compared():
-    unknown = StageEstimate(
-        source="the sweep", labels=LABELS, values=SWEEP, covariance=np.full((4, 4), np.nan)
-    )
-    assert agreement_findings(unknown, estimate(2.0 * SWEEP)) == []
-
-
-def test_a_robot_file_without_deviations_is_not_compared():
-    robot = Robot.load("alten")
-    assert of_robot_file(robot) is None
-    stated = of_robot_file(robot.annotated(standard_deviations={"friction.coulomb": (0.01, 0.02, 0.03)}))
-    assert stated is not None
-    assert stated.known == ["c1", "c2", "c3"]
-
-
 P = np.array([0.014, 0.016, 0.013, 0.11, 0.09, 0.12, 0.05, 0.04, 0.06, 0.6, 1.1, 0.007])
 NAMES = [f"friction.{name}" for name in FRICTION]
 

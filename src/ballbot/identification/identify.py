@@ -63,7 +63,6 @@ from ballbot.identification.result_findings import (
     interval_findings,
     optimum_findings,
     prediction_findings,
-    ridge_findings,
 )
 from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.sweep import SweepFriction, with_sweep
@@ -605,17 +604,13 @@ def _findings(
 ) -> list[Finding]:
     """Return the findings on the parameters."""
     uncertainty = certain.uncertainty
-    apart = (
-        *correlation_findings(coordinates.labels, uncertainty.correlation),
-        *ridge_findings(coordinates.labels, uncertainty.correlation),
-    )
     return [
         *alike_finding(coordinates),
         *influence_findings(coordinates, certain.values, estimate.no_influence[coordinates.first]),
         *bound_findings(coordinates, certain.values, estimate.at_bound[coordinates.first]),
         *error_findings(coordinates, uncertainty.scaled_errors),
         *interval_findings(uncertainty.intervals),
-        *dict.fromkeys(apart),
+        *correlation_findings(coordinates.labels, uncertainty.correlation),
         *optimum_findings(coordinates, estimate.finished.point, estimate.other),
         *prediction_findings(held_out.with_over_without),
         *certain.findings,
