@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.identification.quantities import RIGID, Layout, with_rigid_body
+from ballbot.identification.quantities import RIGID, Layout
 from ballbot.identification.windows import (
     Windows,
     acting_torques,
@@ -177,7 +177,7 @@ class Predictor:
         """Return the rows of numbers (sets, size) that compiled code reads."""
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
-            rows = np.stack([pack(self._with_rigid_body(one), self.formulation) for one in values])
+            rows = np.stack([pack(layout.with_rigid_body(robot, one), self.formulation) for one in values])
         else:
             rows = np.repeat(self._own[None], len(values), axis=0)
         n = robot.wheel_count
@@ -199,10 +199,6 @@ class Predictor:
     def _own(self) -> NDArray[np.float64]:
         """The robot's own row of numbers."""
         return pack(self.robot, self.formulation)
-
-    def _with_rigid_body(self, values: NDArray[np.float64]) -> Robot:
-        parts = {name: self.layout.part(name, values) for name in RIGID}
-        return with_rigid_body(self.robot, {name: part for name, part in parts.items() if part is not None})
 
 
 def windows_for(

@@ -128,6 +128,8 @@ def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
             groups[side][label] = one.lower if low else one.upper
     found = []
     for side, ends in groups.items():
+        if not ends:
+            continue
         limited = f"{every(ends)} {'is' if len(ends) == 1 else 'are'}"
         values = (
             f"{every([f'{end:.3g}' for end in ends.values()])} or {'more' if side == 'below' else 'less'}"
@@ -136,7 +138,7 @@ def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
             "either": f"{limited} not limited by these logs on either side: its value means nothing.",
             "zero": f"{limited} not limited by these logs: any value fits, zero included.",
         }.get(side, f"{limited} limited from {side} only: {values}, with 95 % confidence.")
-        found += [warning("unlimited", text)] if ends else []
+        found.append(warning("unlimited", text))
     return found
 
 
