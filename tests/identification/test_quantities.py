@@ -228,8 +228,8 @@ resistance = 2.0
 gear_ratio = 30.0
 """
     )
-    assert back_emf_of(mapping) == pytest.approx(30.0**2 * 0.02 * 0.021 / 2.0)
-    assert back_emf_of(None) == 0.0
+    assert back_emf_of([mapping]) == pytest.approx(30.0**2 * 0.02 * 0.021 / 2.0)
+    assert back_emf_of([]) == 0.0
 
 
 # --- sensors ---

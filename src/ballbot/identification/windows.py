@@ -127,27 +127,16 @@ def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
     return log.with_columns({name: log[name] + back_emf * speeds[:, i] for i, name in enumerate(names)})
 
 
-def back_emf_of(mapping: str | Path | None) -> float:
-    """Return b_e [N m s/rad] of the motors that a mapping file describes; zero if the log has torques or currents.
+def back_emf_of(mappings: Sequence[str | Path]) -> float:
+    """Return b_e [N m s/rad] of the motors that mapping files describe; zero if the logs have torques or currents.
 
     Raises
     ------
     InputError
-        If the file cannot be read or is no mapping.
+        If a file cannot be read or is no mapping, or the mappings differ in it.
     """
-    drive = read_mapping(mapping).input if mapping else None
-    return drive.back_emf if isinstance(drive, DutyTable) else 0.0
-
-
-def common_back_emf(mappings: Sequence[str | Path]) -> float:
-    """Return b_e [N m s/rad] of the motors that several mapping files describe; see `back_emf_of`.
-
-    Raises
-    ------
-    InputError
-        If the mappings differ in it.
-    """
-    found = {round(back_emf_of(mapping), 12) for mapping in mappings}
+    drives = [read_mapping(mapping).input for mapping in mappings]
+    found = {round(one.back_emf if isinstance(one, DutyTable) else 0.0, 12) for one in drives}
     if len(found) > 1:
         raise InputError(
             "The motors of the mappings have back-EMF damping of "
