@@ -48,17 +48,6 @@ def test_gaps_missing_values_and_falls_are_passed_over():
     assert np.isfinite(windows.torques).all()
 
 
-def test_a_heading_kept_within_one_turn_does_not_jump():
-    log = smooth_log(rows=1001)
-    within_a_turn = (log["psi"] + 3.2 + np.pi) % (2 * np.pi) - np.pi
-    assert np.abs(np.diff(within_a_turn)).max() > 6.0
-    wrapped = log.with_columns({"psi": within_a_turn})
-    windows = cut_windows([wrapped], wheel_count=3, duration=0.25)
-    whole = cut_windows([log], wheel_count=3, duration=0.25)
-    turned = windows.measured[:, :, 4] - windows.initial[:, None, 4]
-    np.testing.assert_allclose(turned, whole.measured[:, :, 4] - whole.initial[:, None, 4], atol=1e-12)
-
-
 def test_a_wheel_that_hardly_turns_is_named():
     # rolling straight ahead turns wheels 2 and 3; wheel 1, in front, is carried sideways on its rollers
     log = smooth_log(rows=4000)

@@ -24,7 +24,7 @@ from ballbot.identification.quantities import (
     second_moments,
     with_rigid_body,
 )
-from ballbot.identification.windows import back_emf_of, standstill_torques
+from ballbot.identification.windows import standstill_torques
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Friction
@@ -207,29 +207,6 @@ def test_back_emf_brakes_the_predicted_wheels():
     undone = standstill_torques(as_mapped, alten(), brake)
     np.testing.assert_allclose(undone.torques, log.torques, atol=1e-12)
     assert np.abs(residuals(undone, {"delay": [0.0]}, back_emf=brake)).max() < ROUNDING
-
-
-def test_the_back_emf_of_a_mapping_is_its_motors(tmp_path):
-    mapping = tmp_path / "mapping.toml"
-    mapping.write_text(
-        """[columns]
-t = "time"
-
-[wheels]
-speed = { from = ["w1", "w2", "w3"] }
-
-[input]
-kind = "pwm"
-from = ["a", "b", "c"]
-supply_voltage = 12.0
-torque_constant = 0.02
-back_emf_constant = 0.021
-resistance = 2.0
-gear_ratio = 30.0
-"""
-    )
-    assert back_emf_of([mapping]) == pytest.approx(30.0**2 * 0.02 * 0.021 / 2.0)
-    assert back_emf_of([]) == 0.0
 
 
 # --- sensors ---
