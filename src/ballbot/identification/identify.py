@@ -97,24 +97,6 @@ from ballbot.robot import Robot, RobotLike, as_robot
 INNER_STEP = 5e-3
 
 
-def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
-    """Return which states (10,) count if these are excluded from the cost.
-
-    Raises
-    ------
-    InputError
-        If one is not a state, or no state is left.
-    """
-    for name in excluded:
-        if name not in STATE_NAMES:
-            hint = suggest(name, STATE_NAMES, otherwise="the states are")
-            raise InputError(f"{name!r} is not a state; {hint}")
-    counted = np.array([name not in excluded for name in STATE_NAMES])
-    if not counted.any():
-        raise InputError("Every state is excluded from the cost; at least one must remain.")
-    return counted
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IdentificationOptions:
     """Options of `identify` besides what it estimates; the defaults suit most logs.
@@ -159,12 +141,17 @@ class IdentificationOptions:
         ):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
-        states_counted(self.excluded_states)
+        for name in self.excluded_states:
+            if name not in STATE_NAMES:
+                hint = suggest(name, STATE_NAMES, otherwise="the states are")
+                raise InputError(f"{name!r} is not a state; {hint}")
+        if not self.counted.any():
+            raise InputError("Every state is excluded from the cost; at least one must remain.")
 
     @property
     def counted(self) -> NDArray[np.bool_]:
         """Which states (10,) count in the cost."""
-        return states_counted(self.excluded_states)
+        return ~np.isin(STATE_NAMES, self.excluded_states)
 
 
 #: suits most logs

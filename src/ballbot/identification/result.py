@@ -94,7 +94,7 @@ class Identification:
     @property
     def counted(self) -> NDArray[np.bool_]:
         """Which states (10,) count."""
-        return np.array([name not in self.excluded_states for name in STATE_NAMES])
+        return ~np.isin(STATE_NAMES, self.excluded_states)
 
     @cached_property
     def verdict(self) -> Verdict:
