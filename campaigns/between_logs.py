@@ -39,7 +39,7 @@ from ballbot.identification.identify import (
     speed_groups,
 )
 from ballbot.identification.laws import LawName
-from ballbot.identification.prediction import Predictor, window_errors
+from ballbot.identification.prediction import window_errors
 from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
 from ballbot.identification.variation import (
     PRIOR_FILE,
@@ -202,11 +202,8 @@ def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
 
     def make() -> Fit:
         coordinates = estimated_parameters(ROBOT, free=("friction",), law=law, bounds=Bounds())
-        options, run = IdentificationOptions(), Run(seed=0, executor=Threads(count=1))
-        predictor = Predictor(
-            robot=ROBOT, formulation="exact", step=STEP, layout=coordinates.layout, threads=1
-        )
-        prepared = prepare(predictor, coordinates, [log], window=0.25, options=options, run=run)
+        options, run = IdentificationOptions(step=STEP), Run(seed=0, executor=Threads(count=1))
+        prepared = prepare(ROBOT, coordinates, [log], window=0.25, options=options, run=run)
         begin = coordinates.scaled(np.where(coordinates.free, BEGIN, coordinates.nominal))
         estimate = refine(prepared, begin, options=options, run=run)
         equations, experiment = estimate.finished.equations, prepared.experiment
@@ -395,9 +392,9 @@ def coulomb_variation() -> Section:
 def _held_out_gain(log: Log, inner: Fit, outer: Fit) -> float:
     """Return the share by which the one fit's error on held-out windows is below the other's."""
     coordinates = outer.coordinates
-    predictor = Predictor(robot=ROBOT, formulation="exact", step=STEP, layout=coordinates.layout, threads=1)
-    run = Run(seed=0, executor=Threads(count=1))
-    windows = prepare(predictor, coordinates, [log], window=0.25, run=run).held_out
+    options, run = IdentificationOptions(step=STEP), Run(seed=0, executor=Threads(count=1))
+    prepared = prepare(ROBOT, coordinates, [log], window=0.25, options=options, run=run)
+    predictor, windows = prepared.experiment.predictor, prepared.held_out
     # NaN are v_s and delta of a law without s
     squares = [
         window_errors(predictor, windows, np.where(np.isfinite(one.values), one.values, 1.0)).squares_with

@@ -20,7 +20,6 @@ from ballbot.control.references import square
 from ballbot.fitting.intervals import Interval, assess
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import IdentificationOptions, prepare, refine
-from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import scale_between
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
@@ -77,9 +76,9 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
     """Simulate a log and identify it, in one thread."""
     robot = Robot.load("alten")
     coordinates = scale_between(robot)
-    options, run = IdentificationOptions(held_out=0.02), Run(seed=seed, executor=Threads(count=1))
+    options, run = IdentificationOptions(held_out=0.02, step=STEP), Run(seed=seed, executor=Threads(count=1))
     prepared = prepare(
-        Predictor(robot=robot, formulation="exact", step=STEP, layout=coordinates.layout, threads=1),
+        robot,
         coordinates,
         [noisy_log(truth, seed=seed)],
         window=0.25,

@@ -30,9 +30,7 @@ from ballbot.identification.identify import (
     prepare,
     search,
 )
-from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Bounds
-from ballbot.identification.windows import standstill_torques
 from ballbot.log import Log
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
@@ -59,15 +57,7 @@ def prepared_for(task: Task) -> Prepared:
     """Return the problem of one log."""
     robot = Robot.load(task.robot)
     coordinates = estimated_parameters(robot, free=("friction",), law="stribeck", bounds=Bounds())
-    predictor = Predictor(
-        robot=robot,
-        formulation="exact",
-        step=task.options.step,
-        layout=coordinates.layout,
-        back_emf=task.options.back_emf,
-    )
-    log = standstill_torques(task.log, robot, task.options.back_emf)
-    return prepare(predictor, coordinates, [log], window=0.25, options=task.options, run=_RUN)
+    return prepare(robot, coordinates, [task.log], window=0.25, options=task.options, run=_RUN)
 
 
 @dataclass(frozen=True, kw_only=True)

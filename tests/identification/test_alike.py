@@ -43,13 +43,6 @@ def test_wheels_are_fitted_as_one_if_their_differences_are_not_known_to_less_tha
     assert found == names
 
 
-def test_a_wheel_that_the_logs_do_not_excite_has_the_others_friction():
-    unknown = NONE.copy()
-    unknown[4] = True  # c2
-    found = inseparable(SPACE, fitted(seen=2.0, between=1.0), TRUTH, unknown=unknown, speeds=SPEEDS)
-    assert found == ("coulomb",)
-
-
 def test_numbers_that_are_equal_move_together_and_count_once():
     space = tied("coulomb")
     assert int(space.free.sum()) == int(SPACE.free.sum()) - 2

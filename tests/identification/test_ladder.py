@@ -6,24 +6,21 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.fitting.fit import LARGEST_LOSS, at_bound, descend
+from ballbot.fitting.fit import at_bound, descend
 from ballbot.fitting.model_selection import ModelSelection, gain_between
 from ballbot.fitting.uncertainty import covariance
 from ballbot.identification import Bounds, Identification, identify, select_law
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters
 from ballbot.identification.laws import (
-    LAWS,
     LawName,
     bounds_of,
     law_named,
-    law_results,
 )
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.verdict import BLOCK, window_blocks
 from ballbot.identification.windows import Span, cut_windows
 from ballbot.log import Log
-from ballbot.report.identification import _selection_sheet
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, noisy
 
@@ -104,24 +101,6 @@ def test_laws_without_a_significant_gain_are_not_selected(ladder):
     assert ladder.best.name == "coulomb"
     # a law over one that was not accepted is compared with the largest accepted one within it
     assert [one.over for one in ladder.candidates] == [None, "viscous", *["coulomb"] * 4]
-
-
-@pytest.mark.slow
-def test_a_law_never_fits_worse_than_the_one_within_it(ladder):
-    cost = {one.name: one.model.gauss_newton_cost[-1] for one in ladder.candidates}
-    for law in LAWS[1:]:
-        # but for what a parameter without influence may cost when it goes back to its value before
-        assert law.within is not None
-        assert cost[law.name] <= cost[law.within] + LARGEST_LOSS
-
-
-@pytest.mark.slow
-def test_results_and_table_contain_every_law(ladder):
-    results = law_results(ladder)
-    assert results["best"] == "coulomb"
-    assert [one["law"] for one in results["candidates"]] == [law.name for law in LAWS]
-    shown = [row[-1] for row in _selection_sheet(ladder).rows]
-    assert sum(one in ("no useful gain", "the data cannot decide") for one in shown) == 4
 
 
 #: a log of a robot whose break-away friction differs with direction, and those differences [N m]

@@ -16,7 +16,6 @@ from ballbot.identification.variation import (
     LogEstimates,
     Priors,
     log_estimates,
-    shipped_priors,
     variation_findings,
     widened,
     with_torque_scale,
@@ -153,11 +152,3 @@ def test_a_scale_that_is_not_known_makes_a_motors_friction_as_uncertain(coordina
     assert found.correlation[0, 3] > within.correlation[0, 3]
     assert found.intervals["c1"].upper > within.intervals["c1"].upper
     assert found.intervals["c2"].upper == pytest.approx(within.intervals["c2"].upper)
-
-
-def test_the_shipped_priors_cover_the_friction():
-    shipped = shipped_priors()
-    assert set(shipped.sizes) == set(FRICTION)
-    assert shipped.robots >= 2
-    assert all(0.0 < one < 10.0 for one in shipped.sizes.values())
-    assert shipped.degrees >= 3.0

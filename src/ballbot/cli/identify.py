@@ -35,7 +35,7 @@ from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import IdentificationOptions, identify_by_law
 from ballbot.identification.laws import law_results
 from ballbot.identification.sweep import read_sweep
-from ballbot.identification.windows import common_back_emf
+from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
@@ -130,7 +130,7 @@ def identify(
     named, others = _logs(logs, reading.holdout or [], mappings, described)
     bounds = read_bounds(fit.bounds) if fit.bounds else Bounds()
     checked = _checked(described, named, others, accept)
-    back_emf = common_back_emf(mappings)
+    back_emf = back_emf_of(mappings)
     inputs = [robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep]
     with (
         open_result(

@@ -23,7 +23,7 @@ from ballbot.fitting.fit import Fit, Search, SearchResult, fit, genetic, multist
 from ballbot.fitting.intervals import MOST_PROFILES, Uncertainty, assess
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import Discrepancy, discrepancy
+from ballbot.fitting.uncertainty import discrepancy
 from ballbot.identification.agreement import StageEstimate, file_findings
 from ballbot.identification.alike import (
     alike_finding,
@@ -44,7 +44,7 @@ from ballbot.identification.excitation import (
     share_shown,
 )
 from ballbot.identification.laws import LawName, bounds_of, law_named, select_law
-from ballbot.identification.prediction import Predictor, WindowErrors, window_errors, windows_for
+from ballbot.identification.prediction import Predictor, window_errors, windows_for
 from ballbot.identification.quantities import (
     FRICTION,
     Bounds,
@@ -63,7 +63,6 @@ from ballbot.identification.result_findings import (
     interval_findings,
     optimum_findings,
     prediction_findings,
-    ridge_findings,
 )
 from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.sweep import SweepFriction, with_sweep
@@ -96,24 +95,6 @@ from ballbot.robot import Robot, RobotLike, as_robot
 
 #: longest inner step of simulations [s]: with 2.5 or 1.25 ms an estimate moves by 0.15 of its standard error at most
 INNER_STEP = 5e-3
-
-
-def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
-    """Return which states (10,) count if these are excluded from the cost.
-
-    Raises
-    ------
-    InputError
-        If one is not a state, or no state is left.
-    """
-    for name in excluded:
-        if name not in STATE_NAMES:
-            hint = suggest(name, STATE_NAMES, otherwise="the states are")
-            raise InputError(f"{name!r} is not a state; {hint}")
-    counted = np.array([name not in excluded for name in STATE_NAMES])
-    if not counted.any():
-        raise InputError("Every state is excluded from the cost; at least one must remain.")
-    return counted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,12 +141,17 @@ class IdentificationOptions:
         ):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
-        states_counted(self.excluded_states)
+        for name in self.excluded_states:
+            if name not in STATE_NAMES:
+                hint = suggest(name, STATE_NAMES, otherwise="the states are")
+                raise InputError(f"{name!r} is not a state; {hint}")
+        if not self.counted.any():
+            raise InputError("Every state is excluded from the cost; at least one must remain.")
 
     @property
     def counted(self) -> NDArray[np.bool_]:
         """Which states (10,) count in the cost."""
-        return states_counted(self.excluded_states)
+        return ~np.isin(STATE_NAMES, self.excluded_states)
 
 
 #: suits most logs
@@ -223,32 +209,15 @@ def identify(
     checked = checked_logs(robot, logs, accept=options.accept)
     fitted = list(checked.logs.values())
     coordinates = estimated_parameters(robot, free=free, law=law, bounds=as_bounds(bounds))
-    predictor = Predictor(
-        robot=robot,
-        formulation=options.formulation,
-        step=options.step,
-        layout=coordinates.layout,
-        back_emf=options.back_emf,
-    )
-    supplied = [standstill_torques(log, robot, options.back_emf) for log in fitted]
-    prepared = prepare(predictor, coordinates, supplied, window=window, options=options, run=run)
+    prepared = prepare(robot, coordinates, fitted, window=window, options=options, run=run)
     searched = search(prepared, options=options, run=run)
     begin = searched.best
     if options.warm_start is not None:
         begin = _better_start(prepared.experiment, begin, options.warm_start)
     estimate = refine(prepared, begin, also=searched.other, options=options, run=run)
     prepared, estimate = _alike(prepared, estimate, options=options, run=run)
-    certain = _uncertainty(
-        prepared.experiment, estimate, torque_scale_errors(fitted, robot), options=options, run=run
-    )
     return _result(
-        prepared,
-        replace(estimate, searched=searched.history),
-        certain,
-        logs=checked,
-        window=window,
-        law=law,
-        options=options,
+        prepared, replace(estimate, searched=searched.history), checked, window, law, options=options, run=run
     )
 
 
@@ -263,29 +232,13 @@ def identify_by_law(
     options: IdentificationOptions = DEFAULT_OPTIONS,
     run: Run = DEFAULT_RUN,
 ) -> tuple[Identification, ModelSelection[Identification] | None]:
-    """Identify by one law; or by each law in turn, each begun from the law that it contains, and select the best.
+    """Identify by one law; or, for "best", by each law in turn, each begun from the law that it contains.
 
-    Parameters
-    ----------
-    robot, logs, free, bounds, window, options, run
-        As for `identify`.
-    law : str
-        The friction law, or "best".
-
-    Returns
-    -------
-    Identification
-        By the given law, or by the selected one.
-    ModelSelection, optional
-        The laws that were compared; None if one is given.
-
-    Raises
-    ------
-    InputError
-        As `identify`.
+    The parameters are those of `identify`. Returns the identification by the given law, or by the selected one and the
+    laws that were compared. InputError as `identify`.
     """
 
-    def fit(one: LawName, start: Identification | None) -> Identification:
+    def by_law(one: LawName, start: Identification | None) -> Identification:
         def report(now: Progress) -> None:
             error = "" if math.isnan(now.cost) else f", error x {math.exp(now.cost):.3f}"
             run.progress(replace(now, note=f"{one}{error}"))
@@ -302,9 +255,9 @@ def identify_by_law(
         )
 
     if law == "best":
-        selection = select_law(fit)
+        selection = select_law(by_law)
         return selection.best.model, selection
-    return fit(law, options.warm_start), None
+    return by_law(law, options.warm_start), None
 
 
 def estimated_parameters(
@@ -335,7 +288,7 @@ class Prepared:
 
 
 def prepare(
-    predictor: Predictor,
+    robot: Robot,
     coordinates: Coordinates,
     logs: Sequence[Log],
     *,
@@ -343,27 +296,29 @@ def prepare(
     options: IdentificationOptions = DEFAULT_OPTIONS,
     run: Run = DEFAULT_RUN,
 ) -> Prepared:
-    """Cut the logs, hold windows out and check that the others excite the parameters.
+    """Cut logs into windows of this length [s], hold some out and check that the others excite the parameters.
 
-    Parameters
-    ----------
-    window : float
-        Length of a window [s].
-    options : IdentificationOptions, optional
-    run : Run, optional
-        Its seed draws the windows that the search looks at; its executor works on the fit.
+    The seed of `run` draws the windows that the search looks at; its executor works on the fit.
 
     Raises
     ------
     InputError
         If the logs do not excite the parameters.
     """
+    predictor = Predictor(
+        robot=robot,
+        formulation=options.formulation,
+        step=options.step,
+        layout=coordinates.layout,
+        back_emf=options.back_emf,
+    )
+    logs = [standstill_torques(log, robot, options.back_emf) for log in logs]
     windows = windows_for(predictor, coordinates.upper, logs, duration=window)
     held = [holdout_intervals(log, fraction=options.held_out) for log in logs]
     fit_rows, held_rows = split_in_time(windows.spans, held)
     check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
     fitted = windows.take(fit_rows)
-    excitation = check_excitation(fitted, predictor.robot, coordinates)
+    excitation = check_excitation(fitted, robot, coordinates)
     drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fitted))[: options.evolution_windows])
     experiment = Balancing(
         predictor=predictor,
@@ -476,17 +431,6 @@ def _alike(
     return prepared, replace(refine(prepared, start, options=options, run=run), other=estimate.other)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Certain:
-    """An estimate with its uncertainty."""
-
-    values: NDArray[np.float64]  #: (p,), SI units
-    uncertainty: Uncertainty
-    variation: Variation
-    apart: Discrepancy  #: how far slow and fast windows disagree
-    findings: tuple[Finding, ...]  #: of the sweep
-
-
 def _uncertainty(
     experiment: Balancing,
     estimate: Fit[WindowsIterate],
@@ -494,8 +438,8 @@ def _uncertainty(
     *,
     options: IdentificationOptions,
     run: Run,
-) -> _Certain:
-    """Return the estimate with what its windows, other logs, the torques' scale, other wheels and a sweep say of it."""
+) -> tuple[NDArray[np.float64], Uncertainty, Variation, list[Finding]]:
+    """Return values (p,) with what windows, other logs, the torques' scale, other wheels and a sweep say of them."""
     coordinates = experiment.coordinates
     apart = discrepancy(
         estimate.finished.equations, speed_groups(experiment), estimate.estimated, seed=run.seed
@@ -508,13 +452,8 @@ def _uncertainty(
     values, findings = estimate.values, ()
     if options.sweep is not None:  # which does not vary from log to log
         values, uncertainty, findings = with_sweep(coordinates, values, uncertainty, options.sweep)
-    return _Certain(
-        values=values,
-        uncertainty=uncertainty,
-        variation=variation_of_each(coordinates, varied),
-        apart=apart,
-        findings=findings,
-    )
+    said = [*findings, *discrepancy_finding(apart), *variation_findings(varied)]
+    return values, uncertainty, variation_of_each(coordinates, varied), said
 
 
 #: groups of windows by speed, of equal size
@@ -537,16 +476,19 @@ def wheel_speeds(experiment: Balancing) -> NDArray[np.float64]:
 def _result(
     prepared: Prepared,
     estimate: Fit[WindowsIterate],
-    certain: _Certain,
-    *,
     logs: CheckedLogs,
     window: float,
     law: LawName,
+    *,
     options: IdentificationOptions,
+    run: Run,
 ) -> Identification:
-    experiment = prepared.experiment
-    predictor, coordinates, fitted = experiment.predictor, experiment.coordinates, list(logs.logs.values())
-    layout, values, uncertainty = predictor.layout, certain.values, certain.uncertainty
+    experiment, fitted = prepared.experiment, list(logs.logs.values())
+    predictor, coordinates = experiment.predictor, experiment.coordinates
+    layout, scale_errors = predictor.layout, torque_scale_errors(fitted, predictor.robot)
+    values, uncertainty, varied, said = _uncertainty(
+        experiment, estimate, scale_errors, options=options, run=run
+    )
     bounds = np.stack([coordinates.lower, coordinates.upper], axis=1)
     errors = uncertainty.standard_errors
     covariance = uncertainty.correlation * np.outer(errors, errors)
@@ -563,6 +505,19 @@ def _result(
         asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
     )
     held_out = window_errors(predictor, prepared.held_out, values)
+    findings = [
+        *_log_findings(predictor, fitted, options.excluded_states),
+        *prepared.excitation.findings,
+        *_parameter_findings(coordinates, estimate, values, uncertainty),
+        *prediction_findings(held_out.with_over_without),
+        *said,
+        *file_findings(
+            predictor.robot,
+            StageEstimate(
+                source="the balancing logs", labels=layout.labels, values=values, covariance=covariance
+            ),
+        ),
+    ]
     return Identification(
         robot=robot.annotated(identified_from=[row for log in fitted for row in fingerprint(log)]),
         predictor=predictor,
@@ -571,7 +526,7 @@ def _result(
         parameters=layout.by_symbol(np.where(estimate.unknown[coordinates.first], np.nan, values)),
         standard_errors=layout.by_symbol(errors),
         intervals=dict(uncertainty.intervals),
-        variation=certain.variation,
+        variation=varied,
         correlation=uncertainty.correlation,
         coulomb=coulomb_equivalent(
             layout, values, covariance=covariance, wheel_speeds=wheel_speeds(experiment)
@@ -584,43 +539,27 @@ def _result(
         excluded_states=tuple(options.excluded_states),
         evolution_cost=estimate.searched,
         gauss_newton_cost=estimate.finished.history,
-        findings=(
-            *_log_findings(predictor, fitted, options.excluded_states),
-            *prepared.excitation.findings,
-            *_findings(coordinates, estimate, certain, held_out),
-            *file_findings(
-                predictor.robot,
-                StageEstimate(
-                    source="the balancing logs", labels=layout.labels, values=values, covariance=covariance
-                ),
-            ),
-        ),
+        findings=tuple(findings),
         other=estimate.other,
         log_findings=logs.findings,
     )
 
 
-def _findings(
-    coordinates: Coordinates, estimate: Fit[WindowsIterate], certain: _Certain, held_out: WindowErrors
+def _parameter_findings(
+    coordinates: Coordinates,
+    estimate: Fit[WindowsIterate],
+    values: NDArray[np.float64],
+    uncertainty: Uncertainty,
 ) -> list[Finding]:
-    """Return the findings on the parameters."""
-    uncertainty = certain.uncertainty
-    apart = (
-        *correlation_findings(coordinates.labels, uncertainty.correlation),
-        *ridge_findings(coordinates.labels, uncertainty.correlation),
-    )
+    """Return what the logs leave open about the parameters (p,), SI units."""
     return [
         *alike_finding(coordinates),
-        *influence_findings(coordinates, certain.values, estimate.no_influence[coordinates.first]),
-        *bound_findings(coordinates, certain.values, estimate.at_bound[coordinates.first]),
+        *influence_findings(coordinates, values, estimate.no_influence[coordinates.first]),
+        *bound_findings(coordinates, values, estimate.at_bound[coordinates.first]),
         *error_findings(coordinates, uncertainty.scaled_errors),
         *interval_findings(uncertainty.intervals),
-        *dict.fromkeys(apart),
+        *correlation_findings(coordinates.labels, uncertainty.correlation),
         *optimum_findings(coordinates, estimate.finished.point, estimate.other),
-        *prediction_findings(held_out.with_over_without),
-        *certain.findings,
-        *discrepancy_finding(certain.apart),
-        *variation_findings(certain.variation),
     ]
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.identification.quantities import RIGID, Layout, with_rigid_body
+from ballbot.identification.quantities import RIGID, Layout
 from ballbot.identification.windows import (
     Windows,
     acting_torques,
@@ -105,13 +105,27 @@ class Predictor:
         offsets = sensor_offsets(self.layout, values, measured, times)
         return residuals if offsets is None else residuals + offsets
 
+    def in_chunks(
+        self,
+        values: NDArray[np.float64],
+        windows: Windows,
+        *,
+        every: int = 1,
+        starts: NDArray[np.float64] | None = None,
+    ) -> Iterator[NDArray[np.float64]]:
+        """Yield `residuals` of at most `CHUNK` windows at a time; starts (w, 10) are the same for all sets."""
+        for first in range(0, len(windows), CHUNK):
+            rows = np.arange(first, min(first + CHUNK, len(windows)))
+            begin = None if starts is None else np.broadcast_to(starts[rows], (len(values), len(rows), 10))
+            yield self.residuals(values, windows.take(rows), every=every, starts=begin)
+
     def square_sums(
         self, values: NDArray[np.float64], windows: Windows, *, every: int
     ) -> NDArray[np.float64]:
         """Return the residuals' sums of squares over windows and time, (sets, 10)."""
         sums = np.zeros((len(values), 10))
-        for chunk in chunks(windows):
-            sums += (self.residuals(values, chunk, every=every) ** 2).sum(axis=(1, 2))
+        for residuals in self.in_chunks(values, windows, every=every):
+            sums += (residuals**2).sum(axis=(1, 2))
         return sums
 
     def _initial(
@@ -163,7 +177,7 @@ class Predictor:
         """Return the rows of numbers (sets, size) that compiled code reads."""
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
-            rows = np.stack([pack(self._with_rigid_body(one), self.formulation) for one in values])
+            rows = np.stack([pack(layout.with_rigid_body(robot, one), self.formulation) for one in values])
         else:
             rows = np.repeat(self._own[None], len(values), axis=0)
         n = robot.wheel_count
@@ -185,16 +199,6 @@ class Predictor:
     def _own(self) -> NDArray[np.float64]:
         """The robot's own row of numbers."""
         return pack(self.robot, self.formulation)
-
-    def _with_rigid_body(self, values: NDArray[np.float64]) -> Robot:
-        parts = {name: self.layout.part(name, values) for name in RIGID}
-        return with_rigid_body(self.robot, {name: part for name, part in parts.items() if part is not None})
-
-
-def chunks(windows: Windows) -> Iterator[Windows]:
-    """Yield the windows `CHUNK` at a time."""
-    for first in range(0, len(windows), CHUNK):
-        yield windows.take(np.arange(first, min(first + CHUNK, len(windows))))
 
 
 def windows_for(
@@ -276,8 +280,6 @@ class WindowErrors:
 def window_errors(predictor: Predictor, windows: Windows, values: NDArray[np.float64]) -> WindowErrors:
     """Return the errors of predictions by parameters (p,), with their friction and without."""
     both = np.stack([values, predictor.layout.without_friction(values)])
-    squares = [(predictor.residuals(both, chunk, every=1) ** 2).sum(axis=2) for chunk in chunks(windows)]
-    with_friction, without = (
-        np.concatenate(squares, axis=1) if squares else np.zeros((2, 0, len(STATE_NAMES)))
-    )
+    squares = [(one**2).sum(axis=2) for one in predictor.in_chunks(both, windows)]
+    with_friction, without = np.concatenate([np.zeros((2, 0, len(STATE_NAMES))), *squares], axis=1)
     return WindowErrors(window_samples=windows.samples, squares_with=with_friction, squares_without=without)

@@ -82,54 +82,6 @@ def with_rigid_body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> R
     return robot.replace(ball=ball, body=_body(robot, found), wheels=wheels, drive=_drive(robot, found))
 
 
-def with_friction(
-    robot: Robot,
-    values: NDArray[np.float64],
-    *,
-    load: NDArray[np.float64] | None = None,
-    torque_offset: NDArray[np.float64] | None = None,
-    stribeck_asymmetry: NDArray[np.float64] | None = None,
-) -> Robot:
-    """Return the robot with this friction; terms that identification estimates and that are not given become absent.
-
-    Terms in `NOT_IDENTIFIED` stay as they are.
-
-    Parameters
-    ----------
-    robot : Robot
-    values : ndarray (p,)
-        [b_1 .., c_1 .., s_1 .., v_s, delta, C_rr] first.
-    load : ndarray (n,), optional
-        mu of each wheel.
-    torque_offset : ndarray (n,), optional
-        The torque that acts where none is logged [N m], in place of Coulomb friction that is as much smaller forward as
-        backward is larger; as far as it is no more than c: beyond, it is no friction.
-    stribeck_asymmetry : ndarray (n,), optional
-        s forward less the mean of both directions [N m]; as far as it is no more than s.
-    """
-    n = robot.wheel_count
-    b, c, s = (tuple(values[k * n : (k + 1) * n].tolist()) for k in range(3))
-    v_s, delta, C_rr = values[3 * n : 3 * n + 3].tolist()
-    return robot.replace(
-        friction=replace(
-            robot.friction,
-            viscous=b,
-            coulomb=c,
-            stribeck=s,
-            stribeck_speed=v_s,
-            stribeck_exponent=delta,
-            rolling=C_rr,
-            coulomb_asymmetry=()
-            if torque_offset is None
-            else tuple(np.clip(-torque_offset, np.negative(c), c).tolist()),
-            stribeck_asymmetry=()
-            if stribeck_asymmetry is None
-            else tuple(np.clip(stribeck_asymmetry, np.negative(s), s).tolist()),
-            load=() if load is None else tuple(load.tolist()),
-        )
-    )
-
-
 def _body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> Body:
     if not {"center_of_mass", "second_moment"} & found.keys():
         return robot.body
@@ -441,6 +393,36 @@ class Layout:
         """Return the parameters (p,) before identification."""
         return np.concatenate([BY_NAME[name].nominal(robot) for name in self.names])
 
+    def with_rigid_body(self, robot: Robot, values: NDArray[np.float64]) -> Robot:
+        """Return the robot with the rigid body out of parameters (p,), as far as it is among them."""
+        parts = {name: self.part(name, values) for name in RIGID}
+        found = {name: part for name, part in parts.items() if part is not None}
+        return with_rigid_body(robot, found) if found else robot
+
+    def robot_of(self, robot: Robot, values: NDArray[np.float64], *, asymmetric: bool = False) -> Robot:
+        """Return the robot with friction and rigid body out of parameters (p,).
+
+        Terms of friction that are not among them become absent; those in `NOT_IDENTIFIED` stay as they are. A torque
+        that acts where none is logged stands, if `asymmetric`, for Coulomb friction that is as much smaller forward as
+        backward is larger: as far as it is no more than c, beyond which it is no friction. Likewise s by direction.
+        """
+        b, c, s, (v_s,), (delta,), (C_rr,) = (values[self._columns[name]].tolist() for name in FRICTION)
+        offset = self.part("torque_offset", values) if asymmetric else None
+        by_direction, load = (self.part(name, values) for name in TERMS)
+        friction = replace(
+            robot.friction,
+            viscous=tuple(b),
+            coulomb=tuple(c),
+            stribeck=tuple(s),
+            stribeck_speed=v_s,
+            stribeck_exponent=delta,
+            rolling=C_rr,
+            coulomb_asymmetry=() if offset is None else _within(-offset, c),
+            stribeck_asymmetry=() if by_direction is None else _within(by_direction, s),
+            load=() if load is None else tuple(load.tolist()),
+        )
+        return self.with_rigid_body(robot.replace(friction=friction), values)
+
     def without_friction(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return parameters (..., p) with all friction taken out of them; v_s and delta are then without effect."""
         return self._without((*FRICTION, *TERMS), values)
@@ -466,6 +448,11 @@ class Layout:
             quantity = BY_NAME[name]
             result[quantity.symbol] = numbers.tolist() if quantity.each else float(numbers[0])
         return result
+
+
+def _within(values: NDArray[np.float64], sizes: Sequence[float]) -> tuple[float, ...]:
+    """Return values (n,) brought within plus and minus these sizes (n,)."""
+    return tuple(np.clip(values, np.negative(sizes), sizes).tolist())
 
 
 @dataclass(frozen=True)
@@ -496,10 +483,6 @@ class Bounds:
                 f"The lower bound of delay is {self.limits['delay'][0]:g}; it must be "
                 "zero or more, because an effect cannot precede its cause."
             )
-
-    def without(self, *names: str) -> Bounds:
-        """Return the bounds of the other quantities."""
-        return Bounds({name: limits for name, limits in self.limits.items() if name not in names})
 
 
 def read_bounds(path: str | Path) -> Bounds:

@@ -22,8 +22,6 @@ from ballbot.identification.quantities import (
     RIGID,
     TERMS,
     Layout,
-    with_friction,
-    with_rigid_body,
 )
 from ballbot.identification.stated_uncertainty import ends_without_error, with_uncertainty
 from ballbot.identification.variation import Variation
@@ -96,7 +94,7 @@ class Identification:
     @property
     def counted(self) -> NDArray[np.bool_]:
         """Which states (10,) count."""
-        return np.array([name not in self.excluded_states for name in STATE_NAMES])
+        return ~np.isin(STATE_NAMES, self.excluded_states)
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -258,28 +256,12 @@ def found_robot(
             errors = ", ".join(f"{one:.2g}" if np.isfinite(one) else "none" for one in part)
             of = " of S_x, S_y, S_z" if name == "second_moment" else ""
             sources |= dict.fromkeys(places, f"identified: from {logs}, standard error{of} {errors}")
-    moved = estimated_robot(robot, layout, values, asymmetric=asymmetric)
+    moved = layout.robot_of(robot, values, asymmetric=asymmetric)
     return with_uncertainty(
         moved.annotated(sources={**robot.sources, **sources}),
-        lambda parameters: estimated_robot(robot, layout, parameters, asymmetric=asymmetric),
+        lambda parameters: layout.robot_of(robot, parameters, asymmetric=asymmetric),
         values,
         covariance,
         names=sources,
         ends=ends,
     )
-
-
-def estimated_robot(
-    robot: Robot, layout: Layout, values: NDArray[np.float64], *, asymmetric: bool = False
-) -> Robot:
-    """Return the robot with friction and rigid body out of parameters (p,); see `found_robot`."""
-    rigid = {name: part for name in RIGID if (part := layout.part(name, values)) is not None}
-    offset = layout.part("torque_offset", values) if asymmetric else None
-    rubbing = with_friction(
-        robot,
-        values,
-        load=layout.part("load", values),
-        torque_offset=offset,
-        stribeck_asymmetry=layout.part("stribeck_asymmetry", values),
-    )
-    return with_rigid_body(rubbing, rigid) if rigid else rubbing

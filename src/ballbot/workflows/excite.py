@@ -46,7 +46,7 @@ from ballbot.identification import Bounds
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.identify import INNER_STEP, estimated_parameters
 from ballbot.identification.prediction import Predictor, windows_for
-from ballbot.identification.quantities import Coordinates, scale_between, with_friction
+from ballbot.identification.quantities import Coordinates, scale_between
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
@@ -173,7 +173,7 @@ def task(
         scaled = coordinates.from_search(np.full(len(scaled), 0.5))
     held = coordinates.scaled(coordinates.lower)
     point = np.where(coordinates.free, np.clip(scaled, _INSIDE, 1.0 - _INSIDE), held)
-    believed = with_friction(robot, coordinates.physical(point))
+    believed = coordinates.layout.robot_of(robot, coordinates.physical(point))
     return ExcitationTask(
         robots=tuple(
             believed.replace(friction=scaled_friction(believed.friction, factor)) for factor in FRICTIONS
