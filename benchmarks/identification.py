@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from ballbot.fitting.fit import descend
 from ballbot.fitting.run import Threads
-from ballbot.identification.initial_states import fit_with_initial_states
-from ballbot.identification.parameters import Bounds, scale_between
-from ballbot.identification.prediction import Cost, Predictor, Problem
-from ballbot.identification.quantities import Layout
+from ballbot.identification.balancing import Balancing
+from ballbot.identification.prediction import Predictor
+from ballbot.identification.quantities import Bounds, Layout, scale_between
 from ballbot.identification.windows import Windows, cut_windows
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.robot import Friction, Robot
@@ -138,17 +138,11 @@ def whole_fit(robot: Robot, windows: Windows) -> float:
     held |= {"stribeck_exponent": (own.stribeck_exponent,) * 2}
     coordinates = scale_between(robot, bounds=Bounds(wide | held))
     predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout, threads=1)
-    none = coordinates.layout.without_friction(coordinates.nominal)[None]
-    reference = predictor.square_sums(none, windows, every=windows.comparison_interval)[0]
-    problem = Problem(
-        predictor=predictor,
-        windows=windows,
-        coordinates=coordinates,
-        cost=Cost(reference=reference),
-        executor=Threads(count=1),
+    experiment = Balancing(
+        predictor=predictor, windows=windows, coordinates=coordinates, executor=Threads(count=1)
     )
     start = coordinates.scaled(START * coordinates.nominal)
-    return shortest(lambda: fit_with_initial_states(problem, start, free=coordinates.free, most_steps=25))
+    return shortest(lambda: descend(experiment, start, free=coordinates.free, most_steps=25))
 
 
 def square_sum_by_scipy(robot: Robot, window: Windows) -> NDArray[np.float64]:

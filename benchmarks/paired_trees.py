@@ -70,7 +70,7 @@ import json, sys, time
 import ballbot
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import identify
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.identify import IdentificationOptions
 
 run = Run(seed=0, executor=Threads(count=1), progress=lambda _: None)
 logs = [ballbot.Log.read(path) for path in sys.argv[1:]]

@@ -26,14 +26,16 @@ from ballbot.files import write_text
 from ballbot.fitting.between_logs import RobotLogs, fit_prior
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty, assess
 from ballbot.fitting.run import Run, Threads
-from ballbot.fitting.search import at_bound
 from ballbot.fitting.uncertainty import discrepancy
-from ballbot.identification.identify import estimated_parameters, speed_groups
+from ballbot.identification.identify import (
+    IdentificationOptions,
+    estimated_parameters,
+    prepare,
+    refine,
+    speed_groups,
+)
 from ballbot.identification.laws import LawName
-from ballbot.identification.parameters import Bounds, Coordinates
-from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import FRICTION
-from ballbot.identification.stages import IdentificationOptions, prepare, refine
+from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
 from ballbot.identification.variation import (
     PRIOR_FILE,
     LogEstimates,
@@ -189,30 +191,18 @@ def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
 
     def make() -> Fit:
         coordinates = estimated_parameters(ROBOT, free=("friction",), law=law, bounds=Bounds())
-        options, run = IdentificationOptions(), Run(seed=0, executor=Threads(count=1))
-        predictor = Predictor(
-            robot=ROBOT, formulation="exact", step=STEP, layout=coordinates.layout, threads=1
-        )
-        prepared = prepare(predictor, coordinates, [log], window=0.25, options=options, run=run)
+        options, run = IdentificationOptions(step=STEP), Run(seed=0, executor=Threads(count=1))
+        prepared = prepare(ROBOT, coordinates, [log], window=0.25, options=options, run=run)
         begin = coordinates.scaled(np.where(coordinates.free, BEGIN, coordinates.nominal))
         estimate = refine(prepared, begin, options=options, run=run)
-        fit, estimated = estimate.finished, estimate.estimated
-        stands = coordinates.free & at_bound(fit.point) & ~estimate.unknown
-        groups = speed_groups(ROBOT, prepared.fit)
-        widen = discrepancy(fit.equations, groups, estimated, seed=0).factor
-        within = assess(fit, estimated=estimated, at_bound=stands, most_profiles=0, widen=widen, run=run)
+        equations, experiment = estimate.finished.equations, prepared.experiment
+        widen = discrepancy(equations, speed_groups(experiment), estimate.estimated, seed=0).factor
+        within = assess(estimate, most_profiles=0, widen=widen, run=run)
         return Fit(
             coordinates=coordinates,
             values=np.where(estimate.unknown, np.nan, estimate.values),
             within=within,
-            by_log=log_estimates(
-                coordinates,
-                fit,
-                prepared.fit.spans,
-                values=estimate.values,
-                uncertainty=within,
-                widen=widen,
-            ),
+            by_log=log_estimates(within, equations, experiment.block_log, widen=widen),
         )
 
     return kept(KEPT, f"fit_{name}_{law}", make)
@@ -276,8 +266,8 @@ class Judged:
 def judge(both: tuple[Fit, Fit], priors: Priors) -> Iterator[Judged]:
     """Yield each parameter that both logs give a number."""
     first, second = both
-    coordinates, values = first.coordinates, _known(first)
-    stated, varied = widened(coordinates, values, first.within, first.by_log, priors=priors)
+    coordinates = first.coordinates
+    stated, varied = widened(coordinates, first.within, first.by_log, priors=priors)
     kinds = (stated.intervals, varied.predictions)
     for place, label in enumerate(coordinates.labels):
         numbers = (float(first.values[place]), float(second.values[place]))
@@ -341,6 +331,7 @@ _SYMBOLS = ("b", "c", "s", "v_s", "delta", "C_rr")
 
 
 SEEDS = range(1, 11)
+
 
 DRY_SPEED = 0.5  # [rad/s]
 

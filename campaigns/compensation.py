@@ -6,7 +6,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain
 from ballbot.control.references import figure_eight, square
 from ballbot.identification import Bounds, Identification, identify
-from ballbot.identification.stages import DEFAULT_OPTIONS, IdentificationOptions
+from ballbot.identification.identify import DEFAULT_OPTIONS, IdentificationOptions
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Twin

@@ -19,10 +19,8 @@ from ballbot.control.presets import design_gain
 from ballbot.control.references import square
 from ballbot.fitting.intervals import Interval, assess
 from ballbot.fitting.run import Run, Threads
-from ballbot.fitting.search import at_bound
-from ballbot.identification.parameters import scale_between
-from ballbot.identification.prediction import Predictor
-from ballbot.identification.stages import IdentificationOptions, prepare, refine
+from ballbot.identification.identify import IdentificationOptions, prepare, refine
+from ballbot.identification.quantities import scale_between
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
@@ -78,9 +76,9 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
     """Simulate a log and identify it, in one thread."""
     robot = Robot.load("alten")
     coordinates = scale_between(robot)
-    options, run = IdentificationOptions(held_out=0.02), Run(seed=seed, executor=Threads(count=1))
+    options, run = IdentificationOptions(held_out=0.02, step=STEP), Run(seed=seed, executor=Threads(count=1))
     prepared = prepare(
-        Predictor(robot=robot, formulation="exact", step=STEP, layout=coordinates.layout, threads=1),
+        robot,
         coordinates,
         [noisy_log(truth, seed=seed)],
         window=0.25,
@@ -88,8 +86,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
         run=run,
     )
     estimate = refine(prepared, coordinates.scaled(BEGIN), options=options, run=run)
-    stands = at_bound(estimate.finished.point) & ~estimate.unknown
-    sure = assess(estimate.finished, estimated=estimate.estimated, at_bound=stands, run=run)
+    sure = assess(estimate, run=run)
     numbers = zip(coordinates.labels, estimate.values.tolist(), estimate.unknown, strict=True)
     return Repeat(
         estimates={label: None if unknown else value for label, value, unknown in numbers},

@@ -27,7 +27,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference, read_reference, reference_text
 from ballbot.errors import InputError, UnsuitedController
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
-from ballbot.identification.parameters import read_bounds
+from ballbot.identification.quantities import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log
 from ballbot.log.checks import check

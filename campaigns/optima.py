@@ -21,13 +21,16 @@ import numpy as np
 
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
+from ballbot.fitting.fit import descend
 from ballbot.fitting.run import Run, Threads
-from ballbot.identification.identify import estimated_parameters
-from ballbot.identification.initial_states import fit_with_initial_states
-from ballbot.identification.parameters import Bounds
-from ballbot.identification.prediction import Predictor
-from ballbot.identification.stages import IdentificationOptions, Prepared, prepare, search
-from ballbot.identification.windows import standstill_torques
+from ballbot.identification.identify import (
+    IdentificationOptions,
+    Prepared,
+    estimated_parameters,
+    prepare,
+    search,
+)
+from ballbot.identification.quantities import Bounds
 from ballbot.log import Log
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
@@ -54,15 +57,7 @@ def prepared_for(task: Task) -> Prepared:
     """Return the problem of one log."""
     robot = Robot.load(task.robot)
     coordinates = estimated_parameters(robot, free=("friction",), law="stribeck", bounds=Bounds())
-    predictor = Predictor(
-        robot=robot,
-        formulation="exact",
-        step=task.options.step,
-        layout=coordinates.layout,
-        back_emf=task.options.back_emf,
-    )
-    log = standstill_torques(task.log, robot, task.options.back_emf)
-    return prepare(predictor, coordinates, [log], window=0.25, options=task.options, run=_RUN)
+    return prepare(robot, coordinates, [task.log], window=0.25, options=task.options, run=_RUN)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,20 +71,17 @@ class End:
 def fitted(task: Task, start: int | None) -> End:
     """Fit from where the search of the task's options ends, both places if so many, or from that random point."""
     prepared = prepared_for(task)
-    free = prepared.problem.coordinates.free
+    free = prepared.experiment.coordinates.free
     begun = process_time()
-    point = prepared.problem.coordinates.scaled(prepared.problem.coordinates.nominal)
+    point = prepared.experiment.coordinates.scaled(prepared.experiment.coordinates.nominal)
     if start is None:
-        found = search(prepared.coarse, options=task.options, run=_RUN)
+        found = search(prepared, options=task.options, run=_RUN)
         points = [found.best] if found.other is None else [found.best, found.other]
     else:  # scaled parameters: U(0, 1)
         point[free] = np.random.default_rng([start, 48]).uniform(size=int(free.sum()))
         points = [point]
     steps = task.options.gauss_newton_steps
-    fits = [
-        fit_with_initial_states(prepared.problem, one, free=free, most_steps=steps, run=_RUN)
-        for one in points
-    ]
+    fits = [descend(prepared.experiment, one, free=free, most_steps=steps, run=_RUN) for one in points]
     return End(cost=min(one.cost for one in fits), seconds=process_time() - begun)
 
 

@@ -25,7 +25,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.files import parse_toml, read_json, read_text
-from ballbot.identification.parameters import read_bounds
+from ballbot.identification.quantities import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log
 from ballbot.log.mapping import read_mapping

@@ -10,7 +10,7 @@ import pytest
 
 from ballbot import Log, Model, Robot, identify, simulate
 from ballbot.control.presets import nominal_controller
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.identify import IdentificationOptions
 from ballbot.log.columns import torque_names
 from ballbot.robot.components import Friction
 from campaigns.foreign_logs import commands, draw

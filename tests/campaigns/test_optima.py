@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.identify import IdentificationOptions
 from campaigns.optima import Task, ends_of, twin_log
 
 pytest.importorskip("mujoco")

@@ -9,8 +9,8 @@ import pytest
 from ballbot import Log, Robot
 from ballbot.cli import identify as identify_command
 from ballbot.cli.main import main
+from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.laws import LAWS
-from ballbot.identification.stages import IdentificationOptions
 from ballbot.robot import Friction
 from tests.support.identification_examples import balancing_log, noisy
 from tests.support.report_pages import LARGEST_PAGE

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ballbot.fitting.between_logs import RobotLogs, fit_prior, spread
 
@@ -51,25 +49,6 @@ def test_the_covariance_is_that_of_the_estimates_over_robots_drawn_from_the_prio
     g = np.array([1.0, 1.0, 0.0])
     assert np.sqrt(stated[0, 0]) > 0.9 * 0.1 / np.sqrt(count)
     assert np.sqrt(g @ stated @ g) < 0.08 / np.sqrt(count)
-
-
-@settings(max_examples=30)
-@given(
-    seed=st.integers(0, 2**16),
-    count=st.integers(1, 4),
-    units=st.tuples(*[st.floats(1e-4, 1e4)] * 3),
-    shift=st.floats(-10.0, 10.0),
-)
-def test_units_and_zero_point_do_not_matter_and_variation_only_adds(
-    seed: int, count: int, units: tuple[float, ...], shift: float
-) -> None:
-    y, unit = drawn(np.random.default_rng(seed), count, 6.0), np.array(units)
-    C = np.tile(RIDGE, (count, 1, 1))
-    one = spread(y, C, SIZES, degrees=6.0)
-    other = spread(unit * (y + shift), C * np.outer(unit, unit), unit * SIZES, degrees=6.0)
-    assert other.factor == pytest.approx(one.factor, rel=1e-6)
-    np.testing.assert_allclose(other.covariance / np.outer(unit, unit), one.covariance, rtol=1e-5, atol=1e-9)
-    assert np.linalg.eigvalsh(one.added).min() > -1e-9
 
 
 def test_logs_that_disagree_widen_and_are_found() -> None:

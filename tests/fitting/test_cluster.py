@@ -15,7 +15,7 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.fitting.run import Executor, Run, Threads
 from ballbot.identification import Identification, Progress, identify
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.identify import IdentificationOptions
 from ballbot.progress import ProgressCallback, ignore_progress
 from tests.support.control_examples import alten
 from tests.support.identification_examples import balancing_log, noisy
@@ -43,10 +43,6 @@ def cluster(local: distributed.LocalCluster) -> Iterator[Cluster]:
 def scaled_sine(shared: np.ndarray, piece: int) -> np.ndarray:
     time.sleep(0.02)
     return np.sin(shared * piece)
-
-
-def refuse(shared: str, piece: int) -> None:
-    raise InputError(f"piece {piece} of {shared} is no good")
 
 
 def quick(*, executor: Executor, report: ProgressCallback = ignore_progress) -> Identification:
@@ -90,14 +86,6 @@ def test_pieces_come_back_in_their_order_and_runs_with_their_place(cluster):
     make = partial(scaled_sine, np.linspace(0.0, 1.0, 5))
     found = dict(cluster.each(make, range(7)))
     assert [found[place].tobytes() for place in range(7)] == [make(piece).tobytes() for piece in range(7)]
-
-
-@pytest.mark.slow
-def test_an_error_in_a_piece_arrives_as_it_is(cluster):
-    with pytest.raises(InputError, match="piece 3 of all is no good"):
-        list(cluster.each(partial(refuse, "all"), [3]))
-    with pytest.raises(InputError, match="piece 3 of all is no good"):
-        cluster(refuse, "all", [3])
 
 
 @pytest.mark.slow

@@ -8,15 +8,13 @@ import pytest
 from scipy.stats import norm
 
 from ballbot.findings import texts
-from ballbot.fitting.intervals import Errors, Interval, Profile, between, intervals, truncated_reach
+from ballbot.fitting.intervals import Errors, Interval, between, truncated_reach
 from ballbot.fitting.uncertainty import covariance, leverage_corrected
-from ballbot.identification.parameters import scale_between
+from ballbot.identification.quantities import scale_between
 from ballbot.identification.result_findings import (
     correlation_findings,
     interval_findings,
-    ridge_findings,
 )
-from ballbot.results import to_results
 from tests.support.control_examples import alten
 
 COORDINATES = scale_between(alten())
@@ -36,20 +34,13 @@ def errors(**scaled: tuple[float, float, float]) -> Errors:
 
 
 def test_the_larger_error_makes_the_interval_in_si_units():
-    found = intervals(COORDINATES, errors(c1=(0.2, 0.01, 0.012), b1=(0.5, 0.02, 0.01)), None, most_profiles=0)
+    found = errors(c1=(0.2, 0.01, 0.012), b1=(0.5, 0.02, 0.01)).intervals(COORDINATES, {})
     assert set(found) == {"c1", "b1"}
     # c is estimated between 0 and 0.5 N m, b between 0 and 0.1 N m s/rad
     assert (found["c1"].lower, found["c1"].upper) == (pytest.approx(0.088), pytest.approx(0.112))
     assert found["c1"].method == "bootstrap"
     assert (found["b1"].lower, found["b1"].upper) == (pytest.approx(0.046), pytest.approx(0.054))
     assert found["b1"].method == "clustered"
-
-
-def test_a_ratio_has_an_interval_of_ratios():
-    found = intervals(COORDINATES, errors(v_s=(0.5, 0.02, 0.02)), None, most_profiles=0)["v_s"]
-    middle = math.sqrt(0.1 * 3.0)
-    assert found.upper / middle == pytest.approx(middle / found.lower)
-    assert found.upper / middle == pytest.approx(30.0**0.04)
 
 
 @pytest.mark.parametrize(
@@ -71,18 +62,10 @@ def test_doubtful_errors_are_profiled_the_worst_first():
         c1=(0.2, 0.01, 0.011), c2=(0.2, 0.01, 0.02), v_s=(0.5, 0.2, 0.2), s1=(0.1, 0.004, 0.013)
     )
     assert [LABELS[i] for i in doubtful.doubtful] == ["s1", "c2", "v_s"]
-    found = intervals(
-        COORDINATES, doubtful, lambda i: Profile(place=i, lower=0.15, upper=None), most_profiles=2
-    )
+    limits: tuple[float, None] = (0.15, None)
+    found = doubtful.intervals(COORDINATES, dict.fromkeys(doubtful.doubtful[:2].tolist(), limits))
     assert [found[label].method for label in ("s1", "c2", "v_s")] == ["profile", "profile", "clustered"]
     assert (found["s1"].lower, found["s1"].upper) == (pytest.approx(0.075), math.inf)
-
-
-def test_a_side_without_limit_is_infinite_in_files():
-    one = Interval(lower=0.3, upper=math.inf, method="profile")
-    assert to_results(one) == {"lower": 0.3, "upper": "Infinity", "from": "profile"}
-    assert 7.0 in one
-    assert 0.2 not in one
 
 
 def test_scores_without_leverage_make_the_jackknife_over_windows():
@@ -142,24 +125,20 @@ def test_unidentifiable_pairs_are_named_with_an_experiment(pair, experiment):
     assert experiment in sentences[1]
 
 
-def test_identifiable_pairs_are_not_named():
-    assert correlation_findings(("c1", "s1"), np.array([[1.0, -0.6], [-0.6, 1.0]])) == []
-
-
 def test_a_ridge_of_several_parameters_is_named():
     # three numbers of which the logs determine only the sum: every pair has a correlation of only -0.5
     random = np.random.default_rng(0)
     free = random.standard_normal((100_000, 3))
     known_sum = free - free.mean(axis=1, keepdims=True) + 1e-3 * random.standard_normal((100_000, 1))
     values = np.column_stack([known_sum, random.standard_normal(100_000)])
-    correlation = np.asarray(np.corrcoef(values, rowvar=False))
-    sentence, *advice = texts(ridge_findings(("b1", "c1", "s1", "C_rr"), correlation))
+    labels, correlation = ("b1", "c1", "s1", "C_rr"), np.asarray(np.corrcoef(values, rowvar=False))
+    sentence, *advice = texts(correlation_findings(labels, correlation))
     assert [words.split(", log")[0] for words in advice] == [
         "To separate viscous from dry friction",
         "To separate dry friction at rest from that at speed",
     ]
     assert sentence.startswith("b1, c1 and s1 are nearly collinear")
-    assert ridge_findings(("b1", "c1", "s1", "C_rr"), np.eye(4)) == []
+    assert correlation_findings(labels, np.eye(4)) == []
 
 
 @pytest.mark.parametrize("beyond", [0.0, 0.5, 3.0, 29.0, 31.0, 1e6])

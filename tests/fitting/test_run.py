@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ballbot.progress import Pace, Progress, as_clock, in_stage
+from ballbot.progress import Pace, Progress, as_clock
 from tests.support.processes import PATIENCE, Child
 
 
@@ -34,25 +34,6 @@ def test_time_left_is_that_of_the_rest_of_the_stage_at_its_pace():
     assert pace.left() == "about 1:00 left"
     pace.note(Progress(stage="descent", done=10, total=10))
     assert pace.left() == ""
-
-
-def test_a_stage_has_a_pace_of_its_own():
-    clock = Clock()
-    pace = Pace(clock)
-    for stage, steps, seconds in (("quick", 5, 1.0), ("slow", 2, 30.0)):
-        for step in range(1, steps + 1):
-            clock.now += seconds
-            pace.note(Progress(stage=stage, done=step, total=10))
-    assert pace.left() == "about 4:00 left"
-    pace.note(Progress(stage="of unknown length"))
-    clock.now += 100.0
-    assert pace.left() == ""
-
-
-def test_a_part_of_the_work_is_one_stage_to_those_who_watch_the_whole():
-    shown: list[Progress] = []
-    in_stage(shown.append, "wheel 1")(Progress(stage="evolution", done=3, total=4, note="error 2"))
-    assert shown == [Progress(stage="wheel 1", done=3, total=4, note="error 2")]
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from ballbot.fitting.uncertainty import (
     NormalEquations,
@@ -12,7 +10,6 @@ from ballbot.fitting.uncertainty import (
     correlation,
     covariance,
     discrepancy,
-    resampled_means,
     resamples,
 )
 
@@ -22,15 +19,6 @@ def equations_of(J: np.ndarray, residual: np.ndarray) -> WindowEquations:
     return WindowEquations(
         matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, residual)
     )
-
-
-@given(
-    count=st.integers(1, 60), block=st.integers(1, 12), repeats=st.integers(1, 5), seed=st.integers(0, 2**32)
-)
-def test_a_resample_has_as_many_windows_as_there_are(count, block, repeats, seed):
-    drawn = resamples(count, block=min(block, count), repeats=repeats, seed=seed)
-    assert drawn.shape == (repeats, count)
-    np.testing.assert_array_equal(drawn.sum(axis=1), count)
 
 
 def test_neighbours_are_drawn_together():
@@ -78,27 +66,6 @@ def test_errors_are_those_of_many_repeats_where_neighbouring_windows_depend_on_e
     assert np.median(resampled) / true == pytest.approx(0.83, abs=0.08)
 
 
-def test_fixed_parameters_have_no_standard_error():
-    random = np.random.default_rng(0)
-    J, residual = random.standard_normal((20, 4, 3)), random.standard_normal((20, 4))
-    errors = bootstrap(equations_of(J, residual), np.array([True, False, True]), seed=0, repeats=50).errors
-    np.testing.assert_array_equal(np.isnan(errors), [False, True, False])
-
-
-def test_resampled_means_are_those_of_the_rows_drawn():
-    values = np.random.default_rng(4).normal(size=(23, 3))
-    # 23 rows in blocks of one: the same draws, counted and summed
-    drawn = resamples(23, block=1, repeats=7, seed=5)
-    np.testing.assert_allclose(
-        resampled_means(values, block=1, repeats=7, seed=5), drawn @ values / 23, atol=1e-14
-    )
-    means = resampled_means(values, block=4, repeats=4000, seed=6)
-    # their mean is that of the rows, to a standard error over sqrt(4000)
-    np.testing.assert_allclose(
-        means.mean(axis=0), values.mean(axis=0), atol=4.0 * means.std() / np.sqrt(4000)
-    )
-
-
 @pytest.mark.slow
 def test_discrepancy_of_a_right_model_is_as_rare_as_its_level_and_a_wrong_one_is_seen():
     """Scores of windows that are alike: p is uniform. Groups of which one is pulled the other way: p is least."""
@@ -120,12 +87,6 @@ def test_discrepancy_of_a_right_model_is_as_rare_as_its_level_and_a_wrong_one_is
     )
     assert found.p_value == pytest.approx(1e-3)
     assert found.factor > 1.5
-
-
-def test_nothing_estimated_and_few_windows_show_no_discrepancy():
-    equations = WindowEquations(matrices=np.zeros((3, 4, 4)), scores=np.eye(3, 4))
-    for estimated in (np.zeros(4, dtype=bool), np.ones(4, dtype=bool)):
-        assert discrepancy(equations, np.arange(3), estimated, seed=0).factor == 1.0
 
 
 def test_correlation_of_a_covariance_that_rounding_made_indefinite_is_one():

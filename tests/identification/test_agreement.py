@@ -13,7 +13,7 @@ from ballbot.identification.agreement import (
     agreement_findings,
     of_robot_file,
 )
-from ballbot.identification.quantities import FRICTION, with_friction
+from ballbot.identification.quantities import FRICTION, Layout
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.robot.file import write_robot
 from ballbot.robot.variations import draw_robots
@@ -51,22 +51,8 @@ def test_a_difference_beyond_the_errors_names_the_numbers_that_differ_most():
     assert all(f"{label} " in found.text for label in ("b1", "c1"))
 
 
-def test_numbers_without_errors_are_not_compared():
-    unknown = StageEstimate(
-        source="the sweep", labels=LABELS, values=SWEEP, covariance=np.full((4, 4), np.nan)
-    )
-    assert agreement_findings(unknown, estimate(2.0 * SWEEP)) == []
-
-
-def test_a_robot_file_without_deviations_is_not_compared():
-    robot = Robot.load("alten")
-    assert of_robot_file(robot) is None
-    stated = of_robot_file(robot.annotated(standard_deviations={"friction.coulomb": (0.01, 0.02, 0.03)}))
-    assert stated is not None
-    assert stated.known == ["c1", "c2", "c3"]
-
-
 P = np.array([0.014, 0.016, 0.013, 0.11, 0.09, 0.12, 0.05, 0.04, 0.06, 0.6, 1.1, 0.007])
+LAYOUT = Layout(wheel_count=3)
 NAMES = [f"friction.{name}" for name in FRICTION]
 
 
@@ -77,8 +63,8 @@ def test_a_number_without_an_error_has_its_interval_and_leaves_the_others_theirs
     covariance = np.diag((0.05 * P) ** 2)
     covariance[[7, 10]] = covariance[:, [7, 10]] = np.nan
     found = with_uncertainty(
-        with_friction(robot, p),
-        lambda q: with_friction(robot, q),
+        LAYOUT.robot_of(robot, p),
+        lambda q: LAYOUT.robot_of(robot, q),
         p,
         covariance,
         names=NAMES,
@@ -118,7 +104,7 @@ def test_a_robot_written_and_read_again_has_the_same_covariance(tmp_path):
     sizes = np.sqrt(covariance.diagonal())
     covariance *= np.outer(0.05 * p / sizes, 0.05 * p / sizes)
     found = with_uncertainty(
-        with_friction(robot, p), lambda q: with_friction(robot, q), p, covariance, names=NAMES
+        LAYOUT.robot_of(robot, p), lambda q: LAYOUT.robot_of(robot, q), p, covariance, names=NAMES
     )
     write_robot(found, tmp_path / "found.toml")
     stated = stated_covariance(Robot.load(tmp_path / "found.toml"))

@@ -1,8 +1,6 @@
 """Motors that the logs cannot separate: when they are fitted as one, and what their numbers and errors are then."""
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -12,9 +10,8 @@ from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification import alike as motors
 from ballbot.identification import identify
 from ballbot.identification.alike import WHEELS_APART, inseparable, uncertainty_of_each
-from ballbot.identification.parameters import Coordinates, scale_between
-from ballbot.identification.stages import IdentificationOptions
-from ballbot.identification.variation import Fitted
+from ballbot.identification.identify import IdentificationOptions
+from ballbot.identification.quantities import Coordinates, scale_between
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, noisy
 
@@ -23,20 +20,16 @@ NONE = np.zeros(12, dtype=bool)
 SPACE = scale_between(alten(FRICTION), free=("viscous", "coulomb", "rolling"))
 
 
-def fitted(*, seen: float, between: float) -> Fitted:
+def fitted(*, seen: float, between: float) -> WindowEquations:
     """Return equations that see the friction of all wheels, and of their differences a share."""
     random, p = np.random.default_rng(0), len(TRUTH)
-    point = SPACE.scaled(TRUTH)
     J = seen * random.normal(size=(80, 50, p)) * SPACE.free
     columns = SPACE.layout.columns("coulomb")
     assert columns is not None
     mean = J[..., columns].mean(axis=-1, keepdims=True)
     J[..., columns] = mean + between * (J[..., columns] - mean)
     r = random.normal(size=(80, 50))
-    equations = WindowEquations(
-        matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, r)
-    )
-    return cast(Fitted, SimpleNamespace(point=point, equations=equations))
+    return WindowEquations(matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, r))
 
 
 def tied(*names: str) -> Coordinates:
@@ -48,13 +41,6 @@ def test_wheels_are_fitted_as_one_if_their_differences_are_not_known_to_less_tha
     # a scaled error of 1 / (2 sqrt(4000)) is 0.004 N m of c; with a fiftieth of the sight of differences 0.2 N m
     found = inseparable(SPACE, fitted(seen=2.0, between=between), TRUTH, unknown=NONE, speeds=SPEEDS)
     assert found == names
-
-
-def test_a_wheel_that_the_logs_do_not_excite_has_the_others_friction():
-    unknown = NONE.copy()
-    unknown[4] = True  # c2
-    found = inseparable(SPACE, fitted(seen=2.0, between=1.0), TRUTH, unknown=unknown, speeds=SPEEDS)
-    assert found == ("coulomb",)
 
 
 def test_numbers_that_are_equal_move_together_and_count_once():
@@ -69,17 +55,16 @@ def test_numbers_that_are_equal_move_together_and_count_once():
 
 def test_each_wheels_error_contains_by_how_much_motors_differ():
     space = tied("coulomb")
-    values = space.physical(space.scaled(TRUTH))
-    errors = np.where(space.free, 0.01, np.nan)
+    point = space.scaled(TRUTH)
+    values, scaled = space.physical(point), np.where(space.free, 0.01 / space.slopes(point), np.nan)
     R = np.where(np.outer(space.free, space.free), np.eye(12), np.nan)
     found = uncertainty_of_each(
         space,
-        values,
         Uncertainty(
-            scaled_errors=errors,
-            standard_errors=errors,
-            bootstrap_errors=errors,
-            correlation=R,
+            coordinates=space,
+            point=point,
+            covariance=R * np.outer(scaled, scaled),
+            bootstrap=scaled,
             intervals={
                 "c1": Interval(lower=0.09, upper=np.inf, method="clustered"),
                 "b1": Interval(lower=0.0, upper=0.02, method="at bound"),

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ballbot.cli.main import main
 from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
-from ballbot.log import Log
-from tests.support.axis_examples import SAMPLE_TIME, simulated_record
+from tests.support.axis_examples import simulated_record
 
 
 def open_loop() -> AxisRecord:
@@ -25,12 +23,22 @@ def noise(record: AxisRecord) -> NDArray[np.float64]:
     return 50.0 * np.random.default_rng(3).standard_normal(len(record))
 
 
+def led(record: AxisRecord) -> NDArray[np.float64]:
+    """Return the reference that a loop may have followed, in degrees."""
+    return np.degrees(np.append(record.position[20:], np.full(20, record.position[-1])))
+
+
 Change = Callable[[AxisRecord], AxisRecord]
-WRONG_OPEN: dict[str, tuple[Change, str, str]] = {
-    "force negated": (lambda r: replace(r, force=-r.force), "force-sign", "has the opposite sign"),
-    "position negated": (lambda r: replace(r, position=-r.position), "force-sign", "has the opposite sign"),
-    "random force": (lambda r: replace(r, force=noise(r)), "force-unrelated", "noise or from another run"),
-    "time in ms": (lambda r: replace(r, sample_time=1.0), "scale", "0.001 if it is in milliseconds"),
+WRONG_OPEN: dict[str, tuple[Change, set[str]]] = {
+    "force negated": (lambda r: replace(r, force=-r.force), {"force-sign"}),
+    "position negated": (lambda r: replace(r, position=-r.position), {"force-sign"}),
+    "magnitude of the force": (
+        lambda r: replace(r, force=np.abs(r.force)),
+        {"force-sign", "force-unrelated"},
+    ),
+    "reference as the force": (lambda r: replace(r, force=led(r)), {"force-sign", "force-unrelated"}),
+    "random force": (lambda r: replace(r, force=noise(r)), {"force-unrelated"}),
+    "time in ms": (lambda r: replace(r, sample_time=1.0), {"scale"}),
 }
 
 
@@ -38,14 +46,17 @@ def error_texts(record: AxisRecord, code: str) -> list[str]:
     return [one.text for one in record_findings(record) if (one.code, one.severity) == (code, "error")]
 
 
-@pytest.mark.parametrize(("change", "code", "message"), WRONG_OPEN.values(), ids=WRONG_OPEN)
-def test_wrong_records_in_open_loop_are_stopped(change: Change, code: str, message: str) -> None:
-    wrong = change(open_loop())
-    assert any(message in text for text in error_texts(wrong, code)), record_findings(wrong)
+@pytest.mark.parametrize(("change", "codes"), WRONG_OPEN.values(), ids=WRONG_OPEN)
+def test_wrong_records_in_open_loop_are_stopped(change: Change, codes: set[str]) -> None:
+    found = record_findings(change(open_loop()))
+    assert {one.code for one in found if one.severity == "error"} & codes, found
 
 
 def test_correct_records_pass() -> None:
     assert record_findings(open_loop()) == ()
+    # as a wheel it turns by so little that gravity is a constant torque
+    small = replace(open_loop(), position=0.01 * open_loop().position, unit="rad")
+    assert record_findings(small) == ()
 
 
 def test_the_benchmark_s_record_passes(shared_data: Path) -> None:
@@ -53,36 +64,11 @@ def test_the_benchmark_s_record_passes(shared_data: Path) -> None:
     assert record_findings(read_axis_record(shared_data / "emps" / "DATA_EMPS.mat", columns)) == ()
 
 
-@pytest.mark.parametrize("factor", [1.0, float(np.degrees(1.0)), 1000.0])
-def test_a_reference_is_no_force(factor: float) -> None:
-    led = np.append(open_loop().position[20:], np.full(20, open_loop().position[-1]))
-    found = record_findings(replace(open_loop(), force=factor * led))
-    assert {one.code for one in found if one.severity == "error"} & {"force-sign", "force-unrelated"}
-
-
-def test_a_magnitude_is_no_force() -> None:
-    found = record_findings(replace(open_loop(), force=np.abs(open_loop().force)))
-    assert {one.code for one in found if one.severity == "error"} & {"force-sign", "force-unrelated"}
-
-
 def test_a_position_that_is_stuck_while_the_axis_moves_is_an_error() -> None:
     position = open_loop().position.copy()
     position[2000:2800] = position[2000]
     (text,) = error_texts(replace(open_loop(), position=position), "stuck")
     assert "without change for 0.8 s (from row 2001" in text
-
-
-def test_the_command_stops_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    t = np.arange(len(open_loop())) * SAMPLE_TIME
-    Log({"t": t, "position": open_loop().position, "force": -open_loop().force}).write(
-        tmp_path / "record.csv"
-    )
-    out = tmp_path / "out"
-    assert main(["identify-axis", str(tmp_path / "record.csv"), "--out", str(out)]) == 2
-    printed = capsys.readouterr().err
-    assert "the force, or the position, has the opposite sign" in printed
-    assert printed.endswith("To continue despite this: --accept force-sign.\n")
-    assert not out.exists()
 
 
 def swept_wheel(limit: float, *, duration: float = 60.0) -> AxisRecord:

@@ -16,7 +16,7 @@ from ballbot import Log, Robot
 from ballbot.cli import identify as identify_command
 from ballbot.cli.main import main
 from ballbot.files import write_text
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.identify import IdentificationOptions
 
 FITTED, PREDICTED, SWEEP = "main_control_1", "main_control_autotune_1", "Test-Results_test_motors_1"
 

@@ -16,36 +16,11 @@ from ballbot.identification.driveline import (
     fit_driveline,
     sweeps_of,
 )
-from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
+from ballbot.simulation.driveline import Driveline, simulate_driveline
 from tests.support.report_pages import figure_count
 
 TRUTH = np.array([0.012, 0.05, 0.03, 0.7])  # b, c, s, v_s
 SAMPLE_TIME = 5e-3
-
-
-@pytest.fixture(scope="module")
-def sweep() -> Sweep:
-    """Return a sweep of 30 s with noise, limited by a stiff torque-speed curve."""
-    t = np.arange(6000) * SAMPLE_TIME
-    torque = np.sin(2.0 * np.pi * t / 20.0)
-    limit = TorqueSpeedCurve(no_load_speed=27.7, stall_torque=200.0)
-    line = Driveline(inertia=0.003, friction=classical(TRUTH), speed_limit=limit)
-    motion = simulate_driveline(line, torque[:-1], sample_time=SAMPLE_TIME)
-    speed = np.concatenate([[0.0], motion.speeds])
-    noise = 0.03 * np.random.default_rng(1).standard_normal(len(t))
-    return Sweep(wheel=1, t=t, torque=torque, speed=speed + noise, limit=27.7, inertia=0.003)
-
-
-@pytest.mark.slow
-def test_known_friction_comes_back(sweep):
-    found = fit_driveline(sweep)
-    # noise in a piece's first speed is in no standard error of a fit; hence five of them and a percent
-    assert np.all(np.abs(found.values - TRUTH) < 5.0 * found.standard_errors + 0.01 * TRUTH)
-    # a sweep of 30 s passes the low speeds five times
-    assert np.all(found.standard_errors[:3] < [0.1, 0.1, 0.25] * TRUTH[:3])
-    # noise of 0.03 rad/s, and a piece whose first speed has noise breaks away early or late
-    assert found.rmse < 0.1
-    assert found.rmse_without > 100.0 * found.rmse
 
 
 def played_sweep(seed: int) -> Sweep:
@@ -92,6 +67,7 @@ def test_noise_of_the_torque_and_play_do_not_bias_the_friction():
     for fit in fits:
         # c is known together with s and v_s only
         np.testing.assert_allclose(fit.values[:2] / TRUTH[:2], 1.0, atol=0.2)
+        assert fit.rmse_without > 20.0 * fit.rmse
 
 
 @pytest.mark.slow
@@ -105,9 +81,9 @@ def test_a_sweep_in_one_direction_is_refused():
         fit_driveline(Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=50.0, inertia=0.003))
 
 
-def test_a_wheel_that_is_always_at_its_limit_is_refused(sweep):
+def test_a_wheel_that_is_always_at_its_limit_is_refused():
     with pytest.raises(InputError, match="speed limit"):
-        fit_driveline(replace(sweep, limit=1e-3))
+        fit_driveline(replace(played_sweep(1), limit=1e-3))
 
 
 def test_a_log_of_too_few_wheels_is_refused():
@@ -124,20 +100,24 @@ def with_body(**columns: np.ndarray) -> Log:
     return Log({"t": t} | wheels | columns)
 
 
+def wave(size: float) -> np.ndarray:
+    return size * np.sin(np.pi * np.arange(400) * SAMPLE_TIME)
+
+
 @pytest.mark.parametrize(
-    ("name", "size", "sentence"),
+    ("name", "values", "sentence"),
     [
         # a whole turn of a sine of 0.02 rad: 0.02 / sqrt(2) rad
-        ("theta", 0.02, "sways by 0.81 degrees (root mean square of theta)"),
-        ("phi", 0.05, "use `ballbot identify` for logs of a balancing robot"),
-        ("ball_omega_y", 1.0, "a ball turns (ball_omega_y)"),
+        ("theta", wave(0.02), "sways by 0.81 degrees (root mean square of theta)"),
+        ("ball_omega_y", wave(1.0), "a ball turns (ball_omega_y)"),
+        ("u2", np.full(400, 0.3), "u2 is 0.3 N m throughout"),
+        ("wheel3_dot", np.full(400, math.nan), "wheel3_dot has 400 of 400 values missing"),
     ],
 )
-def test_a_log_with_the_ball_on_the_wheels_is_refused(tmp_path, capsys, name, size, sentence):
-    log = with_body(**{name: size * np.sin(np.pi * np.arange(400) * SAMPLE_TIME)})
-    log.write(tmp_path / "balancing.csv")
+def test_a_log_that_is_no_sweep_of_free_wheels_is_refused(tmp_path, capsys, name, values, sentence):
+    with_body(**{name: values}).write(tmp_path / "log.csv")
     out = tmp_path / "out"
-    assert main(["identify-driveline", "alten", str(tmp_path / "balancing.csv"), "--out", str(out)]) == 2
+    assert main(["identify-driveline", "alten", str(tmp_path / "log.csv"), "--out", str(out)]) == 2
     told = capsys.readouterr().err
     assert sentence in told
     assert told.count("\n") == 1
@@ -149,27 +129,6 @@ def test_a_body_that_is_held_still_may_have_its_sensors_on():
     noise = 5e-3 * np.random.default_rng(0).standard_normal((2, 400))
     lean = with_body(theta=0.3 + noise[0], phi=noise[1], ball_omega_x=np.zeros(400))
     assert len(sweeps_of(Robot.load("alten"), lean)) == 3
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "sentence"),
-    [
-        ("u2", 0.3, "u2 is 0.3 N m throughout"),
-        ("wheel3_dot", math.nan, "wheel3_dot has 400 of 400 values missing"),
-    ],
-)
-def test_a_sweep_with_a_dead_column_is_refused(tmp_path, capsys, name, value, sentence):
-    t = np.arange(400) * SAMPLE_TIME
-    columns = {
-        f"{kind}{i}{end}": np.sin(t) for i in (1, 2, 3) for kind, end in (("u", ""), ("wheel", "_dot"))
-    }
-    Log({"t": t} | columns | {name: np.full(len(t), value)}).write(tmp_path / "sweep.csv")
-    out = tmp_path / "out"
-    assert main(["identify-driveline", "alten", str(tmp_path / "sweep.csv"), "--out", str(out)]) == 2
-    told = capsys.readouterr().err
-    assert sentence in told
-    assert told.count("\n") == 1
-    assert not list(out.glob("*"))
 
 
 @pytest.mark.sample

@@ -80,10 +80,8 @@ WRONG: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
         "27.6 if one of the two is the motors'",
     ),
     "speeds in rpm": (times(30.0 / np.pi, *SPEEDS), "torque-scale", "9.5 if the speeds are in rpm"),
-    "one torque ten times": (times(10.0, "u2"), "torque-scale", " times the torques; each should be 1"),
     "dead motor": (times(0.0, "wheel2_dot"), "dead-motor", "Nothing responds to u2"),
     "torque not logged": (noise(1e-4, "u2"), "dead-motor", "that torque was not logged"),
-    "random torque": (noise(0.5, "u2"), "dead-motor", "or the column is wrong"),
     "frozen encoder": (frozen, "stuck", "wheel3_dot repeats one value for 1"),
 }
 

@@ -1,17 +1,13 @@
 """The parts of identification, each against an independent calculation; wheels that chatter within the play."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from ballbot import Log
 from ballbot.errors import InputError
-from ballbot.fitting.uncertainty import NormalEquations, covariance
 from ballbot.identification.excitation import chatter, chatter_finding, check_excitation
-from ballbot.identification.parameters import read_bounds, scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import Layout
+from ballbot.identification.quantities import Layout, read_bounds, scale_between
 from ballbot.identification.windows import cut_windows, split
 from tests.support.control_examples import alten
 from tests.support.identification_examples import TRUTH, balancing_log
@@ -38,17 +34,6 @@ def test_true_friction_predicts_a_simulated_log_to_rounding(formulation):
     assert np.abs(predictor(formulation).residuals(NONE, windows, every=1)).max() > 1e-2
 
 
-def test_windows_lie_end_to_end():
-    log = smooth_log(rows=1001)
-    windows = cut_windows([log, log], wheel_count=3, duration=0.25)
-    assert len(windows) == 40
-    assert windows.samples == 50
-    np.testing.assert_array_equal(windows.measured[3], log.states[151:201])
-    np.testing.assert_array_equal(windows.torques[3], log.torques[150:200])
-    np.testing.assert_array_equal(windows.initial[23], log.states[150])
-    assert (windows.spans[23].log, windows.spans[23].start) == (1, pytest.approx(0.75))
-
-
 def test_gaps_missing_values_and_falls_are_passed_over():
     log = smooth_log(rows=1001)
     columns = dict(log.columns)
@@ -61,23 +46,6 @@ def test_gaps_missing_values_and_falls_are_passed_over():
     assert starts == expected
     assert np.isfinite(windows.measured).all()
     assert np.isfinite(windows.torques).all()
-
-
-def test_a_heading_kept_within_one_turn_does_not_jump():
-    log = smooth_log(rows=1001)
-    within_a_turn = (log["psi"] + 3.2 + np.pi) % (2 * np.pi) - np.pi
-    assert np.abs(np.diff(within_a_turn)).max() > 6.0
-    wrapped = log.with_columns({"psi": within_a_turn})
-    windows = cut_windows([wrapped], wheel_count=3, duration=0.25)
-    whole = cut_windows([log], wheel_count=3, duration=0.25)
-    turned = windows.measured[:, :, 4] - windows.initial[:, None, 4]
-    np.testing.assert_allclose(turned, whole.measured[:, :, 4] - whole.initial[:, None, 4], atol=1e-12)
-
-
-def test_a_log_without_torques_is_refused():
-    log = smooth_log()
-    with pytest.raises(InputError, match="u2"):
-        cut_windows([Log({k: v for k, v in log.columns.items() if k != "u2"})], wheel_count=3, duration=0.25)
 
 
 def test_a_wheel_that_hardly_turns_is_named():
@@ -102,47 +70,7 @@ def test_split_is_a_partition():
 # --- search ---
 
 
-def test_scaled_coordinates_round_trip_with_the_stated_slopes():
-    coordinates = scale_between(alten())
-    scaled = np.random.default_rng(0).uniform(0.05, 0.95, 12)
-    step = 1e-6
-    slopes = (coordinates.physical(scaled + step) - coordinates.physical(scaled - step)) / (2 * step)
-    np.testing.assert_allclose(
-        coordinates.slopes(scaled), slopes, rtol=1e-8
-    )  # central difference, curvature 1e-12
-    np.testing.assert_allclose(coordinates.scaled(coordinates.physical(scaled)), scaled, rtol=1e-12)
-    np.testing.assert_array_equal(coordinates.physical(np.zeros(12)), coordinates.lower)
-    np.testing.assert_allclose(coordinates.physical(np.ones(12)), coordinates.upper, rtol=1e-15)
-
-
-def test_standard_errors_clustered_by_window_are_those_of_many_repeats():
-    # a linear problem whose noise is one number a window and a little besides: independent-sample errors would be
-    # sqrt(20) times too small
-    random = np.random.default_rng(3)
-    windows, samples, repeats = 200, 20, 500
-    J = np.repeat(random.standard_normal((windows, 1, 2)), samples, axis=1)
-    H = np.einsum("wki,wkj->ij", J, J)
-    estimates, predicted = [], []
-    for _ in range(repeats):
-        residual = random.standard_normal((windows, 1)) + 0.1 * random.standard_normal((windows, samples))
-        shift = -np.linalg.solve(H, np.einsum("wki,wk->i", J, residual))
-        left = residual + J @ shift
-        scores = np.einsum("wki,wk->wi", J, left)
-        estimates.append(shift)
-        predicted.append(
-            covariance(NormalEquations(matrix=H, scores=scores), np.array([True, True])).diagonal()
-        )
-    # 500 repeats give a standard deviation to 3.2 %; the small-sample bias at 200 windows is about 1 %
-    np.testing.assert_allclose(np.sqrt(np.mean(predicted, axis=0)), np.std(estimates, axis=0), rtol=0.1)
-
-
 # --- bounds ---
-
-
-def test_bounds_come_from_a_file(tmp_path):
-    (tmp_path / "bounds.toml").write_text("coulomb = [0.05, 0.2]\nrolling = [0, 0.01]\n")
-    bounds = read_bounds(tmp_path / "bounds.toml")
-    assert bounds.limits == {"coulomb": (0.05, 0.2), "rolling": (0.0, 0.01)}
 
 
 @pytest.mark.parametrize(
@@ -180,13 +108,6 @@ def test_swings_as_long_as_the_play_are_chatter():
     assert found.share > 0.98
     assert found.swing == pytest.approx(PLAY, rel=0.05)  # twenty samples a turn miss its ends by 1 %
     assert found.matters
-
-
-def test_a_robot_without_play_does_not_chatter():
-    robot = alten()
-    rigid = robot.replace(drive=replace(robot.drive, backlash=0.0))
-    t = 0.005 * np.arange(2000)
-    assert chatter(log_of(0.5 * PLAY * np.sin(2 * np.pi * 10 * t)), rigid).share == 0.0
 
 
 def test_the_stiff_log_chatters_and_the_soft_one_does_not(shared_data):

@@ -6,7 +6,7 @@ import pytest
 from ballbot import InputError, LawParameter, Robot, identify, register_friction_law
 from ballbot.control.presets import nominal_controller
 from ballbot.identification.laws import law_named
-from ballbot.identification.parameters import Bounds
+from ballbot.identification.quantities import Bounds
 from ballbot.report.identification import friction_curve
 from tests.support.control_examples import alten
 from tests.support.friction_law_examples import FRICTION

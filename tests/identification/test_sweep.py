@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification import identify
+from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.quantities import Layout
-from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.sweep import SweepFriction, combine, read_sweep
 from ballbot.robot import Friction
 from tests.support.control_examples import alten
@@ -150,14 +150,11 @@ def results(**more: object) -> dict[str, object]:
     return {"parameters": table, "standard_errors": table, "correlation": correlation} | more
 
 
-def test_the_file_of_the_sweep_is_read(tmp_path):
+def test_a_sweep_of_another_robot_is_refused(tmp_path):
     path = tmp_path / "results.json"
     bound = {name: [0.01, None if name == "b" else 0.02, 0.03] for name in ("b", "c", "s", "v_s", "delta")}
     path.write_text(json.dumps(results(standard_errors=bound)))
-    read = read_sweep(path, wheel_count=3)
-    np.testing.assert_array_equal(read.values[:, 1], [0.01, 0.02, 0.03])
-    assert np.isnan(read.covariances[1, 0, 0])
-    assert read.covariances[1, 1, 1] == pytest.approx(0.02**2)
+    assert np.isnan(read_sweep(path, wheel_count=3).covariances[1, 0, 0])
     with pytest.raises(InputError, match=r"has 3 wheels, but the robot has 4"):
         read_sweep(path, wheel_count=4)
 

@@ -11,18 +11,15 @@ from numpy.typing import NDArray
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.identify import estimated_parameters
-from ballbot.identification.parameters import Bounds, Coordinates
-from ballbot.identification.quantities import FRICTION
+from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
 from ballbot.identification.variation import (
     LogEstimates,
     Priors,
     log_estimates,
-    shipped_priors,
     variation_findings,
     widened,
     with_torque_scale,
 )
-from ballbot.identification.windows import Span
 from ballbot.robot import Robot
 
 ROBOT = Robot.load("alten")
@@ -43,7 +40,7 @@ class Linear:
     point: NDArray[np.float64]
     equations: WindowEquations
     by_log: NDArray[np.float64]  #: (k, p), the exact least-squares estimate of each log alone
-    spans: tuple[Span, ...]
+    block_log: NDArray[np.int64]
 
 
 def linear(coordinates: Coordinates, *, shifts: NDArray[np.float64], seed: int = 0) -> Linear:
@@ -65,38 +62,33 @@ def linear(coordinates: Coordinates, *, shifts: NDArray[np.float64], seed: int =
             matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, residuals)
         ),
         by_log=np.array([least_squares(of_log == log) for log in range(len(shifts))]),
-        spans=tuple(Span(log=int(log), start=float(k), end=k + 1.0) for k, log in enumerate(of_log)),
+        block_log=of_log,
     )
 
 
-def uncertainty(coordinates: Coordinates, errors: NDArray[np.float64]) -> Uncertainty:
+def uncertainty(coordinates: Coordinates, errors: NDArray[np.float64], values=VALUES) -> Uncertainty:
     """Return an uncertainty of scaled errors (p,)."""
-    physical = errors * coordinates.slopes(coordinates.scaled(VALUES))
-    half = 1.96 * physical
+    point = coordinates.scaled(values)
+    half = 1.96 * errors * coordinates.slopes(point)
     intervals = {
         label: Interval(lower=float(value - reach), upper=float(value + reach), method="clustered")
-        for label, value, reach in zip(coordinates.labels, VALUES, half, strict=True)
+        for label, value, reach in zip(coordinates.labels, values, half, strict=True)
         if np.isfinite(reach)
     }
+    known = np.isfinite(np.outer(errors, errors))
     return Uncertainty(
-        scaled_errors=errors,
-        standard_errors=physical,
-        bootstrap_errors=physical,
-        correlation=np.where(np.isfinite(np.outer(errors, errors)), np.eye(len(errors)), np.nan),
-        intervals=intervals if len(intervals) == len(errors) else intervals | AT_BOUND,
+        coordinates=coordinates,
+        point=point,
+        covariance=np.where(known, np.diag(errors**2), np.nan),
+        bootstrap=errors,
+        intervals=AT_BOUND | intervals,
     )
 
 
 def test_each_logs_estimate_is_that_of_its_own_least_squares(coordinates: Coordinates):
     made = linear(coordinates, shifts=np.array([0.0, 0.01, -0.02]))
-    found = log_estimates(
-        coordinates,
-        made,
-        made.spans,
-        values=coordinates.physical(made.point),
-        uncertainty=uncertainty(coordinates, np.full(12, 1e-3)),
-        widen=1.0,
-    )
+    within = uncertainty(coordinates, np.full(12, 1e-3), coordinates.physical(made.point))
+    found = log_estimates(within, made.equations, made.block_log, widen=1.0)
     np.testing.assert_allclose(found.points, made.by_log, atol=1e-10)
     # 60 windows of 20 residuals of 0.02; errors from 180 windows scatter by a twentieth, and the windows by a tenth
     errors = np.sqrt(found.covariances.diagonal(axis1=1, axis2=2))
@@ -114,9 +106,9 @@ def of_logs(points: np.ndarray, errors: np.ndarray) -> LogEstimates:
 def test_one_log_has_the_errors_of_the_estimate_and_the_variation_of_the_prior(coordinates: Coordinates):
     errors, values = np.full(12, 2e-3), VALUES.copy()
     errors[3], values[3] = np.nan, 0.0  # c1 is at zero
-    within = uncertainty(coordinates, errors)
+    within = uncertainty(coordinates, errors, values)
     scaled = coordinates.scaled(values)
-    found, varied = widened(coordinates, values, within, of_logs(scaled[None], errors), priors=PRIORS)
+    found, varied = widened(coordinates, within, of_logs(scaled[None], errors), priors=PRIORS)
     # E(tau^2) = 8 / 6; b varies by 0.1 of 0.02 and of the wheels' mean c + s at 10 rad/s, over bounds of 0.1
     of_b = 0.02 + float(np.mean(values[3:6]) + 0.05) / 10.0
     assert found.scaled_errors[0] == pytest.approx(np.sqrt(2e-3**2 + 8.0 / 6.0 * of_b**2), rel=2e-3)
@@ -136,13 +128,13 @@ def test_one_log_has_the_errors_of_the_estimate_and_the_variation_of_the_prior(c
 def test_more_logs_know_more_and_logs_that_differ_are_found(coordinates: Coordinates):
     errors, scaled = np.full(12, 5e-3), coordinates.scaled(VALUES)
     within = uncertainty(coordinates, errors)
-    one, _ = widened(coordinates, VALUES, within, of_logs(scaled[None], errors), priors=PRIORS)
+    one, _ = widened(coordinates, within, of_logs(scaled[None], errors), priors=PRIORS)
     points = np.tile(scaled, (3, 1))
-    alike, varied = widened(coordinates, VALUES, within, of_logs(points, errors), priors=PRIORS)
+    alike, varied = widened(coordinates, within, of_logs(points, errors), priors=PRIORS)
     assert np.all(alike.standard_errors < one.standard_errors)
     assert variation_findings(varied) == []
     points[1, 4] += 0.15
-    apart, varied = widened(coordinates, VALUES, within, of_logs(points, errors), priors=PRIORS)
+    apart, varied = widened(coordinates, within, of_logs(points, errors), priors=PRIORS)
     assert np.all(apart.standard_errors > alike.standard_errors)
     (finding,) = variation_findings(varied)
     assert "The 3 logs differ" in finding.text
@@ -150,7 +142,7 @@ def test_more_logs_know_more_and_logs_that_differ_are_found(coordinates: Coordin
 
 def test_a_scale_that_is_not_known_makes_a_motors_friction_as_uncertain(coordinates: Coordinates):
     within = uncertainty(coordinates, np.full(12, 5e-3))
-    found = with_torque_scale(coordinates, VALUES, within, np.array([0.2, 0.0, 0.0]))
+    found = with_torque_scale(coordinates, within, np.array([0.2, 0.0, 0.0]))
     np.testing.assert_allclose(
         found.standard_errors[:9:3], np.hypot(within.standard_errors[:9:3], 0.2 * VALUES[:9:3]), rtol=1e-12
     )
@@ -160,11 +152,3 @@ def test_a_scale_that_is_not_known_makes_a_motors_friction_as_uncertain(coordina
     assert found.correlation[0, 3] > within.correlation[0, 3]
     assert found.intervals["c1"].upper > within.intervals["c1"].upper
     assert found.intervals["c2"].upper == pytest.approx(within.intervals["c2"].upper)
-
-
-def test_the_shipped_priors_cover_the_friction():
-    shipped = shipped_priors()
-    assert set(shipped.sizes) == set(FRICTION)
-    assert shipped.robots >= 2
-    assert all(0.0 < one < 10.0 for one in shipped.sizes.values())
-    assert shipped.degrees >= 3.0

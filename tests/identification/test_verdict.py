@@ -48,8 +48,3 @@ def test_it_is_not_usable_for_each_reason(ratios, more, reason) -> None:
     assert found.sentence.startswith("Not usable: ")
     assert len(found.reasons) == 1
     assert reason in found.reasons[0]
-
-
-def test_a_prediction_without_a_value_is_no_evidence_for_friction() -> None:
-    assert not judged([np.inf] * 4).usable
-    assert not judged([np.nan] * 4).usable

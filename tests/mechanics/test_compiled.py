@@ -9,15 +9,15 @@ import pytest
 
 from tests.support.paths import ROOT
 
-#: a function that is soon compiled, and another one that it calls
+#: a function that is soon compiled
 SMALL = """
 import sys
 sys.stderr.isatty = lambda: True
 import numpy as np
-from ballbot.identification.swing import follow_pendulum
-t, angles, rates = np.arange(3.0), np.empty(3), np.empty(3)
-follow_pendulum(1.0, 0.1, 0.01, 0.2, 0.0, t, 0.05, angles, rates)
-print(angles)
+from ballbot.twin.driveline import _stribeck_sizes
+numbers, sizes = np.arange(1.0, 4.0), np.empty(3)
+_stribeck_sizes(numbers, numbers, numbers, 1.5, 1.1, sizes)
+print(sizes)
 """
 
 #: batches of the law and the mechanics: functions that others call, in vector lanes and alone

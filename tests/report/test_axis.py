@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot.findings import note
-from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
+from ballbot.identification.axis import AxisIdentification, AxisRecord, identify_axis
 from ballbot.identification.axis.model import Axis
 from ballbot.report.axis import (
     axis_friction_figure,
@@ -28,16 +28,13 @@ def moved(name: str, phase: float) -> AxisRecord:
     """Return a record of 6 s at 100 Hz without noise, its force a sum of two sines."""
     t = np.arange(600, dtype=np.float64) * 0.01
     force = 8.0 * np.sin(2.0 * np.pi * 0.7 * t + phase) + 4.0 * np.sin(2.0 * np.pi * 1.9 * t + 2.0 * phase)
-    axis = Axis(values=VALUES)
-    empty = AxisRecord(name=name, sample_time=0.01, force=force, position=t)
-    position = axis.windows(empty, np.array([0]), np.array([599]), np.zeros((1, 2)))
-    return replace(empty, position=np.append(0.0, position))
+    states = Axis(values=VALUES).windows(force, 0.01, np.array([0]), np.array([599]), np.zeros((1, 2)))
+    return AxisRecord(name=name, sample_time=0.01, force=force, position=np.append(0.0, states[:, 0]))
 
 
 @pytest.fixture(scope="module")
 def found() -> AxisIdentification:
-    options = AxisOptions(law="coulomb")
-    return identify_axis(records(), options=options)
+    return identify_axis(records())
 
 
 @cache

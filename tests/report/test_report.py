@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 
 from ballbot.fitting.intervals import Interval
 from ballbot.identification.coulomb import CoulombEquivalent
-from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import FRICTION, QUANTITIES, Layout
+from ballbot.identification.quantities import FRICTION, QUANTITIES, Layout, scale_between
 from ballbot.identification.result import Identification, OtherOptimum, WindowErrors
 from ballbot.identification.result_findings import optimum_findings
 from ballbot.identification.variation import Variation

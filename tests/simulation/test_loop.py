@@ -12,7 +12,6 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import circle
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.geometry import contact_directions, rolling_directions, transforms
-from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.simulation.imperfections import Imperfections, Push, RollerContacts, Supply
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -387,9 +386,7 @@ def test_friction_follows_the_force_on_the_wheels():
         np.array([-v_dot[1], v_dot[0], 0.0]) / ROBOT.ball.radius
         - (1.0 + ROBOT.wheels.radius / ROBOT.ball.radius) * w_dot
     )
-    rotor = reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
+    rotor = drive.reflected_inertia
     turned = A @ (np.array([-v_dot[1], v_dot[0], 0.0]) / ROBOT.ball.radius - w_dot)
     lost = np.multiply(friction.viscous, speeds) + dry
     pushes = (-lost - ROBOT.wheels.inertia * spins - rotor * turned) / ROBOT.wheels.radius

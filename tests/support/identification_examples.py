@@ -10,7 +10,7 @@ from ballbot.log import STATE_NAMES
 from ballbot.robot import Friction
 from tests.support.control_examples import FRICTION, alten
 
-#: the friction behind `balancing_log`, in the order of `ballbot.identification.parameters`
+#: the friction behind `balancing_log`, in the order of `ballbot.identification.quantities`
 TRUTH = np.array([*FRICTION.viscous, *FRICTION.coulomb, *FRICTION.stribeck, 0.6, 1.1, 0.007])
 
 #: standard deviations of good sensors' noise, for x y theta phi psi and their rates

@@ -13,7 +13,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import sampled_reference, square
 from ballbot.errors import InputError
 from ballbot.identification import identify
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.identify import IdentificationOptions
 from ballbot.report.excitation import gain_sentence
 from ballbot.workflows.excite import (
     Extent,

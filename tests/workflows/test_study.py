@@ -23,7 +23,8 @@ from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, identify
-from ballbot.identification.stages import IdentificationOptions, holdout_intervals
+from ballbot.identification.identify import IdentificationOptions
+from ballbot.identification.windows import holdout_intervals
 from ballbot.log import STATE_NAMES, Log
 from ballbot.progress import Progress, ProgressCallback
 from ballbot.report.page import page_of

@@ -24,6 +24,7 @@ from ballbot.cli.context import (
 )
 from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
+from ballbot.fitting.fit import Search
 from ballbot.fitting.run import Run
 from ballbot.identification import (
     Bounds,
@@ -31,11 +32,10 @@ from ballbot.identification import (
     read_bounds,
 )
 from ballbot.identification.holdout import InitialStates
-from ballbot.identification.identify import identify_by_law
+from ballbot.identification.identify import IdentificationOptions, identify_by_law
 from ballbot.identification.laws import law_results
-from ballbot.identification.stages import IdentificationOptions, Search
 from ballbot.identification.sweep import read_sweep
-from ballbot.identification.windows import common_back_emf
+from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
@@ -131,7 +131,7 @@ def identify(
     named, others = _logs(logs, reading.holdout or [], mappings, described)
     bounds = read_bounds(fit.bounds) if fit.bounds else Bounds()
     checked = _checked(described, named, others, accept)
-    back_emf = common_back_emf(mappings)
+    back_emf = back_emf_of(mappings)
     inputs = [robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep]
     with (
         open_result(

@@ -56,7 +56,7 @@ def identify_axis(
         [
             finding
             for path, one in zip(paths, read, strict=True)
-            for finding in in_file(path, record_findings(one, bandwidth=method.bandwidth))
+            for finding in in_file(path, record_findings(one))
         ],
         accept=accept,
     )

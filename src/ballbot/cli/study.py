@@ -107,7 +107,7 @@ def study(
     named = read_balancing_logs(logs, fit.mapping, described)
     within = read_bounds(fit.bounds) if fit.bounds else None
     findings = check_input(described, logs, named.values(), accept=accept, mappings=[fit.mapping])
-    back_emf, excluded = back_emf_of(fit.mapping), names_listed(fit.exclude_states)
+    back_emf, excluded = back_emf_of([fit.mapping] if fit.mapping else []), names_listed(fit.exclude_states)
     scenario = load_scenario(trial.scenario, described)
     if trial.draws < MIN_RUNS:
         notice_output().print(

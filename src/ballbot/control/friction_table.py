@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot
-from ballbot.robot.derived import wheel_speed_limit
 
 #: speeds of a table; half of them, half of these and so on are whole numbers, for the search
 SPEEDS = 32
@@ -45,9 +44,7 @@ def friction_table(robot: Robot) -> FrictionTable:
         If the table's error is too large.
     """
     friction, drive = robot.friction, robot.drive
-    top = wheel_speed_limit(
-        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
-    )
+    top = drive.top_speed
     grid = np.concatenate([[0.0], np.geomspace(_FIRST * top, _LAST * top, 600)])
     exact = _sizes(friction, grid, 0.0)
     knots = _knots(grid, exact)

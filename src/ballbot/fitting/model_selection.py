@@ -1,4 +1,4 @@
-"""Selection of a model, and of the parameters that the measurements identify.
+"""Selection of a model among nested ones.
 
 Candidates are nested: each has another one within it, or none. All are fitted to the same windows and predict the same
 ones held out. The gain of one over another is the share by which its error is smaller: one less the geometric mean over
@@ -8,14 +8,6 @@ jackknife and the bootstrap for general stationary observations, Annals of Stati
 accepted if the whole interval is above zero, over the model within it and, if that one was not accepted, over the
 largest one within that was. The accepted model of the least held-out error is the best. A model is rejected if an
 interval lies below a useful gain of 1 %; if it does neither, the data cannot decide.
-
-Some parameters act through others only: v_s and delta shape how s fades, and have no effect without s. If s is zero, a
-fit still ends at some s of the size of chance, with v_s and delta that suit it; their standard errors there mean
-nothing (R. Davies, Hypothesis testing when a nuisance parameter is present only under the alternative, Biometrika 64
-(1977) 247-254). So v_s and delta count as identified only if the fit with s is better than the best one without by
-more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the
-residuals, lambda corrects for their dependence as in `ballbot.fitting.intervals`, and q is the chi-squared
-quantile of as many parameters as the fit with s has more.
 """
 
 from __future__ import annotations
@@ -26,11 +18,8 @@ from typing import Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-from ballbot.fitting.intervals import RepeatableFit
-from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import covariance, resamples
+from ballbot.fitting.uncertainty import resamples
 
 Model = TypeVar("Model")
 
@@ -203,103 +192,3 @@ def _error_ratio(squares: NDArray[np.float64], others: NDArray[np.float64]) -> N
     """Return the geometric mean over states (..., k) of the ratios of root mean square errors."""
     tiny = np.finfo(float).tiny
     return np.exp(0.5 * np.log((squares + tiny) / (others + tiny)).mean(axis=-1))
-
-
-#: confidence that the effect is not zero; a number without a meaning is worse than none
-EFFECT_CONFIDENCE = 0.999
-#: the fit without the effect is left out if the errors alone put it this many times past the limit
-CLEARLY_PRESENT = 4.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Dependence:
-    """Quantities that act through another's numbers."""
-
-    through: str
-    dependent: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Unidentifiable:
-    """Parameters that a fit does not identify."""
-
-    dependent: NDArray[np.bool_]  #: (p,), free parameters without influence, as what they act through is zero
-    through: NDArray[np.bool_]  #: (p,), what they act through
-
-
-def unidentifiable(
-    fit: RepeatableFit,
-    dependences: Sequence[Dependence],
-    *,
-    most_steps: int,
-    run: Run = DEFAULT_RUN,
-) -> Unidentifiable:
-    """Return which free parameters act through others that do not differ from zero."""
-    found, origin = np.zeros(len(fit.point), dtype=bool), np.zeros(len(fit.point), dtype=bool)
-    for through, dependent in _free_dependences(fit, dependences):
-        if not _has_effect(fit, through, dependent, most_steps, run):
-            found, origin = found | dependent, origin | through
-    return Unidentifiable(dependent=found, through=origin)
-
-
-def _free_dependences(
-    fit: RepeatableFit, dependences: Sequence[Dependence]
-) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-    """Return what is free of each dependence: what the others act through (p,), and these (p,)."""
-    free, names = _influential(fit), np.array(fit.coordinates.names)
-    pairs = [((names == one.through) & free, np.isin(names, one.dependent) & free) for one in dependences]
-    return [(through, dependent) for through, dependent in pairs if through.any() and dependent.any()]
-
-
-def _influential(fit: RepeatableFit) -> NDArray[np.bool_]:
-    """Return the free parameters (p,) that any residual depends on; the others have no covariance."""
-    return fit.coordinates.free & (fit.equations.normal.matrix.diagonal() > 0.0)
-
-
-def _has_effect(
-    fit: RepeatableFit,
-    through: NDArray[np.bool_],
-    dependent: NDArray[np.bool_],
-    most_steps: int,
-    run: Run,
-) -> bool:
-    amounts = fit.point * through
-    if not amounts.any():
-        return False
-    if _clearly_present(fit, through, dependent):
-        return True
-    free = fit.coordinates.free & ~through & ~dependent
-    moved, spread = _spread(fit, through)
-    limit = _limit(through, dependent) * _dependence(fit, moved, through, spread)
-    limit = fit.cost + limit / (2.0 * fit.residual_count)
-    return fit.repeated(moved=-amounts, free=free, most_steps=most_steps, target=limit, run=run).cost > limit
-
-
-def _clearly_present(fit: RepeatableFit, through: NDArray[np.bool_], dependent: NDArray[np.bool_]) -> bool:
-    """Return whether the errors alone put the effect far past the limit."""
-    amounts, (_, spread) = fit.point[through], _spread(fit, through)
-    statistic = amounts @ np.linalg.lstsq(spread, amounts, rcond=1e-13)[0]
-    return bool(statistic > CLEARLY_PRESENT * _limit(through, dependent))
-
-
-def _limit(through: NDArray[np.bool_], dependent: NDArray[np.bool_]) -> float:
-    """Return the chi-squared quantile of as many parameters as the fit with the effect has more."""
-    return float(special.chdtri(int(through.sum() + dependent.sum()), 1.0 - EFFECT_CONFIDENCE))
-
-
-def _spread(fit: RepeatableFit, through: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return the parameters (p,) that vary with those marked in `through` (p,), and the covariance of the latter."""
-    moved = through | (_influential(fit) & (fit.point > 0.0))
-    return moved, covariance(fit.equations.normal, moved)[np.ix_(through, through)]
-
-
-def _dependence(
-    fit: RepeatableFit,
-    moved: NDArray[np.bool_],
-    through: NDArray[np.bool_],
-    spread: NDArray[np.float64],
-) -> float:
-    """Return lambda: the clustered covariance over that of independent residuals, on average over the numbers."""
-    H = fit.equations.normal.matrix[np.ix_(moved, moved)]
-    independent = np.linalg.pinv(H, hermitian=True)[np.ix_(through[moved], through[moved])]
-    return float(np.trace(np.linalg.lstsq(independent, spread, rcond=1e-13)[0])) / len(spread)

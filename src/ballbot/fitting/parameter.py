@@ -6,11 +6,6 @@ Between bounds (`ParameterSpace`) a search sees each parameter p as z, which run
     p = lower (upper / lower)^z            sizes of which ratios matter, as v_s, delta and a torque's gain
 
 A random search looks more closely at amounts near zero: it draws y and takes z = y^2.
-
-About a start p_0 (`RelativeSpace`), if a parameter has no bound on one side or both:
-
-    p = z |p_0|                            amounts and numbers of either sign; p = z if p_0 is zero
-    p = e^z                                sizes, within e^-7 to e^7 times p_0
 """
 
 from __future__ import annotations
@@ -114,54 +109,18 @@ class ParameterSpace:
         """Return scaled parameters from those of a random search, z = y^2 for amounts."""
         return np.where(self.sqrt_scaled, drawn**2, drawn)
 
+    def physical_one(self, place: int, scaled: float) -> float:
+        """Return the value of the parameter at a place in SI units, from a scaled one."""
+        return float(self.physical(np.full(len(self.parameters), scaled))[place])
+
+    def scaled_one(self, place: int, physical: float) -> float:
+        """Return a value of the parameter at a place, scaled and brought within its bounds."""
+        return float(
+            self.scaled(np.where(np.arange(len(self.parameters)) == place, physical, self.nominal))[place]
+        )
+
     def slopes(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return dp/dz (..., p): what turns an error of a scaled parameter into one in SI units."""
         low = np.where(self.logarithmic, self.lower, 1.0)
         rate = np.log(np.where(self.logarithmic, self.upper / low, 1.0))
         return np.where(self.logarithmic, self.physical(scaled) * rate, self.upper - self.lower)
-
-
-#: a size is estimated within e to this power of its start, either way
-_REACH = 7.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RelativeSpace:
-    """p parameters scaled by their values at a start, which are their defaults."""
-
-    parameters: tuple[Parameter, ...]
-
-    @cached_property
-    def logarithmic(self) -> NDArray[np.bool_]:
-        """Of which parameters ratios matter (p,)."""
-        return np.array([one.scale == "ratio" for one in self.parameters])
-
-    @cached_property
-    def sizes(self) -> NDArray[np.float64]:
-        """The defaults' absolute values, one for zero (p,)."""
-        return np.array([abs(one.default) or 1.0 for one in self.parameters])
-
-    def physical(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return parameters (p,) in SI units from scaled ones (p,)."""
-        return np.where(
-            self.logarithmic, np.exp(np.where(self.logarithmic, scaled, 0.0)), scaled * self.sizes
-        )
-
-    def scaled(self, physical: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return scaled parameters (p,) from those in SI units (p,)."""
-        return np.where(
-            self.logarithmic, np.log(np.where(self.logarithmic, physical, 1.0)), physical / self.sizes
-        )
-
-    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the least and the greatest scaled values (p,)."""
-        middle = np.where(self.logarithmic, np.log(self.sizes), 0.0)
-        least, greatest = (
-            np.array([one.bounds[side] for one in self.parameters]) / self.sizes for side in (0, 1)
-        )
-        lower = np.where(self.logarithmic, middle - _REACH, least)
-        return lower, np.where(self.logarithmic, middle + _REACH, greatest)
-
-    def slopes(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return dp/dz (p,)."""
-        return np.where(self.logarithmic, self.physical(scaled), self.sizes)

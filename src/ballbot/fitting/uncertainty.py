@@ -28,7 +28,7 @@ g_w about the estimate give the resample's estimate to first order,
     p* = p - (sum_w m_w H_w)^-1 sum_w m_w g_w
 
 On a simulated log of 32 s, six resamples fitted in full ended 0.15 standard errors from that (root mean square over
-their twelve parameters, 0.7 at most); tests/identification/test_initial_states.py looks at two of a shorter log.
+their twelve parameters, 0.7 at most); tests/identification/test_balancing.py looks at two of a shorter log.
 """
 
 from __future__ import annotations

@@ -27,10 +27,9 @@ from numpy.typing import NDArray
 from ballbot.errors import every
 from ballbot.findings import Finding, warning
 from ballbot.fitting.intervals import HALF_WIDTH, Interval, Uncertainty
-from ballbot.fitting.uncertainty import covariance, leverage_corrected
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.variation import Fitted, Variation
+from ballbot.fitting.uncertainty import WindowEquations, covariance, leverage_corrected
+from ballbot.identification.quantities import BY_NAME, Coordinates
+from ballbot.identification.variation import Variation
 from ballbot.mechanics.friction import stribeck_decay
 
 #: of the mean: a difference with a larger standard error is not known to be less than the mean
@@ -46,7 +45,7 @@ T = TypeVar("T")
 
 def inseparable(
     coordinates: Coordinates,
-    fit: Fitted,
+    equations: WindowEquations,
     values: NDArray[np.float64],
     *,
     unknown: NDArray[np.bool_],
@@ -54,7 +53,7 @@ def inseparable(
 ) -> tuple[str, ...]:
     """Return the quantities of which the logs cannot separate the wheels.
 
-    `fit` and `values` (p,) are of each wheel by itself; `unknown` (p,) are parameters that the logs do not excite, or
+    `equations` and `values` (p,) are of each wheel by itself; `unknown` (p,) are parameters that logs do not excite, or
     that have no influence on them; `speeds` (..., n) [rad/s] are those of the wheels in the logs.
     """
     layout, free, n = coordinates.layout, coordinates.free, coordinates.layout.wheel_count
@@ -68,9 +67,9 @@ def inseparable(
     gradients = {name: np.zeros((n, len(values))) for name in weights}
     for name, weight in weights.items():
         gradients[name][:, layout.columns(name)] = np.diag(weight)
-    known = free & ~unknown & (fit.equations.normal.matrix.diagonal() > 0.0)
-    C = covariance(leverage_corrected(fit.equations.matrices, fit.equations.scores, known), known)
-    slopes = coordinates.slopes(fit.point)
+    known = free & ~unknown & (equations.normal.matrix.diagonal() > 0.0)
+    C = covariance(leverage_corrected(equations.matrices, equations.scores, known), known)
+    slopes = coordinates.slopes(coordinates.scaled(values))
     C = np.nan_to_num(C) * np.outer(slopes, slopes)
     from_mean = np.eye(n) - 1.0 / n
     total = np.sum(list(gradients.values()), axis=0) @ values
@@ -100,26 +99,14 @@ def wheels_mean(
     return result
 
 
-def uncertainty_of_each(
-    coordinates: Coordinates, values: NDArray[np.float64], uncertainty: Uncertainty
-) -> Uncertainty:
+def uncertainty_of_each(coordinates: Coordinates, uncertainty: Uncertainty) -> Uncertainty:
     """Return the uncertainty of each wheel's numbers (p,) out of that of the numbers fitted as one."""
     if not coordinates.alike:
         return uncertainty
-    first = coordinates.first
+    first, values = coordinates.first, coordinates.physical(uncertainty.point)
     # by how much each number may differ from the one fitted for all wheels
     apart = np.where(np.isin(coordinates.names, coordinates.alike), WHEELS_APART * np.abs(values), 0.0)
-    errors, bootstrap = (
-        np.hypot(one[first], apart) for one in (uncertainty.standard_errors, uncertainty.bootstrap_errors)
-    )
-    common = uncertainty.standard_errors[first]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        R = (
-            uncertainty.correlation[np.ix_(first, first)]
-            * np.outer(common, common)
-            / np.outer(errors, errors)
-        )
-    R[np.diag_indices_from(R)] = np.where(np.isfinite(errors), 1.0, np.nan)
+    scaled = apart / np.where(apart > 0.0, coordinates.slopes(uncertainty.point), 1.0)
 
     def wider(one: Interval, place: int) -> Interval:
         below, above = (
@@ -132,11 +119,10 @@ def uncertainty_of_each(
 
     intervals = _of_each(coordinates, uncertainty.intervals)
     places = {label: place for place, label in enumerate(coordinates.labels)}
-    return Uncertainty(
-        scaled_errors=uncertainty.scaled_errors[first],
-        standard_errors=errors,
-        bootstrap_errors=bootstrap,
-        correlation=R,
+    return replace(
+        uncertainty,
+        covariance=uncertainty.covariance[np.ix_(first, first)] + np.diag(scaled**2),
+        bootstrap=np.hypot(uncertainty.bootstrap[first], scaled),
         intervals={label: wider(one, places[label]) for label, one in intervals.items()},
     )
 

@@ -60,15 +60,8 @@ def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]
     rows = _pieces(speeds, torques, first.sample_time)
     counted = np.asarray(free[rows].all(axis=1))
     if not findings and counted.sum() >= _LEAST_PIECES * len(sweeps):
-        bench = _Bench(
-            A=np.eye(len(sweeps)),
-            x=speeds[rows],
-            u=torques[rows],
-            h=first.sample_time,
-            fit=partial(_fit_wheels, counted, first.inertia),
-            moved=names,
-        )
-        findings += _of_torques(robot, bench)
+        fit_of = partial(_fit_wheels, counted, first.inertia, first.sample_time)
+        findings += _of_torques(robot, fit_of, speeds[rows], torques[rows], names)
     return by_severity(findings)
 
 
@@ -79,14 +72,11 @@ def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
     """
     findings, names = list(encoder_findings(robot, log)), torque_names(robot.wheel_count)
     if not findings and all(name in log for name in names):
-        ball, h = ClampedBall.of_robot(robot), log.sample_time
         omega, torques = (np.column_stack([log[name] for name in several]) for several in (BALL_NAMES, names))
-        rows = _pieces(omega, torques, h)
+        rows = _pieces(omega, torques, log.sample_time)
         if len(rows) >= _LEAST_PIECES:
-            bench = _Bench(
-                A=ball.A, x=omega[rows], u=torques[rows], h=h, fit=partial(_fit_ball, ball), moved=None
-            )
-            findings += _of_torques(robot, bench)
+            fit_of = partial(_fit_ball, ClampedBall.of_robot(robot), log.sample_time)
+            findings += _of_torques(robot, fit_of, omega[rows], torques[rows], None)
     return by_severity(findings)
 
 
@@ -166,19 +156,6 @@ class _Fit:
         return bool((self.sizes & (self.gains > 0.0)).all())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Bench:
-    """A log cut into k pieces of m rows."""
-
-    A: NDArray[np.float64]  #: (n, d)
-    x: NDArray[np.float64]  #: (k, m, d)
-    u: NDArray[np.float64]  #: (k, m, n)
-    h: float  #: sample time [s]
-    #: from motion (k, m, d), torques (k, m, n) and the sample time to the fit
-    fit: Callable[[NDArray[np.float64], NDArray[np.float64], float], _Fit]
-    moved: Sequence[str] | None  #: the columns of the speeds of free wheels; None with a ball
-
-
 def _pieces(x: NDArray[np.float64], u: NDArray[np.float64], h: float) -> NDArray[np.int64]:
     """Return the rows (k, m) of pieces without a missing value; none of a log that rests."""
     rows = max(2, round(_PIECE / h))
@@ -188,7 +165,7 @@ def _pieces(x: NDArray[np.float64], u: NDArray[np.float64], h: float) -> NDArray
 
 
 def _fit_wheels(
-    counted: NDArray[np.bool_], J: float, x: NDArray[np.float64], u: NDArray[np.float64], h: float
+    counted: NDArray[np.bool_], J: float, h: float, x: NDArray[np.float64], u: NDArray[np.float64]
 ) -> _Fit:
     """Fit each free wheel's torque by its motion; a torque that the motion does not explain has no gain."""
     found = []
@@ -205,7 +182,7 @@ def _fit_wheels(
     return _Fit(gains=gains, errors=errors, left=float(lefts.mean()))
 
 
-def _fit_ball(ball: ClampedBall, x: NDArray[np.float64], u: NDArray[np.float64], h: float) -> _Fit:
+def _fit_ball(ball: ClampedBall, h: float, x: NDArray[np.float64], u: NDArray[np.float64]) -> _Fit:
     """Fit the changes of the ball's momentum by the torques and the wheels' friction."""
     A, w = ball.A, x[:, :-1] @ ball.A.T
     y = ((x[:, -1] - x[:, 0]) @ ball.inertia).ravel()
@@ -216,10 +193,19 @@ def _fit_ball(ball: ClampedBall, x: NDArray[np.float64], u: NDArray[np.float64],
     return _Fit(gains=fit.values[: len(A)], errors=fit.errors[: len(A)], left=left)
 
 
-def _of_torques(robot: Robot, bench: _Bench) -> list[Finding]:
-    """Return what is wrong with the torques or with the speeds."""
-    fit, n = bench.fit(bench.x, bench.u, bench.h), len(bench.A)
-    explained, names = 1.0 - fit.left, (*torque_names(n), *(bench.moved or BALL_NAMES))
+def _of_torques(
+    robot: Robot,
+    fit_of: Callable[[NDArray[np.float64], NDArray[np.float64]], _Fit],
+    x: NDArray[np.float64],
+    u: NDArray[np.float64],
+    moved: Sequence[str] | None,
+) -> list[Finding]:
+    """Return what is wrong with torques (k, m, n) or speeds x (k, m, d) in k pieces of m rows.
+
+    `fit_of` fits the equation to both; `moved` are the columns of free wheels' speeds, None with a ball.
+    """
+    fit, n = fit_of(x, u), u.shape[2]
+    explained, names = 1.0 - fit.left, (*torque_names(n), *(moved or BALL_NAMES))
     if fit.right and explained > _EXPLAINED:
         return [
             warning(
@@ -232,11 +218,11 @@ def _of_torques(robot: Robot, bench: _Bench) -> list[Finding]:
             if not _USUAL[0] < gain < _USUAL[1]
         ]
     if fit.sizes.all() and explained > _EXPLAINED:
-        return [_sign(fit, bench.moved)]
+        return [_sign(fit, moved)]
     others = [
         (fitted, one)
-        for one in _mistakes(n, "u{} were that of wheel {}", of_ball=not bench.moved)
-        for fitted in [bench.fit(one.turned(bench.x), bench.u[..., one.order], bench.h)]
+        for one in _mistakes(n, "u{} were that of wheel {}", of_ball=not moved)
+        for fitted in [fit_of(one.turned(x), u[..., one.order])]
         if fitted.right and fitted.left < _BETTER * fit.left
     ]
     if others:

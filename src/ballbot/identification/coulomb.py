@@ -54,7 +54,8 @@ class CoulombEquivalent:
             np.median(np.nan_to_num(errors / np.maximum(values, np.finfo(float).tiny), nan=np.inf))
             for values, errors in ((self.coulomb, self.coulomb_errors), (self.values, self.standard_errors))
         )
-        return "c" if c < c_e else "c_e"
+        # without a Stribeck part they are one number, but for rounding
+        return "c" if c < c_e * (1.0 + 1e-6) else "c_e"
 
 
 def coulomb_equivalent(

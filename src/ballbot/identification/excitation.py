@@ -32,8 +32,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, texts, warning
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import BY_NAME
+from ballbot.identification.quantities import BY_NAME, Coordinates
 from ballbot.identification.windows import Windows, ball_spin, measured_wheel_speeds
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_speed_names
@@ -189,10 +188,12 @@ def chatter(log: Log, robot: Robot) -> Chatter:
         return Chatter(share=0.0, swing=math.nan)
     speeds = np.nan_to_num(measured_wheel_speeds(log, robot))
     angles = np.cumsum(speeds[:-1] * np.diff(log.t)[:, None], axis=0)
-    lengths, rows = (
-        np.concatenate(parts)
-        for parts in zip(*(_swings(angle, LEAST_TURN * play) for angle in angles.T), strict=True)
+    turns = [turning_points(angle, LEAST_TURN * play) for angle in angles.T]
+    # how far an angle travels from one turning point to the next, and for how many rows
+    lengths = np.concatenate(
+        [np.abs(np.diff(angle[one])) for angle, one in zip(angles.T, turns, strict=True)]
     )
+    rows = np.concatenate([np.diff(one) for one in turns])
     within = (lengths > WITHIN[0] * play) & (lengths < WITHIN[1] * play)
     swing = float(np.median(lengths[within])) if within.any() else math.nan
     return Chatter(share=float(rows[within].sum() / rows.sum()), swing=swing)
@@ -207,12 +208,6 @@ def chatter_finding(found: Chatter, robot: Robot, name: str) -> Finding:
         "its predictions worse, first those of the lean. Validate friction on logs of a softer gain."
     )
     return warning("chatter", text)
-
-
-def _swings(angle: NDArray[np.float64], least: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return how far an angle (N,) travels from one turning point to the next, and for how many rows."""
-    turns = turning_points(angle, least)
-    return np.abs(np.diff(angle[turns])), np.diff(turns)
 
 
 #: the share is estimated from means over so long [s], in which encoders' noise averages out
@@ -232,7 +227,8 @@ def share_shown(log: Log, robot: Robot) -> float | None:
     rate, spin = log["psi_dot"], ball_spin(log, robot)
     known = np.isfinite(rate) & np.isfinite(spin)
     rows = max(1, round(HEADING_MEAN / log.sample_time))
-    rate, spin = _block_means(rate[known], rows), _block_means(spin[known], rows)
+    count = int(known.sum()) // rows
+    rate, spin = (one[known][: count * rows].reshape(count, rows).mean(axis=1) for one in (rate, spin))
     if len(rate) < 2 or np.sqrt((rate**2).mean()) < LEAST_TURNING:
         return None
     return float((rate - spin) @ rate / (rate @ rate))
@@ -262,8 +258,3 @@ def heading_findings(
     most = f" to {100 * max(few):.0f} %" if len(few) > 1 else ""
     text = f"The wheels show only {least}{most} of the turning of the heading: the ball pivots on the floor{done}"
     return [warning("pivoting", text)]
-
-
-def _block_means(values: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
-    count = len(values) // rows
-    return values[: count * rows].reshape(count, rows).mean(axis=1)

@@ -29,8 +29,8 @@ percent by which rollers slip and a ball dents; `SLIP` and `SLIP_ANGLE` bound th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,7 @@ from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.log.pose import read_poses
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.results import key, reported, to_results
 from ballbot.robot import Robot
 from ballbot.robot.parameters import Value
 
@@ -73,27 +74,12 @@ LARGEST_GAP = 1.5
 _LEAST_SHARE = 0.5
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cuts:
-    """The first and last rows of a log's w windows, and their clusters."""
+def cut(
+    log: Log, columns: NDArray[np.float64], *, window: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return first rows, last rows and clusters (w,) of windows, end to end, in which nothing is missing.
 
-    first: NDArray[np.int64]  #: (w,)
-    last: NDArray[np.int64]  #: (w,)
-    clusters: NDArray[np.int64]  #: (w,)
-
-    def of(self, total: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the increments (w, k) of a running total (N, k)."""
-        return total[self.last] - total[self.first]
-
-    def chosen(self, which: NDArray[np.bool_]) -> Cuts:
-        """Return the windows that `which` (w,) marks."""
-        return Cuts(first=self.first[which], last=self.last[which], clusters=self.clusters[which])
-
-
-def cut(log: Log, columns: NDArray[np.float64], *, window: float) -> Cuts:
-    """Return the windows, end to end, in which no row of `columns` (N, k) is missing and no row left out.
-
-    InputError if a window is less than two samples.
+    That is no row of `columns` (N, k), and no row of time. InputError if a window is less than two samples.
     """
     samples = round(window / log.sample_time)
     if samples < 2:
@@ -101,12 +87,11 @@ def cut(log: Log, columns: NDArray[np.float64], *, window: float) -> Cuts:
             f"The log's sample time of {log.sample_time:g} s is too long for windows of {window:g} s."
         )
     first = np.arange(0, len(log.t) - samples, samples)
-    whole = np.asarray(np.isfinite(columns).all(axis=1))
-    follows = whole[1:] & whole[:-1] & (np.diff(log.t) < LARGEST_GAP * log.sample_time)
+    complete = np.asarray(np.isfinite(columns).all(axis=1))
+    follows = complete[1:] & complete[:-1] & (np.diff(log.t) < LARGEST_GAP * log.sample_time)
     broken = np.concatenate([[0], np.cumsum(~follows)])
-    usable = first[broken[first + samples] == broken[first]]
-    clusters = np.floor((log.t[usable] - log.t[0]) / CLUSTER).astype(np.int64)
-    return Cuts(first=usable, last=usable + samples, clusters=clusters)
+    first = first[broken[first + samples] == broken[first]]
+    return first, first + samples, np.floor((log.t[first] - log.t[0]) / CLUSTER).astype(np.int64)
 
 
 #: beyond this angle from upright [rad] a robot is falling or in hands
@@ -152,126 +137,6 @@ def mocap_run(log: Log, film: Log) -> MocapRun:
     return MocapRun(log=log, rolling=Turning.of(film.t, rolls, usable[1:] & usable[:-1]), motion=motion)
 
 
-#: length of a window [s]
-ROLLING_WINDOW = 0.5
-
-
-def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) -> ClusteredFit:
-    """Find [r_w / cos(tilt) [m], azimuths.. [rad], share of leaning seen, delay of the encoders [s]] (n + 3,).
-
-    The share is one of `leaning`, (r_b / r_w) cos(tilt), wheel angle for an angle of leaning. The robot's values start
-    the search. InputError if a column is missing or the motion does not determine the geometry.
-    """
-    n = robot.wheel_count
-    parts = [_rolling_increments(run, n) for run in runs]
-    wheels, rolls, turns, speeds = (np.concatenate([part[i] for part in parts]) for i in range(4))
-    clusters = np.concatenate([part[4] + 1_000_000 * number for number, part in enumerate(parts)])
-    wheels = wheels - wheels.mean(axis=1, keepdims=True)
-
-    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
-        level = np.column_stack([-np.cos(p[1 : 1 + n]), -np.sin(p[1 : 1 + n])])
-        rolled = (rolls - p[2 + n] * speeds) / p[0]
-        seen = (rolled - p[1 + n] * leaning * turns) @ level.T
-        return wheels - (seen - seen.mean(axis=1, keepdims=True))
-
-    start = np.array([robot.wheels.radius / np.cos(robot.wheels.tilt), *robot.wheels.azimuths, 1.0, 0.0])
-    scales = np.array([0.1 * start[0], *n * [0.1], 0.1, 0.01])
-    return fit_clustered(
-        residuals, start, scales=scales, clusters=clusters, undetermined=_ROLLING_UNDETERMINED
-    )
-
-
-def _rolling_increments(
-    run: MocapRun, wheel_count: int
-) -> tuple[
-    NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]
-]:
-    """Return increments (w, .) of wheel angles, rolling, turning and rolling's rate, all level parts; clusters (w,)."""
-    log, rolling, motion = run.log, run.rolling, run.motion
-    angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
-    gyro = np.column_stack([log[name] for name in GYRO_NAMES])
-    cuts = cut(log, np.hstack([angles, gyro]), window=ROLLING_WINDOW)
-    start, end = (motion.clock.to_cameras(log.t[rows]) for rows in (cuts.first, cuts.last))
-    whole = rolling.covers(start - 0.05, end + 0.05)
-    cuts, start, end = cuts.chosen(whole), start[whole], end[whole]
-    turning = motion.body_marker.inv().apply(Turning.of_rates(log.t, gyro - motion.bias).total)
-    # the rolling's rate [m/s] over 40 ms
-    before, after = (rolling.over(at - 0.02, at + 0.02)[:, :2] / 0.04 for at in (start, end))
-    rolls = rolling.over(start, end)
-    return cuts.of(angles), rolls[:, :2], cuts.of(turning)[:, :2], after - before, cuts.clusters
-
-
-#: length of a window [s]
-UPSIDE_DOWN_WINDOW = 0.25
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class UpsideDownGeometry:
-    """Geometry of n wheels from the ball upon them; angles in rad."""
-
-    #: [r_b / r_w, tilt, azimuths.., camera's tilt about x and y, camera's delay [s]] (n + 5,)
-    fit: ClusteredFit
-    #: (n,), r_b / r_w of each wheel by itself, where nothing is assumed of its direction
-    ratios: NDArray[np.float64]
-    ratio_errors: NDArray[np.float64]  #: (n,)
-
-
-def upside_down_geometry(robot: Robot, logs: Sequence[Log]) -> UpsideDownGeometry:
-    """Find the wheels' geometry from logs of wheel angles and ball_omega_x, _y, _z.
-
-    InputError if a column is missing or the motion does not determine the geometry.
-    """
-    n = robot.wheel_count
-    parts = [_upside_down_increments(log, n) for log in logs]
-    wheels = np.concatenate([part[0] for part in parts])
-    turns, rates = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
-    clusters = np.concatenate([part[3] + 1_000_000 * number for number, part in enumerate(parts)])
-
-    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
-        frame = Rotation.from_rotvec([p[2 + n], p[3 + n], 0.0])
-        return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axle_directions(p[1], p[2 : 2 + n]).T
-
-    start = np.array(
-        [robot.ball.radius / robot.wheels.radius, robot.wheels.tilt, *robot.wheels.azimuths, 0.0, 0.0, 0.0]
-    )
-    scales = np.array([0.1, *(n + 3) * [0.1], 0.01])
-    fit = fit_clustered(
-        residuals, start, scales=scales, clusters=clusters, undetermined=_UPSIDE_DOWN_UNDETERMINED
-    )
-    ratios, errors = _each_wheel(wheels, turns - fit.values[-1] * rates, clusters)
-    return UpsideDownGeometry(fit=fit, ratios=ratios, ratio_errors=errors)
-
-
-def axle_directions(tilt: float, azimuths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a_i (n, 3) as `ballbot.mechanics.geometry.axles` does, from angles that no robot need have."""
-    lean = np.cos(tilt)
-    return np.column_stack(
-        [-lean * np.cos(azimuths), -lean * np.sin(azimuths), np.full(len(azimuths), np.sin(tilt))]
-    )
-
-
-def _upside_down_increments(
-    log: Log, wheel_count: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return increments (w, .) of wheel angles, of the ball's turning and of its rate, and clusters (w,)."""
-    angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
-    omega = np.column_stack([log[name] for name in BALL_NAMES])
-    cuts = cut(log, np.hstack([angles, omega]), window=UPSIDE_DOWN_WINDOW)
-    return cuts.of(angles), cuts.of(Turning.of_rates(log.t, omega).total), cuts.of(omega), cuts.clusters
-
-
-def _each_wheel(
-    wheels: NDArray[np.float64], turns: NDArray[np.float64], clusters: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return |row| of the matrix G (n, 3) with wheels = turns G^T, and its standard error, for each wheel."""
-    fits = [fit_linear(turns, angles, clusters) for angles in wheels.T]
-    rows = np.array([fit.values for fit in fits])
-    ratios = np.linalg.norm(rows, axis=1)
-    directions = rows / ratios[:, None]
-    variances = [one @ fit.covariance @ one for one, fit in zip(directions, fits, strict=True)]
-    return ratios, np.sqrt(variances)
-
-
 #: share of a radius, and angle [rad], that slip, dents and rollers may feign: on logs of a physics engine with two rows
 #: of rollers and known geometry 0.42 % and 0.25 degrees were seen (the commands of docs/geometry.md)
 SLIP = 0.006
@@ -290,9 +155,10 @@ class GeometryQuantity:
     standard_error: float
     in_file: float  #: the file's value, or the value that follows from the file
     unit: str  #: "m", "rad", "s" or "1"
-    kind: str  #: of logs that it is from: "upside down", "balancing" or "both"
+    #: of logs that it is from: "upside down", "balancing" or "both"
+    kind: str = field(metadata=key("from"))
 
-    @property
+    @reported
     def deviation(self) -> float:
         """How many standard errors the file's value lies off."""
         return (self.in_file - self.value) / self.standard_error
@@ -307,10 +173,148 @@ class GeometryQuantity:
         off = abs(self.in_file - self.value + turn)
         return off > max(CLEAR * self.standard_error, self.slip)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        stated = {name: getattr(self, name) for name in ("name", "value", "standard_error", "in_file")}
-        return {**stated, "deviation": self.deviation, "unit": self.unit, "from": self.kind}
+
+#: an unknown: its name, its value in the file, its unit, and a change of it that matters
+_Unknown = tuple[str, float, str, float]
+
+
+def _azimuths(robot: Robot) -> list[_Unknown]:
+    return [(f"wheels.azimuths[{i}]", one, "rad", 0.1) for i, one in enumerate(robot.wheels.azimuths)]
+
+
+def _quantity(
+    name: str, value: float, error: float, in_file: float, unit: str, kind: str
+) -> GeometryQuantity:
+    return GeometryQuantity(
+        name=name, value=value, standard_error=error, in_file=in_file, unit=unit, kind=kind
+    )
+
+
+def _quantities(kind: str, unknowns: Sequence[_Unknown], fit: ClusteredFit) -> list[GeometryQuantity]:
+    numbers = zip(unknowns, fit.values.tolist(), fit.errors.tolist(), strict=True)
+    return [
+        _quantity(name, value, error, in_file, unit, kind)
+        for (name, in_file, unit, _), value, error in numbers
+    ]
+
+
+def _solved(
+    unknowns: Sequence[_Unknown],
+    residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    clusters: NDArray[np.int64],
+    undetermined: str,
+) -> ClusteredFit:
+    """Return the fit of unknowns (p,), which starts at the file's, to residuals (w, n) of windows in clusters (w,)."""
+    start, scales = (np.array([one[place] for one in unknowns]) for place in (1, 3))
+    return fit_clustered(residuals, start, scales=scales, clusters=clusters, undetermined=undetermined)
+
+
+#: increments (w, .) over windows, and the windows' clusters (w,)
+_Increments = tuple[tuple[NDArray[np.float64], ...], NDArray[np.int64]]
+
+
+def _stacked(parts: Sequence[_Increments]) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
+    """Return the increments of several logs on end, and their clusters, numbered on."""
+    columns = zip(*(columns for columns, _ in parts), strict=True)
+    clusters = [clusters + 1_000_000 * number for number, (_, clusters) in enumerate(parts)]
+    return [np.concatenate(one) for one in columns], np.concatenate(clusters)
+
+
+#: length of a window [s]
+ROLLING_WINDOW, UPSIDE_DOWN_WINDOW = 0.5, 0.25
+
+
+def _of_rolling(
+    robot: Robot, runs: Sequence[MocapRun], leaning: float
+) -> tuple[list[GeometryQuantity], ClusteredFit]:
+    """Find r_w / cos(tilt), the azimuths, the share of leaning seen and the delay of the encoders.
+
+    The share is one of `leaning`, (r_b / r_w) cos(tilt), wheel angle for an angle of leaning.
+    """
+    n = robot.wheel_count
+    (wheels, rolls, turns, speeds), clusters = _stacked([_rolling_increments(run, n) for run in runs])
+    wheels = wheels - wheels.mean(axis=1, keepdims=True)
+
+    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        level = np.column_stack([-np.cos(p[1 : 1 + n]), -np.sin(p[1 : 1 + n])])
+        rolled = (rolls - p[2 + n] * speeds) / p[0]
+        seen = (rolled - p[1 + n] * leaning * turns) @ level.T
+        return wheels - (seen - seen.mean(axis=1, keepdims=True))
+
+    length = robot.wheels.radius / math.cos(robot.wheels.tilt)
+    unknowns = [
+        ("wheels.radius / cos(wheels.tilt)", length, "m", 0.1 * length),
+        *_azimuths(robot),
+        ("leaning seen", 1.0, "1", 0.1),
+        ("delay of the encoders", 0.0, "s", 0.01),
+    ]
+    fit = _solved(unknowns, residuals, clusters, _ROLLING_UNDETERMINED)
+    return _quantities(BALANCING, unknowns, fit), fit
+
+
+def _rolling_increments(run: MocapRun, wheel_count: int) -> _Increments:
+    """Return increments (w, .) of wheel angles, rolling, turning and rolling's rate, all level parts; clusters (w,)."""
+    log, rolling, motion = run.log, run.rolling, run.motion
+    angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
+    gyro = np.column_stack([log[name] for name in GYRO_NAMES])
+    first, last, clusters = cut(log, np.hstack([angles, gyro]), window=ROLLING_WINDOW)
+    start, end = (motion.clock.to_cameras(log.t[rows]) for rows in (first, last))
+    known = rolling.covers(start - 0.05, end + 0.05)
+    first, last, start, end = first[known], last[known], start[known], end[known]
+    turning = motion.body_marker.inv().apply(Turning.of_rates(log.t, gyro - motion.bias).total)
+    # the rolling's rate [m/s] over 40 ms
+    before, after = (rolling.over(at - 0.02, at + 0.02)[:, :2] / 0.04 for at in (start, end))
+    turned = (turning[last] - turning[first])[:, :2]
+    rolls = rolling.over(start, end)[:, :2]
+    return (angles[last] - angles[first], rolls, turned, after - before), clusters[known]
+
+
+def _of_upside_down(
+    robot: Robot, logs: Sequence[Log]
+) -> tuple[list[GeometryQuantity], list[GeometryQuantity], ClusteredFit]:
+    """Find r_b / r_w, tilt, azimuths, and the camera's tilt and delay; and r_b / r_w of each wheel by itself."""
+    n = robot.wheel_count
+    (wheels, turns, rates), clusters = _stacked([_upside_down_increments(log, n) for log in logs])
+
+    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        frame = Rotation.from_rotvec([p[2 + n], p[3 + n], 0.0])
+        return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axle_directions(p[1], p[2 : 2 + n]).T
+
+    unknowns = [
+        ("ball.radius / wheels.radius", robot.ball.radius / robot.wheels.radius, "1", 0.1),
+        ("wheels.tilt", robot.wheels.tilt, "rad", 0.1),
+        *_azimuths(robot),
+        ("camera tilt about x", 0.0, "rad", 0.1),
+        ("camera tilt about y", 0.0, "rad", 0.1),
+        ("camera delay", 0.0, "s", 0.01),
+    ]
+    fit = _solved(unknowns, residuals, clusters, _UPSIDE_DOWN_UNDETERMINED)
+    # nothing is assumed of a wheel's direction: |row| of the matrix G (n, 3) with wheels = turns G^T
+    own = [fit_linear(turns - fit.values[-1] * rates, angles, clusters) for angles in wheels.T]
+    ratios = []
+    for number, one in enumerate(own, start=1):
+        value = float(np.linalg.norm(one.values))
+        error = math.sqrt(one.values @ one.covariance @ one.values) / value
+        name, common = f"ball.radius / wheels.radius, wheel {number}", float(fit.values[0])
+        ratios.append(_quantity(name, value, error, common, "1", UPSIDE_DOWN))
+    return _quantities(UPSIDE_DOWN, unknowns, fit), ratios, fit
+
+
+def axle_directions(tilt: float, azimuths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a_i (n, 3) as `ballbot.mechanics.geometry.axles` does, from angles that no robot need have."""
+    lean = np.cos(tilt)
+    return np.column_stack(
+        [-lean * np.cos(azimuths), -lean * np.sin(azimuths), np.full(len(azimuths), np.sin(tilt))]
+    )
+
+
+def _upside_down_increments(log: Log, wheel_count: int) -> _Increments:
+    """Return increments (w, .) of wheel angles, of the ball's turning and of its rate, and clusters (w,)."""
+    angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
+    omega = np.column_stack([log[name] for name in BALL_NAMES])
+    first, last, clusters = cut(log, np.hstack([angles, omega]), window=UPSIDE_DOWN_WINDOW)
+    totals = angles, Turning.of_rates(log.t, omega).total, omega
+    return tuple(total[last] - total[first] for total in totals), clusters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -337,8 +341,7 @@ class Geometry:
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds, SI units."""
-        groups = {"measured": self.measured, "wheel_ratios": self.wheel_ratios, "others": self.others}
-        return {name: [one.to_dict() for one in group] for name, group in groups.items()}
+        return to_results(self)
 
 
 def common_turn(azimuths: Sequence[GeometryQuantity]) -> float:
@@ -374,68 +377,34 @@ def survey_geometry(
             "No log is given; geometry needs a log of the robot upside "
             "down, or of the robot balancing with motion capture."
         )
-    measured, ratios, others, runs = [], [], [], list[MocapRun]()
     total = (1 if upside_down else 0) + (len(balancing) + 1 if balancing else 0)
     leaning = robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
+    measured, ratios, runs = list[GeometryQuantity](), list[GeometryQuantity](), list[MocapRun]()
     on_wheels = None
     if upside_down:
         progress(Progress(stage="fitting the logs upside down", done=0, total=total))
-        on_wheels = upside_down_geometry(robot, upside_down)
-        measured += _of_upside_down(robot, on_wheels.fit)
-        common = float(on_wheels.fit.values[0])
-        ratios += [
-            _quantity(f"ball.radius / wheels.radius, wheel {i}", pair, common, "1", UPSIDE_DOWN)
-            for i, pair in enumerate(zip(on_wheels.ratios, on_wheels.ratio_errors, strict=True), start=1)
-        ]
-        others.append(_of_fit("camera delay", on_wheels.fit, robot.wheel_count + 4, 0.0, "s", UPSIDE_DOWN))
-        leaning = common * math.cos(on_wheels.fit.values[1])
+        measured, ratios, on_wheels = _of_upside_down(robot, upside_down)
+        leaning = float(on_wheels.values[0] * math.cos(on_wheels.values[1]))
     for log, film in balancing:
         done = total - len(balancing) - 1 + len(runs)
         progress(Progress(stage="aligning the motion capture", done=done, total=total))
         runs.append(mocap_run(log, film))
     if runs:
         progress(Progress(stage="fitting the balancing logs", done=total - 1, total=total))
-        rolling = rolling_geometry(robot, runs, leaning=leaning)
-        in_file = robot.wheels.radius / math.cos(robot.wheels.tilt)
-        measured.append(_of_fit("wheels.radius / cos(wheels.tilt)", rolling, 0, in_file, "m", BALANCING))
-        measured += _azimuths(robot, rolling, 1, BALANCING)
-        measured += _of_both(robot, on_wheels.fit, rolling) if on_wheels else []
+        of_rolling, rolling = _of_rolling(robot, runs, leaning)
+        measured += of_rolling[:-1]
+        measured += _of_both(robot, on_wheels, rolling) if on_wheels else []
         measured += _of_mountings([run.motion for run in runs])
-        others.append(_of_fit("leaning seen", rolling, robot.wheel_count + 1, 1.0, "1", BALANCING))
-    return Geometry(measured=tuple(measured), wheel_ratios=tuple(ratios), others=tuple(others))
-
-
-def _quantity(
-    name: str, found: tuple[float, float], in_file: float, unit: str, kind: str
-) -> GeometryQuantity:
-    value, error = map(float, found)
-    return GeometryQuantity(
-        name=name, value=value, standard_error=error, in_file=in_file, unit=unit, kind=kind
+    others = [one for one in measured if one.name in _OTHERS]
+    return Geometry(
+        measured=tuple(one for one in measured if one not in others),
+        wheel_ratios=tuple(ratios),
+        others=tuple(others),
     )
 
 
-def _of_fit(
-    name: str, fit: ClusteredFit, place: int, in_file: float, unit: str, kind: str
-) -> GeometryQuantity:
-    return _quantity(name, (fit.values[place], fit.errors[place]), in_file, unit, kind)
-
-
-def _azimuths(robot: Robot, fit: ClusteredFit, first: int, kind: str) -> list[GeometryQuantity]:
-    return [
-        _of_fit(f"wheels.azimuths[{i}]", fit, first + i, azimuth, "rad", kind)
-        for i, azimuth in enumerate(robot.wheels.azimuths)
-    ]
-
-
-def _of_upside_down(robot: Robot, fit: ClusteredFit) -> list[GeometryQuantity]:
-    n, ratio = robot.wheel_count, robot.ball.radius / robot.wheels.radius
-    return [
-        _of_fit("ball.radius / wheels.radius", fit, 0, ratio, "1", UPSIDE_DOWN),
-        _of_fit("wheels.tilt", fit, 1, robot.wheels.tilt, "rad", UPSIDE_DOWN),
-        *_azimuths(robot, fit, 2, UPSIDE_DOWN),
-        _of_fit("camera tilt about x", fit, n + 2, 0.0, "rad", UPSIDE_DOWN),
-        _of_fit("camera tilt about y", fit, n + 3, 0.0, "rad", UPSIDE_DOWN),
-    ]
+#: what is no geometry
+_OTHERS = ("camera delay", "leaning seen")
 
 
 def _of_both(robot: Robot, on_wheels: ClusteredFit, rolling: ClusteredFit) -> list[GeometryQuantity]:
@@ -446,8 +415,8 @@ def _of_both(robot: Robot, on_wheels: ClusteredFit, rolling: ClusteredFit) -> li
     J = np.array([[0.0, -length * s, c], [length * c, -ratio * length * s, ratio * c]])
     r_w, r_b = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
     return [
-        _quantity("wheels.radius", (length * c, r_w), robot.wheels.radius, "m", BOTH),
-        _quantity("ball.radius", (ratio * length * c, r_b), robot.ball.radius, "m", BOTH),
+        _quantity("wheels.radius", length * c, r_w, robot.wheels.radius, "m", BOTH),
+        _quantity("ball.radius", ratio * length * c, r_b, robot.ball.radius, "m", BOTH),
     ]
 
 
@@ -457,8 +426,8 @@ def _of_mountings(motions: Sequence[MotionFit]) -> list[GeometryQuantity]:
     weights = 1.0 / np.array([one.rotation_errors for one in motions]) ** 2
     mean, errors = (weights * values).sum(axis=0) / weights.sum(axis=0), 1.0 / np.sqrt(weights.sum(axis=0))
     return [
-        _quantity(f"IMU rotation about {axis}", found, 0.0, "rad", BALANCING)
-        for axis, found in zip("xyz", zip(mean, errors, strict=True), strict=True)
+        _quantity(f"IMU rotation about {axis}", value, error, 0.0, "rad", BALANCING)
+        for axis, value, error in zip("xyz", mean.tolist(), errors.tolist(), strict=True)
     ]
 
 

@@ -26,11 +26,10 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, warning
 from ballbot.fitting.comparison import HorizonErrors
 from ballbot.identification.excitation import Chatter, chatter, chatter_finding
-from ballbot.identification.prediction import Predictor, chunks
-from ballbot.identification.result import Identification, WindowErrors
+from ballbot.identification.prediction import Predictor, WindowErrors, window_errors, windows_for
+from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
-from ballbot.identification.stages import errors, windows_for
-from ballbot.identification.windows import COMPARISONS, Windows, measured_wheel_speeds, standstill_torques
+from ballbot.identification.windows import COMPARISONS, measured_wheel_speeds, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
 from ballbot.mechanics.model import Model
 from ballbot.results import key
@@ -87,9 +86,11 @@ def horizon_errors(
     known = np.flatnonzero(np.isfinite(initial).all(axis=1))
     if not known.size:
         return None
-    states = _predicted(predictor, values, windows.take(known), initial[known])
-    spans = [windows.spans[row] for row in known]
-    first = np.searchsorted(log.t, [span.start - 0.5 * sample_time for span in spans])
+    windows, initial, layout = windows.take(known), initial[known], predictor.layout
+    sets = np.stack([values, layout.viscous_part(values), layout.without_friction(values)])
+    residuals = np.concatenate([*predictor.in_chunks(sets, windows, starts=initial)], axis=1)
+    states = residuals + windows.measured
+    first = np.searchsorted(log.t, [span.start - 0.5 * sample_time for span in windows.spans])
     measured = measured_wheel_speeds(log, predictor.robot)
     model = Model(predictor.robot)
     rows = [max(1, round(horizon / sample_time)) for horizon in HORIZONS]
@@ -97,7 +98,7 @@ def horizon_errors(
     for after in rows:
         at = states[:, :, after - 1]
         speeds = model.wheel_speed(at[..., :_HALF], at[..., _HALF:]) - measured[first + after]
-        leans = at[..., _LEANS] - windows.measured[known, after - 1][:, _LEANS]
+        leans = at[..., _LEANS] - windows.measured[:, after - 1][:, _LEANS]
         differences.append(np.concatenate([speeds, leans], axis=2))
     return HorizonErrors(
         horizons=np.array(rows) * sample_time,
@@ -124,21 +125,6 @@ def friction_by_horizon(errors: HorizonErrors | None) -> tuple[FrictionAtHorizon
                 )
             )
     return tuple(found)
-
-
-def _predicted(
-    predictor: Predictor, values: NDArray[np.float64], windows: Windows, initial: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the states (3, w, m, 10) predicted with friction, with its viscous part and without."""
-    layout = predictor.layout
-    sets = np.stack([values, layout.viscous_part(values), layout.without_friction(values)])
-    parts, done = [], 0
-    for chunk in chunks(windows):
-        begin = initial[done : done + len(chunk)]
-        residuals = predictor.residuals(sets, chunk, every=1, starts=np.stack([begin] * len(sets)))
-        parts.append(residuals + chunk.measured)
-        done += len(chunk)
-    return np.concatenate(parts, axis=1)
 
 
 def _errors(differences: NDArray[np.float64]) -> FrictionErrors:
@@ -218,7 +204,7 @@ def cross_validate(
     )
     if not len(windows):
         raise InputError(f"{name} has no window of {found.window:g} s without gaps or missing values.")
-    found_errors = errors(predictor, windows, found.values)
+    found_errors = window_errors(predictor, windows, found.values)
     moved = chatter(log, predictor.robot)
     horizons = friction_by_horizon(horizon_errors(predictor, found.values, log, starts=starts))
     findings = [

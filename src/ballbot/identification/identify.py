@@ -1,25 +1,29 @@
 """Identification of a robot's friction, and of other quantities, from balancing logs.
 
-A search finds the basin, Gauss-Newton the minimum, and held-out windows validate the result. The problem is the
-thesis's (section 3.4: twelve parameters at once, within bounds, on short windows because the plant is unstable), and so
-is the genetic search; windows' estimated starts, standard errors and held-out windows are added.
+A search finds the basin, on some of the windows: by short descents from a few fixed starts, or by the thesis's
+stochastic search. Gauss-Newton finds the minimum, and held-out windows validate the result. The problem is the thesis's
+(section 3.4: twelve parameters at once, within bounds, on short windows because the plant is unstable); windows'
+estimated starts, standard errors and held-out windows are added.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, warning
-from ballbot.fitting.intervals import assess
+from ballbot.fitting.fit import Fit, Search, SearchResult, fit, genetic, multistart
+from ballbot.fitting.intervals import MOST_PROFILES, Uncertainty, assess
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import SearchResult, at_bound
-from ballbot.fitting.uncertainty import Discrepancy, discrepancy
+from ballbot.fitting.uncertainty import discrepancy
 from ballbot.identification.agreement import StageEstimate, file_findings
 from ballbot.identification.alike import (
     alike_finding,
@@ -28,13 +32,30 @@ from ballbot.identification.alike import (
     variation_of_each,
     wheels_mean,
 )
+from ballbot.identification.balancing import Balancing, WindowsIterate
 from ballbot.identification.coulomb import coulomb_equivalent
-from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
+from ballbot.identification.excitation import (
+    Excitation,
+    chatter,
+    chatter_finding,
+    check_count,
+    check_excitation,
+    heading_findings,
+    share_shown,
+)
 from ballbot.identification.laws import bounds_of, law_named, robot_by_law, select_law
-from ballbot.identification.parameters import Bounds, BoundsLike, Coordinates, as_bounds, scale_between
-from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import FRICTION, names_in
-from ballbot.identification.result import Identification, WindowErrors, found_robot
+from ballbot.identification.prediction import Predictor, window_errors, windows_for
+from ballbot.identification.quantities import (
+    BY_NAME,
+    FRICTION,
+    Bounds,
+    BoundsLike,
+    Coordinates,
+    as_bounds,
+    names_in,
+    scale_between,
+)
+from ballbot.identification.result import Identification, found_robot
 from ballbot.identification.result_findings import (
     bound_findings,
     correlation_findings,
@@ -43,21 +64,9 @@ from ballbot.identification.result_findings import (
     interval_findings,
     optimum_findings,
     prediction_findings,
-    ridge_findings,
-)
-from ballbot.identification.stages import (
-    DEFAULT_OPTIONS,
-    IdentificationOptions,
-    PointEstimate,
-    Prepared,
-    better_start,
-    errors,
-    prepare,
-    refine,
-    search,
 )
 from ballbot.identification.stated_uncertainty import ends_without_error
-from ballbot.identification.sweep import Estimate, with_sweep
+from ballbot.identification.sweep import SweepFriction, with_sweep
 from ballbot.identification.variation import (
     Variation,
     discrepancy_finding,
@@ -67,7 +76,13 @@ from ballbot.identification.variation import (
     widened,
     with_torque_scale,
 )
-from ballbot.identification.windows import Windows, standstill_torques
+from ballbot.identification.windows import (
+    HELD_OUT,
+    Windows,
+    holdout_intervals,
+    split_in_time,
+    standstill_torques,
+)
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.physics import torque_scale_errors
@@ -75,8 +90,73 @@ from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import fingerprint
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress
 from ballbot.robot import Robot, RobotLike, as_robot
+
+#: longest inner step of simulations [s]: with 2.5 or 1.25 ms an estimate moves by 0.15 of its standard error at most
+INNER_STEP = 5e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IdentificationOptions:
+    """Options of `identify` besides what it estimates; the defaults suit most logs.
+
+    Raises
+    ------
+    InputError
+        If the held-out fraction is not between 0 and 1, a count is too small, or a state that is excluded is not one.
+    """
+
+    accept: Collection[str] = ()  #: codes of errors found in the logs to ignore; see `ballbot.findings.CODES`
+    formulation: Formulation = "exact"  #: of the equations of motion
+    held_out: float = HELD_OUT  #: fraction of each log that the fit does not see, to validate it on
+    excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading where the ball pivots
+    #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
+    back_emf: float = 0.0
+    #: Gauss-Newton begins from its numbers where they predict better
+    warm_start: Identification | None = None
+    sweep: SweepFriction | None = None  #: friction from a sweep of the free wheels, to combine with the logs'
+    search: Search = "multistart"
+    generations: int = 150  #: of the genetic search, at most
+    population: int = 24  #: sets of parameters in each generation
+    evolution_windows: int = 64  #: windows that the search looks at; Gauss-Newton takes all
+    gauss_newton_steps: int = 75  #: Gauss-Newton steps, at most
+    #: parameters with doubtful errors whose intervals are profiled, at most
+    most_profiles: int = MOST_PROFILES
+    step: float = INNER_STEP  #: longest one of simulations [s]
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.held_out < 1.0:
+            raise InputError(
+                f"held_out is {self.held_out!r}; it must be a fraction between 0 and 1, such as 0.25."
+            )
+        if self.search not in get_args(Search):
+            raise InputError(f"search is {self.search!r}; it must be one of {', '.join(get_args(Search))}.")
+        for name, least in (
+            ("generations", 1),
+            ("population", 4),
+            ("evolution_windows", 1),
+            ("gauss_newton_steps", 1),
+            ("most_profiles", 0),
+        ):
+            if getattr(self, name) < least:
+                raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
+        for name in self.excluded_states:
+            if name not in STATE_NAMES:
+                hint = suggest(name, STATE_NAMES, otherwise="the states are")
+                raise InputError(f"{name!r} is not a state; {hint}")
+        if not self.counted.any():
+            raise InputError("Every state is excluded from the cost; at least one must remain.")
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Which states (10,) count in the cost."""
+        return ~np.isin(STATE_NAMES, self.excluded_states)
+
+
+#: suits most logs
+DEFAULT_OPTIONS = IdentificationOptions()
 
 
 def identify(
@@ -132,40 +212,15 @@ def identify(
     checked = checked_logs(robot, logs, accept=options.accept)
     fitted = list(checked.logs.values())
     coordinates = estimated_parameters(robot, free=free, law=law, bounds=as_bounds(bounds))
-    predictor = Predictor(
-        robot=robot,
-        formulation=options.formulation,
-        step=options.step,
-        layout=coordinates.layout,
-        back_emf=options.back_emf,
-    )
-    prepared = prepare(
-        predictor,
-        coordinates,
-        [standstill_torques(log, robot, options.back_emf) for log in fitted],
-        window=window,
-        options=options,
-        run=run,
-    )
-    evolved = search(prepared.coarse, options=options, run=run)
-    start = options.warm_start
-    begin = evolved.best if start is None else better_start(prepared.problem, evolved.best, start)
-    prepared, estimate = _alike(
-        prepared,
-        refine(prepared, begin, options=options, run=run, also=evolved.other),
-        options=options,
-        run=run,
-    )
+    prepared = prepare(robot, coordinates, fitted, window=window, options=options, run=run)
+    searched = search(prepared, options=options, run=run)
+    begin = searched.best
+    if options.warm_start is not None:
+        begin = _better_start(prepared.experiment, begin, options.warm_start)
+    estimate = refine(prepared, begin, also=searched.other, options=options, run=run)
+    prepared, estimate = _alike(prepared, estimate, options=options, run=run)
     return _result(
-        prepared,
-        evolved,
-        estimate,
-        logs=fitted,
-        findings=checked.findings,
-        window=window,
-        law=law,
-        options=options,
-        run=run,
+        prepared, replace(estimate, searched=searched.history), checked, window, law, options=options, run=run
     )
 
 
@@ -180,29 +235,13 @@ def identify_by_law(
     options: IdentificationOptions = DEFAULT_OPTIONS,
     run: Run = DEFAULT_RUN,
 ) -> tuple[Identification, ModelSelection[Identification] | None]:
-    """Identify by one law; or by each law in turn, each begun from the law that it contains, and select the best.
+    """Identify by one law; or, for "best", by each law in turn, each begun from the law that it contains.
 
-    Parameters
-    ----------
-    robot, logs, free, bounds, window, options, run
-        As for `identify`.
-    law : str
-        The friction law, or "best".
-
-    Returns
-    -------
-    Identification
-        By the given law, or by the selected one.
-    ModelSelection, optional
-        The laws that were compared; None if one is given.
-
-    Raises
-    ------
-    InputError
-        As `identify`.
+    The parameters are those of `identify`. Returns the identification by the given law, or by the selected one and the
+    laws that were compared. InputError as `identify`.
     """
 
-    def fit(one: str, start: Identification | None) -> Identification:
+    def by_law(one: str, start: Identification | None) -> Identification:
         def report(now: Progress) -> None:
             error = "" if math.isnan(now.cost) else f", error x {math.exp(now.cost):.3f}"
             run.progress(replace(now, note=f"{one}{error}"))
@@ -219,9 +258,9 @@ def identify_by_law(
         )
 
     if law == "best":
-        selection = select_law(fit)
+        selection = select_law(by_law)
         return selection.best.model, selection
-    return fit(law, options.warm_start), None
+    return by_law(law, options.warm_start), None
 
 
 def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, bounds: Bounds) -> Coordinates:
@@ -239,181 +278,294 @@ def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, b
     return scale_between(robot, free=names, bounds=bounds)
 
 
-def _alike(
-    prepared: Prepared, estimate: PointEstimate, *, options: IdentificationOptions, run: Run
-) -> tuple[Prepared, PointEstimate]:
-    """Return the estimate, fitted again with one number for all wheels where the logs cannot separate them."""
-    problem = prepared.problem
-    names = (
-        ()
-        if options.sweep is not None  # it measured each wheel
-        else inseparable(
-            problem.coordinates,
-            estimate.finished,
-            estimate.values,
-            unknown=estimate.unknown,
-            speeds=wheel_speeds(problem.predictor.robot, prepared.fit),
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prepared:
+    """Windows to fit and to validate on."""
+
+    experiment: Balancing  #: all windows to fit
+    searched: Balancing  #: some of them, for the search
+    held_out: Windows
+    excitation: Excitation
+
+
+def prepare(
+    robot: Robot,
+    coordinates: Coordinates,
+    logs: Sequence[Log],
+    *,
+    window: float,
+    options: IdentificationOptions = DEFAULT_OPTIONS,
+    run: Run = DEFAULT_RUN,
+) -> Prepared:
+    """Cut logs into windows of this length [s], hold some out and check that the others excite the parameters.
+
+    The seed of `run` draws the windows that the search looks at; its executor works on the fit.
+
+    Raises
+    ------
+    InputError
+        If the logs do not excite the parameters.
+    """
+    predictor = Predictor(
+        robot=robot,
+        formulation=options.formulation,
+        step=options.step,
+        layout=coordinates.layout,
+        back_emf=options.back_emf,
+    )
+    logs = [standstill_torques(log, robot, options.back_emf) for log in logs]
+    windows = windows_for(predictor, coordinates.upper, logs, duration=window)
+    held = [holdout_intervals(log, fraction=options.held_out) for log in logs]
+    fit_rows, held_rows = split_in_time(windows.spans, held)
+    check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
+    fitted = windows.take(fit_rows)
+    excitation = check_excitation(fitted, robot, coordinates)
+    drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fitted))[: options.evolution_windows])
+    experiment = Balancing(
+        predictor=predictor,
+        windows=fitted,
+        coordinates=coordinates,
+        counted=options.counted,
+        executor=run.executor,
+    )
+    return Prepared(
+        experiment=experiment,
+        searched=experiment.part(drawn),
+        held_out=windows.take(held_rows),
+        excitation=excitation,
+    )
+
+
+def search(prepared: Prepared, *, options: IdentificationOptions, run: Run) -> SearchResult:
+    """Find the basin in the parameters that are free, the others where they are held."""
+    if options.search == "genetic":
+        return genetic(
+            prepared.searched, generations=options.generations, population=options.population, run=run
         )
+    starts = _fixed_starts(prepared.searched.coordinates)
+    return multistart(prepared.searched, starts, most_steps=options.gauss_newton_steps, run=run)
+
+
+#: the fixed starts of friction, scaled: every amount's, and v_s and delta
+_AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
+
+
+def _fixed_starts(coordinates: Coordinates) -> list[NDArray[np.float64]]:
+    """Return the scaled points (p,) that the search begins from: quantities besides friction as they were."""
+    names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
+    points = []
+    for amount, shape in product(_AMOUNTS, _SHAPES):
+        point = own.copy()
+        for name, value in {
+            **dict.fromkeys(("viscous", "coulomb", "stribeck", "rolling"), amount),
+            "stribeck_speed": shape,
+            "stribeck_exponent": shape,
+            **{name: shape if BY_NAME[name].scale == "ratio" else amount for name in coordinates.layout.own},
+        }.items():
+            point[(names == name) & coordinates.free] = value
+        if not any(np.array_equal(point, one) for one in points):
+            points.append(point)
+    return points
+
+
+def _better_start(
+    experiment: Balancing, searched: NDArray[np.float64], start: Identification
+) -> NDArray[np.float64]:
+    """Return the parameters that predict better: the search's (p,), or an earlier identification's.
+
+    Parameters that the earlier one lacks keep their nominal values.
+    """
+    coordinates = experiment.coordinates
+    values = coordinates.nominal.copy()
+    for name in coordinates.layout.names:
+        mine = coordinates.layout.part(name, values)
+        theirs = start.layout.part(name, start.values)
+        if mine is not None and theirs is not None:
+            mine[...] = theirs
+    points = np.stack([searched, coordinates.scaled(values)])
+    return points[experiment.costs(points).argmin()]
+
+
+def refine(
+    prepared: Prepared,
+    start: NDArray[np.float64],
+    *,
+    also: NDArray[np.float64] | None = None,
+    options: IdentificationOptions,
+    run: Run,
+) -> Fit[WindowsIterate]:
+    """Fit all windows from a scaled start (p,), and from a second one."""
+    return fit(
+        prepared.experiment,
+        start,
+        also=also,
+        refused=prepared.excitation.refused,
+        most_steps=options.gauss_newton_steps,
+        run=run,
+    )
+
+
+def _alike(
+    prepared: Prepared, estimate: Fit[WindowsIterate], *, options: IdentificationOptions, run: Run
+) -> tuple[Prepared, Fit[WindowsIterate]]:
+    """Return the estimate, fitted again with one number for all wheels where the logs cannot separate them."""
+    experiment = prepared.experiment
+    if options.sweep is not None:  # it measured each wheel
+        return prepared, estimate
+    names = inseparable(
+        experiment.coordinates,
+        estimate.finished.equations,
+        estimate.values,
+        unknown=estimate.unknown,
+        speeds=wheel_speeds(experiment),
     )
     if not names:
         return prepared, estimate
-    coordinates = replace(problem.coordinates, alike=names)
+    coordinates = replace(experiment.coordinates, alike=names)
     refused = prepared.excitation.refused
-    of_all = np.array([refused[coordinates.first == place].all() for place in coordinates.first])
+    refused = np.array([refused[coordinates.first == place].all() for place in coordinates.first])
     prepared = replace(
         prepared,
-        problem=replace(problem, coordinates=coordinates),
-        excitation=replace(prepared.excitation, refused=of_all),
+        experiment=replace(experiment, coordinates=coordinates),
+        excitation=replace(prepared.excitation, refused=refused),
     )
     start = coordinates.scaled(wheels_mean(coordinates, estimate.values, names))
     return prepared, replace(refine(prepared, start, options=options, run=run), other=estimate.other)
 
 
-def _result(
-    prepared: Prepared,
-    evolved: SearchResult,
-    estimate: PointEstimate,
-    *,
-    logs: Sequence[Log],
-    findings: tuple[Finding, ...],
-    window: float,
-    law: str,
-    options: IdentificationOptions,
-    run: Run,
-) -> Identification:
-    predictor = prepared.problem.predictor
-    layout, first = predictor.layout, prepared.problem.coordinates.first
-    final, apart, varied = _with_uncertainty(
-        prepared, estimate, torque_scale_errors(logs, predictor.robot), options=options, run=run
-    )
-    values, uncertainty = final.values, final.uncertainty
-    bounds = np.stack([prepared.problem.coordinates.lower, prepared.problem.coordinates.upper], axis=1)
-    covariance = uncertainty.correlation * np.outer(uncertainty.standard_errors, uncertainty.standard_errors)
-    held_out = errors(predictor, prepared.held_out, values)
-    ends = ends_without_error(
-        layout.labels, values, uncertainty.standard_errors, bounds=bounds, intervals=uncertainty.intervals
-    )
-    source = "the balancing logs"
-    balancing = StageEstimate(source=source, labels=layout.labels, values=values, covariance=covariance)
-    return Identification(
-        robot=found_robot(
-            predictor.robot,
-            layout,
-            values,
-            uncertainty.standard_errors,
-            covariance=covariance,
-            ends=ends,
-            log_count=len(logs),
-            asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
-        ).annotated(identified_from=[row for log in logs for row in fingerprint(log)]),
-        predictor=predictor,
-        values=values,
-        bounds=bounds,
-        parameters=layout.by_symbol(np.where(estimate.unknown[first], np.nan, values)),
-        standard_errors=layout.by_symbol(uncertainty.standard_errors),
-        intervals=uncertainty.intervals,
-        variation=varied,
-        correlation=uncertainty.correlation,
-        coulomb=coulomb_equivalent(
-            layout,
-            values,
-            covariance=covariance,
-            wheel_speeds=wheel_speeds(predictor.robot, prepared.fit),
-            law=predictor.robot.friction.own_law,
-        ),
-        fit=errors(predictor, prepared.fit, values),
-        held_out=held_out,
-        fit_windows=prepared.fit.spans,
-        held_out_windows=prepared.held_out.spans,
-        window=window,
-        excluded_states=tuple(options.excluded_states),
-        evolution_cost=evolved.history,
-        gauss_newton_cost=estimate.finished.history,
-        findings=(
-            *_log_findings(predictor, logs, options.excluded_states),
-            *_findings(prepared, estimate, final, held_out),
-            *final.findings,
-            *discrepancy_finding(apart),
-            *variation_findings(varied),
-            *file_findings(predictor.robot, balancing),
-        ),
-        other=estimate.other,
-        log_findings=findings,
-    )
-
-
-def _with_uncertainty(
-    prepared: Prepared,
-    estimate: PointEstimate,
+def _uncertainty(
+    experiment: Balancing,
+    estimate: Fit[WindowsIterate],
     scale_errors: NDArray[np.float64],
     *,
     options: IdentificationOptions,
     run: Run,
-) -> tuple[Estimate, Discrepancy, Variation]:
-    """Return the estimate with its uncertainty, how far slow and fast windows disagree, and how logs vary."""
-    coordinates = prepared.problem.coordinates
-    groups = speed_groups(prepared.problem.predictor.robot, prepared.fit)
-    apart = discrepancy(estimate.finished.equations, groups, estimate.estimated, seed=run.seed)
-    uncertainty = assess(
-        estimate.finished,
-        estimated=estimate.estimated,
-        at_bound=_at_bounds(coordinates, estimate),
-        most_profiles=options.most_profiles,
-        widen=apart.factor,
-        run=run,
+) -> tuple[NDArray[np.float64], Uncertainty, Variation, list[Finding]]:
+    """Return values (p,) with what windows, other logs, the torques' scale, other wheels and a sweep say of them."""
+    coordinates = experiment.coordinates
+    apart = discrepancy(
+        estimate.finished.equations, speed_groups(experiment), estimate.estimated, seed=run.seed
     )
-    values = estimate.values
-    by_log = log_estimates(
-        coordinates,
-        estimate.finished,
-        prepared.fit.spans,
-        values=values,
-        uncertainty=uncertainty,
-        widen=apart.factor,
-    )
-    uncertainty, varied = widened(coordinates, values, uncertainty, by_log, priors=shipped_priors())
-    uncertainty = with_torque_scale(coordinates, values, uncertainty, scale_errors)
-    final = Estimate(values=values, uncertainty=uncertainty_of_each(coordinates, values, uncertainty))
+    within = assess(estimate, most_profiles=options.most_profiles, widen=apart.factor, run=run)
+    by_log = log_estimates(within, estimate.finished.equations, experiment.block_log, widen=apart.factor)
+    uncertainty, varied = widened(coordinates, within, by_log, priors=shipped_priors())
+    uncertainty = with_torque_scale(coordinates, uncertainty, scale_errors)
+    uncertainty = uncertainty_of_each(coordinates, uncertainty)
+    values, findings = estimate.values, ()
     if options.sweep is not None:  # which does not vary from log to log
-        final = with_sweep(coordinates, final, options.sweep)
-    return final, apart, variation_of_each(coordinates, varied)
+        values, uncertainty, findings = with_sweep(coordinates, values, uncertainty, options.sweep)
+    said = [*findings, *discrepancy_finding(apart), *variation_findings(varied)]
+    return values, uncertainty, variation_of_each(coordinates, varied), said
 
 
 #: groups of windows by speed, of equal size
 _SPEED_GROUPS = 3
 
 
-def speed_groups(robot: Robot, windows: Windows) -> NDArray[np.int64]:
+def speed_groups(experiment: Balancing) -> NDArray[np.int64]:
     """Return the number (w,) of each window's group, from the slowest third of the wheels' speeds to the fastest."""
-    speeds = np.abs(wheel_speeds(robot, windows)).mean(axis=(1, 2))
+    speeds = np.abs(wheel_speeds(experiment)).mean(axis=(1, 2))
     return np.argsort(np.argsort(speeds, kind="stable"), kind="stable") * _SPEED_GROUPS // len(speeds)
 
 
-def wheel_speeds(robot: Robot, windows: Windows) -> NDArray[np.float64]:
+def wheel_speeds(experiment: Balancing) -> NDArray[np.float64]:
     """Return the speeds of the wheels (w, 1 + m, n) [rad/s] in windows."""
+    windows = experiment.windows
     states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)
-    return Model(robot).wheel_speed(states[..., :5], states[..., 5:])
+    return Model(experiment.predictor.robot).wheel_speed(states[..., :5], states[..., 5:])
 
 
-def _findings(
-    prepared: Prepared, estimate: PointEstimate, final: Estimate, held_out: WindowErrors
-) -> list[Finding]:
-    """Return the findings on the parameters."""
-    coordinates, uncertainty = prepared.problem.coordinates, final.uncertainty
-    apart = (
-        *correlation_findings(coordinates.labels, uncertainty.correlation),
-        *ridge_findings(coordinates.labels, uncertainty.correlation),
+def _result(
+    prepared: Prepared,
+    estimate: Fit[WindowsIterate],
+    logs: CheckedLogs,
+    window: float,
+    law: str,
+    *,
+    options: IdentificationOptions,
+    run: Run,
+) -> Identification:
+    experiment, fitted = prepared.experiment, list(logs.logs.values())
+    predictor, coordinates = experiment.predictor, experiment.coordinates
+    layout, scale_errors = predictor.layout, torque_scale_errors(fitted, predictor.robot)
+    values, uncertainty, varied, said = _uncertainty(
+        experiment, estimate, scale_errors, options=options, run=run
     )
-    return [
+    bounds = np.stack([coordinates.lower, coordinates.upper], axis=1)
+    errors = uncertainty.standard_errors
+    covariance = uncertainty.correlation * np.outer(errors, errors)
+    robot = found_robot(
+        predictor.robot,
+        layout,
+        values,
+        errors,
+        covariance=covariance,
+        ends=ends_without_error(
+            layout.labels, values, errors, bounds=bounds, intervals=uncertainty.intervals
+        ),
+        log_count=len(fitted),
+        asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
+    )
+    held_out = window_errors(predictor, prepared.held_out, values)
+    findings = [
+        *_log_findings(predictor, fitted, options.excluded_states),
         *prepared.excitation.findings,
+        *_parameter_findings(coordinates, estimate, values, uncertainty),
+        *prediction_findings(held_out.with_over_without),
+        *said,
+        *file_findings(
+            predictor.robot,
+            StageEstimate(
+                source="the balancing logs", labels=layout.labels, values=values, covariance=covariance
+            ),
+        ),
+    ]
+    return Identification(
+        robot=robot.annotated(identified_from=[row for log in fitted for row in fingerprint(log)]),
+        predictor=predictor,
+        values=values,
+        bounds=bounds,
+        parameters=layout.by_symbol(np.where(estimate.unknown[coordinates.first], np.nan, values)),
+        standard_errors=layout.by_symbol(errors),
+        intervals=dict(uncertainty.intervals),
+        variation=varied,
+        correlation=uncertainty.correlation,
+        coulomb=coulomb_equivalent(
+            layout,
+            values,
+            covariance=covariance,
+            wheel_speeds=wheel_speeds(experiment),
+            law=predictor.robot.friction.own_law,
+        ),
+        fit=window_errors(predictor, experiment.windows, values),
+        held_out=held_out,
+        fit_windows=experiment.windows.spans,
+        held_out_windows=prepared.held_out.spans,
+        window=window,
+        excluded_states=tuple(options.excluded_states),
+        evolution_cost=estimate.searched,
+        gauss_newton_cost=estimate.finished.history,
+        findings=tuple(findings),
+        other=estimate.other,
+        log_findings=logs.findings,
+    )
+
+
+def _parameter_findings(
+    coordinates: Coordinates,
+    estimate: Fit[WindowsIterate],
+    values: NDArray[np.float64],
+    uncertainty: Uncertainty,
+) -> list[Finding]:
+    """Return what the logs leave open about the parameters (p,), SI units."""
+    return [
         *alike_finding(coordinates),
-        *influence_findings(coordinates, final.values, estimate.no_influence[coordinates.first]),
-        *bound_findings(coordinates, final.values, _at_bounds(coordinates, estimate)[coordinates.first]),
+        *influence_findings(coordinates, values, estimate.no_influence[coordinates.first]),
+        *bound_findings(coordinates, values, estimate.at_bound[coordinates.first]),
         *error_findings(coordinates, uncertainty.scaled_errors),
         *interval_findings(uncertainty.intervals),
-        *dict.fromkeys(apart),
+        *correlation_findings(coordinates.labels, uncertainty.correlation),
         *optimum_findings(coordinates, estimate.finished.point, estimate.other),
-        *prediction_findings(held_out.with_over_without),
     ]
 
 
@@ -441,7 +593,3 @@ def _spoilt(log: Log, robot: Robot, name: str) -> list[Finding]:
         "Windows with them are not used; `ballbot check-log` names the columns."
     )
     return [warning("corrupted", text)]
-
-
-def _at_bounds(coordinates: Coordinates, estimate: PointEstimate) -> NDArray[np.bool_]:
-    return coordinates.free & ~estimate.unknown & at_bound(estimate.finished.point)

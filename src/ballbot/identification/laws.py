@@ -37,10 +37,8 @@ from typing import Literal
 
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.model_selection import Candidate, HeldOut, ModelSelection, select_model
-from ballbot.identification.parameters import Bounds
-from ballbot.identification.quantities import BY_NAME, FRICTION, QUANTITIES, Limits, names_in
+from ballbot.identification.quantities import BY_NAME, FRICTION, QUANTITIES, Bounds, Limits, names_in
 from ballbot.identification.result import Identification
-from ballbot.identification.stages import states_counted
 from ballbot.identification.verdict import window_blocks
 from ballbot.robot import Robot
 from ballbot.robot.friction_law import CLASSICAL, SHARED, friction_law, registered_laws
@@ -172,11 +170,10 @@ def select_law(fit: LawFit) -> ModelSelection[Identification]:
 
     def held_out(name: str, inner: Identification | None) -> HeldOut[Identification]:
         found = fit(by_name[name].name, inner)
-        counted = states_counted(found.excluded_states)
         return HeldOut(
             model=found,
-            squares=found.held_out.squares_with[:, counted],
-            baseline=found.held_out.squares_without[:, counted],
+            squares=found.held_out.squares_with[:, found.counted],
+            baseline=found.held_out.squares_without[:, found.counted],
             groups=window_blocks(found.held_out_windows),
         )
 

@@ -1,34 +1,26 @@
-"""Predictions of windows by many sets of parameters at once, and the least-squares problem they make.
-
-Predictions of windows by many sets of parameters in one batched call, and their errors.
-
-The pieces that a cost and its derivatives are computed in, over threads or a cluster.
-
-A piece is some sets of parameters on some windows; the problem fixes which, and sums are taken in the pieces' order.
-
-The cost of a search: windows, a predictor of them, and the parameters as the search sees them.
-"""
+"""Predictions of windows by many sets of parameters in one batched call."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.run import Executor, Threads
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import RIGID, Layout, with_rigid_body
+from ballbot.identification.quantities import RIGID, Layout
 from ballbot.identification.windows import (
     Windows,
     acting_torques,
+    ball_spin,
+    cut_windows,
+    samples_before,
     seen_late,
     sensor_offsets,
     state_delays,
 )
-from ballbot.log import STATE_NAMES
+from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.parameters import (
     PLACE_SPEED_SCALE,
@@ -114,13 +106,27 @@ class Predictor:
         offsets = sensor_offsets(self.layout, values, measured, times)
         return residuals if offsets is None else residuals + offsets
 
+    def in_chunks(
+        self,
+        values: NDArray[np.float64],
+        windows: Windows,
+        *,
+        every: int = 1,
+        starts: NDArray[np.float64] | None = None,
+    ) -> Iterator[NDArray[np.float64]]:
+        """Yield `residuals` of at most `CHUNK` windows at a time; starts (w, 10) are the same for all sets."""
+        for first in range(0, len(windows), CHUNK):
+            rows = np.arange(first, min(first + CHUNK, len(windows)))
+            begin = None if starts is None else np.broadcast_to(starts[rows], (len(values), len(rows), 10))
+            yield self.residuals(values, windows.take(rows), every=every, starts=begin)
+
     def square_sums(
         self, values: NDArray[np.float64], windows: Windows, *, every: int
     ) -> NDArray[np.float64]:
         """Return the residuals' sums of squares over windows and time, (sets, 10)."""
         sums = np.zeros((len(values), 10))
-        for chunk in chunks(windows):
-            sums += (self.residuals(values, chunk, every=every) ** 2).sum(axis=(1, 2))
+        for residuals in self.in_chunks(values, windows, every=every):
+            sums += (residuals**2).sum(axis=(1, 2))
         return sums
 
     def _initial(
@@ -174,7 +180,7 @@ class Predictor:
         """Return the rows of numbers (sets, size) that compiled code reads."""
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
-            rows = np.stack([pack(self._with_rigid_body(one), self.formulation) for one in values])
+            rows = np.stack([pack(layout.with_rigid_body(robot, one), self.formulation) for one in values])
         else:
             rows = np.repeat(self._own[None], len(values), axis=0)
         n = robot.wheel_count
@@ -204,113 +210,86 @@ class Predictor:
         """The robot's own row of numbers."""
         return pack(self.robot, self.formulation)
 
-    def _with_rigid_body(self, values: NDArray[np.float64]) -> Robot:
-        parts = {name: self.layout.part(name, values) for name in RIGID}
-        return with_rigid_body(self.robot, {name: part for name, part in parts.items() if part is not None})
 
-
-def chunks(windows: Windows) -> Iterator[Windows]:
-    """Yield the windows `CHUNK` at a time."""
-    for first in range(0, len(windows), CHUNK):
-        yield windows.take(np.arange(first, min(first + CHUNK, len(windows))))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cost:
-    """The cost that identification minimises: the mean over states of ln(error / error without friction).
-
-    With squares summed over windows and time, its gradient is that of least squares in which each state weighs
-    one over its residual's variance, so that no weights have to be chosen; exp(cost) is the geometric mean
-    of the ten ratios. Below the resolution of the simulation, 1e-6 of the error without friction, it is level.
-    """
-
-    reference: NDArray[np.float64]  #: (10,), sums of squares without friction on the same windows
-    counted: NDArray[np.bool_] = field(default_factory=lambda: np.ones(len(STATE_NAMES), dtype=bool))
-    #: (10,), the states that it counts
-
-    def __call__(self, square_sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost (sets,) of sums of squares (sets, 10), infinite if a prediction has no value."""
-        floor = self._floor()
-        ratios = (square_sums + floor) / (self.reference + floor)
-        cost = 0.5 * np.log(ratios[..., self.counted]).mean(axis=-1)
-        return np.where(np.isfinite(cost), cost, np.inf)
-
-    def weights(self, square_sums: NDArray[np.float64], compared: int) -> NDArray[np.float64]:
-        """Return the weight of each state's residuals (10,): one over their deviation; zero if excluded.
-
-        Parameters
-        ----------
-        square_sums : ndarray (10,)
-            Of the `compared` residuals of each state, where the weights are taken.
-        """
-        # the floor of the cost, and for a state that nothing moves any weight will do
-        return np.where(self.counted, np.sqrt(compared / (square_sums + self._floor())), 0.0)
-
-    def _floor(self) -> NDArray[np.float64]:
-        return 1e-12 * self.reference + np.finfo(float).tiny
-
-
-#: of a piece; derivatives take all sets at once
-WINDOWS, SETS = 64, 4
+def windows_for(
+    predictor: Predictor, upper: NDArray[np.float64], logs: Sequence[Log], *, duration: float
+) -> Windows:
+    """Cut logs into windows with what the predictor's parameters, up to `upper` (p,), need besides the states."""
+    layout = predictor.layout
+    pivots = "pivoting" in layout.extra
+    return cut_windows(
+        logs,
+        wheel_count=layout.wheel_count,
+        duration=duration,
+        before=lambda sample_time: samples_before(layout, upper, sample_time),
+        spins=[ball_spin(log, predictor.robot) for log in logs] if pivots else None,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Work:
-    """Inputs that all pieces share."""
+class WindowErrors:
+    """Errors of open-loop predictions over windows, all samples of all windows together."""
 
-    predictor: Predictor  #: of one thread
-    windows: Windows
-
-    def residuals(self, values: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the residuals (sets, rows, k, 10) at the k times of comparison, in this thread."""
-        windows = self.windows.take(rows)
-        return self.predictor.residuals(values, windows, every=windows.comparison_interval)
+    window_samples: int  #: compared in each window
+    #: (w, 10), sums of squared errors in each window with the friction found
+    squares_with: NDArray[np.float64]
+    squares_without: NDArray[np.float64]  #: (w, 10), without friction
 
     @property
-    def rows(self) -> list[NDArray[np.int64]]:
-        """The windows' numbers, piece by piece."""
-        count = len(self.windows)
-        return [np.arange(first, min(first + WINDOWS, count)) for first in range(0, count, WINDOWS)]
+    def windows(self) -> int:
+        """How many windows."""
+        return len(self.squares_with)
+
+    @property
+    def samples(self) -> int:
+        """Samples compared in all, n."""
+        return self.windows * self.window_samples
+
+    @property
+    def rmse_with(self) -> NDArray[np.float64]:
+        """Root mean square error of each state (10,) with the friction found."""
+        return np.sqrt(self.squares_with.sum(axis=0) / max(self.samples, 1))
+
+    @property
+    def rmse_without(self) -> NDArray[np.float64]:
+        """Root mean square error of each state (10,) without friction."""
+        return np.sqrt(self.squares_without.sum(axis=0) / max(self.samples, 1))
+
+    @property
+    def with_friction(self) -> dict[str, float]:
+        """By (4.1), |x - x_hat| / n, for each state."""
+        return self._by_state(self.rmse_with / np.sqrt(self.samples))
+
+    @property
+    def without_friction(self) -> dict[str, float]:
+        """By (4.1), for each state."""
+        return self._by_state(self.rmse_without / np.sqrt(self.samples))
+
+    @property
+    def with_over_without(self) -> dict[str, float]:
+        """Error with friction over error without, for each state."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self._by_state(self.rmse_with / self.rmse_without)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "windows": self.windows,
+            "samples": self.samples,
+            "with_friction": self.with_friction,
+            "without_friction": self.without_friction,
+            "rmse_with_friction": self._by_state(self.rmse_with),
+            "rmse_without_friction": self._by_state(self.rmse_without),
+        }
+
+    @staticmethod
+    def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
+        return dict(zip(STATE_NAMES, values.tolist(), strict=True))
 
 
-def piecewise_square_sums(work: Work, values: NDArray[np.float64], executor: Executor) -> NDArray[np.float64]:
-    """Return the residuals' sums of squares (sets, 10) over windows and times of comparison, from values (sets, p)."""
-    groups = [slice(first, first + SETS) for first in range(0, len(values), SETS)]
-    pieces = [(group, rows) for group in groups for rows in work.rows]
-    found = executor(_squares, work, [(values[group], rows) for group, rows in pieces])
-    sums = np.zeros((len(values), 10))
-    for (group, _), part in zip(pieces, found, strict=True):
-        sums[group] += part
-    return sums
-
-
-def _squares(work: Work, piece: tuple[NDArray[np.float64], NDArray[np.int64]]) -> NDArray[np.float64]:
-    return (work.residuals(*piece) ** 2).sum(axis=(1, 2))
-
-
-#: half the central difference, in the scaled coordinate; wide enough to average over single sticking steps
-DIFFERENCE = 2e-3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
-    """Windows to fit and how. A point (p,) holds every parameter of `coordinates`, held ones too, scaled."""
-
-    predictor: Predictor
-    windows: Windows
-    coordinates: Coordinates
-    cost: Cost
-    executor: Executor = field(default_factory=Threads)  #: where the work is done
-
-    def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the costs (sets,) of scaled parameters (sets, p)."""
-        return self.cost(self.square_sums(points))
-
-    def square_sums(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the sums of squares (sets, 10) of scaled parameters (sets, p), over windows and time."""
-        return piecewise_square_sums(self.work, self.coordinates.physical(points), self.executor)
-
-    @cached_property
-    def work(self) -> Work:
-        """Inputs of all pieces."""
-        return Work(predictor=replace(self.predictor, threads=1), windows=self.windows)
+def window_errors(predictor: Predictor, windows: Windows, values: NDArray[np.float64]) -> WindowErrors:
+    """Return the errors of predictions by parameters (p,), with their friction and without."""
+    both = np.stack([values, predictor.layout.without_friction(values)])
+    squares = [(one**2).sum(axis=2) for one in predictor.in_chunks(both, windows)]
+    with_friction, without = np.concatenate([np.zeros((2, 0, len(STATE_NAMES))), *squares], axis=1)
+    return WindowErrors(window_samples=windows.samples, squares_with=with_friction, squares_without=without)

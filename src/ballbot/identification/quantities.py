@@ -9,13 +9,23 @@ value, or the neutral value of an input or a sensor without fault: a gain of 1, 
 The bounds keep the robot physical. The body's second moments S_x, S_y, S_z about its centre of mass stand for its
 inertia: J_xx = S_y + S_z, and so on in turn. Any positive second moments belong to some body, because S > 0 is the
 triangle inequality of the inertia.
+
+A user may set bounds in Python or in a TOML file:
+
+    coulomb = [0.0, 0.5]             # c [N m], every wheel's
+    delay = [0.012, 0.012]           # held at that value [s]
+
+Keys left out keep the defaults of the table. Bounds hold for every number of a quantity, in its unit. Equal bounds hold
+it at that value, so that a value known from elsewhere, as a delay, takes part.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -23,7 +33,8 @@ from numpy.typing import NDArray
 
 from ballbot.arguments import names_listed
 from ballbot.errors import InputError, suggest
-from ballbot.fitting.parameter import Limits, Scale
+from ballbot.files import read_toml
+from ballbot.fitting.parameter import Limits, Parameter, ParameterSpace, Scale
 from ballbot.robot import Body, Drive, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
@@ -65,65 +76,6 @@ def with_rigid_body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> R
     if "wheel_inertia" in found:
         wheels = replace(wheels, inertia=float(found["wheel_inertia"][0]))
     return robot.replace(ball=ball, body=_body(robot, found), wheels=wheels, drive=_drive(robot, found))
-
-
-def with_friction(
-    robot: Robot,
-    values: NDArray[np.float64],
-    *,
-    load: NDArray[np.float64] | None = None,
-    torque_offset: NDArray[np.float64] | None = None,
-    stribeck_asymmetry: NDArray[np.float64] | None = None,
-    own: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
-) -> Robot:
-    """Return the robot with this friction; terms that identification estimates and that are not given become absent.
-
-    Terms in `NOT_IDENTIFIED` stay as they are.
-
-    Parameters
-    ----------
-    robot : Robot
-    values : ndarray (p,)
-        [b_1 .., c_1 .., s_1 .., v_s, delta, C_rr] first.
-    load : ndarray (n,), optional
-        mu of each wheel.
-    torque_offset : ndarray (n,), optional
-        The torque that acts where none is logged [N m], in place of Coulomb friction that is as much smaller forward as
-        backward is larger; as far as it is no more than c: beyond, it is no friction.
-    stribeck_asymmetry : ndarray (n,), optional
-        s forward less the mean of both directions [N m]; as far as it is no more than s.
-    own : mapping of str to ndarray (n,) or (1,)
-        Parameters of a registered law; the others stay as they are.
-    """
-    n = robot.wheel_count
-    b, c, s = (tuple(values[k * n : (k + 1) * n].tolist()) for k in range(3))
-    v_s, delta, C_rr = values[3 * n : 3 * n + 3].tolist()
-    return robot.replace(
-        friction=replace(
-            robot.friction,
-            viscous=b,
-            coulomb=c,
-            stribeck=s,
-            stribeck_speed=v_s,
-            stribeck_exponent=delta,
-            rolling=C_rr,
-            coulomb_asymmetry=()
-            if torque_offset is None
-            else tuple(np.clip(-torque_offset, np.negative(c), c).tolist()),
-            stribeck_asymmetry=()
-            if stribeck_asymmetry is None
-            else tuple(np.clip(stribeck_asymmetry, np.negative(s), s).tolist()),
-            load=() if load is None else tuple(load.tolist()),
-            own=tuple(
-                (name, _shaped_like(value, own[name]) if name in own else value)
-                for name, value in robot.friction.own
-            ),
-        )
-    )
-
-
-def _shaped_like(value: Value, numbers: NDArray[np.float64]) -> Value:
-    return tuple(numbers.tolist()) if isinstance(value, tuple) else float(numbers[0])
 
 
 def _body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> Body:
@@ -465,6 +417,40 @@ class Layout:
         """Return the parameters (p,) before identification."""
         return np.concatenate([BY_NAME[name].nominal(robot) for name in self.names])
 
+    def with_rigid_body(self, robot: Robot, values: NDArray[np.float64]) -> Robot:
+        """Return the robot with the rigid body out of parameters (p,), as far as it is among them."""
+        parts = {name: self.part(name, values) for name in RIGID}
+        found = {name: part for name, part in parts.items() if part is not None}
+        return with_rigid_body(robot, found) if found else robot
+
+    def robot_of(self, robot: Robot, values: NDArray[np.float64], *, asymmetric: bool = False) -> Robot:
+        """Return the robot with friction and rigid body out of parameters (p,).
+
+        Terms of friction that are not among them become absent; those in `NOT_IDENTIFIED` stay as they are. A torque
+        that acts where none is logged stands, if `asymmetric`, for Coulomb friction that is as much smaller forward as
+        backward is larger: as far as it is no more than c, beyond which it is no friction. Likewise s by direction.
+        """
+        b, c, s, (v_s,), (delta,), (C_rr,) = (values[self._columns[name]].tolist() for name in FRICTION)
+        offset = self.part("torque_offset", values) if asymmetric else None
+        by_direction, load = (self.part(name, values) for name in TERMS)
+        friction = replace(
+            robot.friction,
+            viscous=tuple(b),
+            coulomb=tuple(c),
+            stribeck=tuple(s),
+            stribeck_speed=v_s,
+            stribeck_exponent=delta,
+            rolling=C_rr,
+            coulomb_asymmetry=() if offset is None else _within(-offset, c),
+            stribeck_asymmetry=() if by_direction is None else _within(by_direction, s),
+            load=() if load is None else tuple(load.tolist()),
+            own=tuple(
+                (name, value if (part := self.part(name, values)) is None else _shaped_like(value, part))
+                for name, value in robot.friction.own
+            ),
+        )
+        return self.with_rigid_body(robot.replace(friction=friction), values)
+
     def without_friction(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return parameters (..., p) with all friction taken out of them; v_s and delta are then without effect."""
         return self._without((*FRICTION, *TERMS, *self.own), values)
@@ -491,3 +477,149 @@ class Layout:
             quantity = BY_NAME[name]
             result[quantity.symbol] = numbers.tolist() if quantity.each else float(numbers[0])
         return result
+
+
+def _shaped_like(value: Value, numbers: NDArray[np.float64]) -> Value:
+    return tuple(numbers.tolist()) if isinstance(value, tuple) else float(numbers[0])
+
+
+def _within(values: NDArray[np.float64], sizes: Sequence[float]) -> tuple[float, ...]:
+    """Return values (n,) brought within plus and minus these sizes (n,)."""
+    return tuple(np.clip(values, np.negative(sizes), sizes).tolist())
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The least and the greatest value of quantities, by name; the others keep the default.
+
+    InputError if a name is not a quantity, or a pair is not two finite numbers in rising order or reaches below what is
+    physical.
+    """
+
+    limits: Mapping[str, Limits] = field(default_factory=dict[str, Limits])
+
+    def __post_init__(self) -> None:
+        for name, (lower, upper) in self.limits.items():
+            if name not in BY_NAME:
+                hint = suggest(name, BY_NAME, otherwise="the keys are")
+                raise InputError(f"{name!r} is not a quantity that can be identified; {hint}")
+            if not (math.isfinite(lower) and math.isfinite(upper) and lower <= upper):
+                raise InputError(
+                    f"The bounds of {name} are [{lower}, {upper}]; the lower one must come first."
+                )
+            scale = BY_NAME[name].scale
+            if (lower < 0.0 and scale != "signed") or (lower <= 0.0 and scale == "ratio"):
+                least = "above zero" if scale == "ratio" else "zero or more"
+                raise InputError(f"The lower bound of {name} is {lower:g}; it must be {least}.")
+        if self.limits.get("delay", (0.0, 0.0))[0] < 0.0:
+            raise InputError(
+                f"The lower bound of delay is {self.limits['delay'][0]:g}; it must be "
+                "zero or more, because an effect cannot precede its cause."
+            )
+
+
+def read_bounds(path: str | Path) -> Bounds:
+    """Read bounds from a TOML file; the module's text shows one.
+
+    InputError if the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
+    """
+    entries = read_toml(path)
+    try:
+        return Bounds({key: _limits_in_file(key, value) for key, value in entries.items()})
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+#: bounds, or the path of the TOML file that they are read from
+BoundsLike = Bounds | str | Path
+
+
+def as_bounds(source: BoundsLike | None) -> Bounds:
+    """Return the bounds themselves, or those in that file; the default ones of every parameter if there are none."""
+    if source is None:
+        return Bounds()
+    return source if isinstance(source, Bounds) else read_bounds(source)
+
+
+def _limits_in_file(key: str, value: object) -> Limits:
+    match value:
+        case [int() | float() as lower, int() | float() as upper]:
+            return float(lower), float(upper)
+    raise InputError(f"{key} is {value!r}; write two numbers, as in {key} = [0.1, 0.5].")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Coordinates(ParameterSpace):
+    """The parameters of a robot in the order of its layout, friction's 3 n + 3 first."""
+
+    layout: Layout
+    alike: tuple[str, ...] = ()  #: quantities of wheels that have one number for all of them
+
+    @cached_property
+    def first(self) -> NDArray[np.int64]:
+        """The place of the number that each one (p,) equals: its own, or the first wheel's."""
+        places = np.arange(len(self.parameters))
+        for name in self.alike:
+            columns = self.layout.columns(name)
+            assert columns is not None, name
+            places[columns] = columns.start
+        return places
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which parameters (p,) a fit moves; of numbers that are equal, the first."""
+        return (self.upper > self.lower) & (self.first == np.arange(len(self.parameters)))
+
+    def physical(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return parameters (..., p) in SI units from scaled ones (..., p)."""
+        return super().physical(scaled[..., self.first])
+
+
+def scale_between(
+    robot: Robot, *, free: Sequence[str] = FRICTION, bounds: Bounds | None = None
+) -> Coordinates:
+    """Return the coordinates of a robot's parameters.
+
+    `free` names the quantities to estimate, or groups of them. Quantities with bounds are estimated as well; the others
+    are fixed. InputError if a name is not a quantity or a group, or a quantity has no default bounds for this robot.
+    """
+    bounds = bounds or Bounds()
+    estimated = names_in(free)
+    asked = {*estimated, *bounds.limits}
+    extra = tuple(name for name in BY_NAME if name not in FRICTION and name in asked)
+    layout = Layout(wheel_count=robot.wheel_count, extra=extra)
+    parameters = []
+    for name in layout.names:
+        quantity = BY_NAME[name]
+        limits = _limits(quantity, robot, estimated, bounds)
+        values = zip(quantity.labels(robot.wheel_count), limits, quantity.nominal(robot), strict=True)
+        parameters += [
+            Parameter(
+                name=name,
+                symbol=label,
+                unit=quantity.unit,
+                scale=quantity.scale,
+                bounds=(float(low), float(high)),
+                default=float(value),
+            )
+            for label, (low, high), value in values
+        ]
+    return Coordinates(layout=layout, parameters=tuple(parameters))
+
+
+def _limits(
+    quantity: Quantity, robot: Robot, estimated: Sequence[str], bounds: Bounds
+) -> NDArray[np.float64]:
+    """Return the least and greatest value of each of a quantity's numbers (k, 2); equal where it is held."""
+    given = bounds.limits.get(quantity.name)
+    if given is not None:
+        return np.tile(given, (len(quantity.labels(robot.wheel_count)), 1))
+    if quantity.name not in estimated:
+        return np.repeat(quantity.nominal(robot)[:, None], 2, axis=1)
+    default = quantity.default_bounds(robot)
+    if not np.all(default[:, 1] > default[:, 0]):
+        raise InputError(
+            f"{quantity.name} is zero in the robot's description, "
+            "so the search has no scale for it; give it bounds."
+        )
+    return default

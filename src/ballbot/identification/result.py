@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results
-from ballbot.fitting.intervals import Interval, profile_ends
+from ballbot.fitting.fit import OtherOptimum
+from ballbot.fitting.intervals import Interval
 from ballbot.identification.coulomb import CoulombEquivalent
-from ballbot.identification.prediction import Predictor
+from ballbot.identification.prediction import Predictor, WindowErrors
 from ballbot.identification.quantities import (
     BY_NAME,
     FRICTION,
@@ -22,8 +23,6 @@ from ballbot.identification.quantities import (
     RIGID,
     TERMS,
     Layout,
-    with_friction,
-    with_rigid_body,
 )
 from ballbot.identification.stated_uncertainty import ends_without_error, with_uncertainty
 from ballbot.identification.variation import Variation
@@ -41,75 +40,6 @@ if TYPE_CHECKING:
 WIDELY = 0.5
 #: {b: [..], c: [..], s: [..], v_s, delta, C_rr, ..}; see `ballbot.identification.quantities`
 ParameterTable = dict[str, list[float] | float]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WindowErrors:
-    """Errors of open-loop predictions over windows, all samples of all windows together."""
-
-    window_samples: int  #: compared in each window
-    #: (w, 10), sums of squared errors in each window with the friction found
-    squares_with: NDArray[np.float64]
-    squares_without: NDArray[np.float64]  #: (w, 10), without friction
-
-    @property
-    def windows(self) -> int:
-        """How many windows."""
-        return len(self.squares_with)
-
-    @property
-    def samples(self) -> int:
-        """Samples compared in all, n."""
-        return self.windows * self.window_samples
-
-    @property
-    def rmse_with(self) -> NDArray[np.float64]:
-        """Root mean square error of each state (10,) with the friction found."""
-        return np.sqrt(self.squares_with.sum(axis=0) / max(self.samples, 1))
-
-    @property
-    def rmse_without(self) -> NDArray[np.float64]:
-        """Root mean square error of each state (10,) without friction."""
-        return np.sqrt(self.squares_without.sum(axis=0) / max(self.samples, 1))
-
-    @property
-    def with_friction(self) -> dict[str, float]:
-        """By (4.1), |x - x_hat| / n, for each state."""
-        return self._by_state(self.rmse_with / np.sqrt(self.samples))
-
-    @property
-    def without_friction(self) -> dict[str, float]:
-        """By (4.1), for each state."""
-        return self._by_state(self.rmse_without / np.sqrt(self.samples))
-
-    @property
-    def with_over_without(self) -> dict[str, float]:
-        """Error with friction over error without, for each state."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return self._by_state(self.rmse_with / self.rmse_without)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "windows": self.windows,
-            "samples": self.samples,
-            "with_friction": self.with_friction,
-            "without_friction": self.without_friction,
-            "rmse_with_friction": self._by_state(self.rmse_with),
-            "rmse_without_friction": self._by_state(self.rmse_without),
-        }
-
-    @staticmethod
-    def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
-        return dict(zip(STATE_NAMES, values.tolist(), strict=True))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OtherOptimum:
-    """Where another descent from the same logs ended."""
-
-    values: NDArray[np.float64]  #: (p,), SI units
-    rise: float  #: of the cost there, over that of the estimate
 
 
 @summarized
@@ -162,10 +92,14 @@ class Identification:
             zero |= {"stribeck_speed", "stribeck_exponent"}
         return tuple(name for name in self.layout.names if name not in zero)
 
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Which states (10,) count."""
+        return ~np.isin(STATE_NAMES, self.excluded_states)
+
     @cached_property
     def verdict(self) -> Verdict:
         """Whether it is usable, and why not."""
-        counted = np.array([name not in self.excluded_states for name in STATE_NAMES])
         values = dict(zip(self.labels, self.values.tolist(), strict=True))
         bounds = dict(zip(self.labels, self.bounds.tolist(), strict=True))
         labels = {name: BY_NAME[name].labels(self.layout.wheel_count) for name in OF_WHEELS[:3]}
@@ -179,10 +113,10 @@ class Identification:
         varied = dict(zip(self.labels, self.variation.deviations.tolist(), strict=True))
         widely = [label for label in labels["coulomb"] if varied[label] > WIDELY * dry]
         return verdict_of(
-            self.held_out.squares_with[:, counted],
-            self.held_out.squares_without[:, counted],
+            self.held_out.squares_with[:, self.counted],
+            self.held_out.squares_without[:, self.counted],
             self.held_out_windows,
-            lean=np.isin(STATE_NAMES, ("theta", "phi"))[counted],
+            lean=np.isin(STATE_NAMES, ("theta", "phi"))[self.counted],
             at_end=at_end,
             disagree=widely if self.variation.differ else (),
         )
@@ -217,7 +151,9 @@ class Identification:
             if name not in self.names:
                 continue
             unit = "" if BY_NAME[name].unit == "1" else BY_NAME[name].unit
-            ends = profile_ends(self.intervals, BY_NAME[name].labels(self.layout.wheel_count))
+            known = map(self.intervals.get, BY_NAME[name].labels(self.layout.wheel_count))
+            # the ends of a profile take the place of standard errors
+            ends = [(one.lower, one.upper) if one and one.method == "profile" else None for one in known]
             rows.append((symbol, estimated(value, self.standard_errors[symbol], unit, intervals=ends)))
         ratios = np.array(list(self.held_out.with_over_without.values()))
         share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
@@ -322,29 +258,12 @@ def found_robot(
             errors = ", ".join(f"{one:.2g}" if np.isfinite(one) else "none" for one in part)
             of = " of S_x, S_y, S_z" if name == "second_moment" else ""
             sources |= dict.fromkeys(places, f"identified: from {logs}, standard error{of} {errors}")
-    moved = estimated_robot(robot, layout, values, asymmetric=asymmetric)
+    moved = layout.robot_of(robot, values, asymmetric=asymmetric)
     return with_uncertainty(
         moved.annotated(sources={**robot.sources, **sources}),
-        lambda parameters: estimated_robot(robot, layout, parameters, asymmetric=asymmetric),
+        lambda parameters: layout.robot_of(robot, parameters, asymmetric=asymmetric),
         values,
         covariance,
         names=sources,
         ends=ends,
     )
-
-
-def estimated_robot(
-    robot: Robot, layout: Layout, values: NDArray[np.float64], *, asymmetric: bool = False
-) -> Robot:
-    """Return the robot with friction and rigid body out of parameters (p,); see `found_robot`."""
-    rigid = {name: part for name in RIGID if (part := layout.part(name, values)) is not None}
-    offset = layout.part("torque_offset", values) if asymmetric else None
-    rubbing = with_friction(
-        robot,
-        values,
-        load=layout.part("load", values),
-        torque_offset=offset,
-        stribeck_asymmetry=layout.part("stribeck_asymmetry", values),
-        own={name: part for name in layout.own if (part := layout.part(name, values)) is not None},
-    )
-    return with_rigid_body(rubbing, rigid) if rigid else rubbing

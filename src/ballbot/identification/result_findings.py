@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.findings import Finding, warning
+from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import FRICTION, QUANTITIES
-from ballbot.identification.result import OtherOptimum
+from ballbot.identification.quantities import FRICTION, QUANTITIES, Coordinates
 from ballbot.mechanics.parameters import MAX_WHEELS
 
 #: beyond this correlation, the logs determine two parameters' sum or ratio and not each
@@ -77,17 +76,15 @@ def bound_findings(
     at: dict[tuple[str, str], list[str]] = {}  # parameters by their bound and the advice
     nearer = coordinates.scaled(values) < 0.5  # a search ends beside its bound, not on it
     for i in np.flatnonzero(at_bound):
-        lowest = nearer[i]
-        side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
+        side, bound = ("lower", coordinates.lower[i]) if nearer[i] else ("upper", coordinates.upper[i])
         zero = "zero friction of this kind" if coordinates.names[i] in FRICTION else "zero"
         advice = f"{zero} fits best" if bound == 0.0 else "widen the bound, or fix the parameter"
         at.setdefault((f"{side} bound {bound:g}", advice), []).append(coordinates.labels[i])
     found = []
     for (bound, advice), labels in at.items():
         are, have = ("is at its", "has") if len(labels) == 1 else ("are at their", "have")
-        found.append(
-            warning("at-bound", f"{every(labels)} {are} {bound} and {have} no standard error: {advice}.")
-        )
+        text = f"{every(labels)} {are} {bound} and {have} no standard error: {advice}."
+        found.append(warning("at-bound", text))
     return found
 
 
@@ -111,79 +108,71 @@ def error_findings(coordinates: Coordinates, scaled_errors: NDArray[np.float64])
     places = np.flatnonzero(scaled_errors > LARGEST_ERROR)
     if not len(places):
         return []
-    one = len(places) == 1
+    is_, its, errors = ("is", "its", "error is") if len(places) == 1 else ("are", "their", "errors are")
     text = (
-        f"{every([coordinates.labels[i] for i in places])} {'is' if one else 'are'} poorly determined: "
-        f"{'its standard error is' if one else 'their standard errors are'} "
-        f"{every([f'{100 * scaled_errors[i]:.0f}' for i in places])} % of the width of "
-        f"{'its' if one else 'their'} bounds."
+        f"{every([coordinates.labels[i] for i in places])} {is_} poorly determined: {its} standard {errors} "
+        f"{every([f'{100 * scaled_errors[i]:.0f}' for i in places])} % of the width of {its} bounds."
     )
     return [warning("poorly-determined", text)]
 
 
 def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
     """Return findings on the parameters that the logs limit on one side only, or not at all."""
-    groups: dict[str, list[tuple[str, float]]] = {}
+    groups: dict[str, dict[str, float]] = {"either": {}, "zero": {}, "below": {}, "above": {}}
     for label, one in intervals.items():
         low, high = math.isfinite(one.lower), math.isfinite(one.upper)
         if not (low and high):
-            zero = one.lower == 0.0
-            side = "either" if not (low or high) else "zero" if zero else "below" if low else "above"
-            groups.setdefault(side, []).append((label, one.lower if low else one.upper))
+            side = (
+                "either" if not (low or high) else "zero" if one.lower == 0.0 else "below" if low else "above"
+            )
+            groups[side][label] = one.lower if low else one.upper
     found = []
-    for side in ("either", "zero", "below", "above"):
-        labels, ends = [label for label, _ in groups.get(side, [])], [end for _, end in groups.get(side, [])]
-        if labels:
-            limited = f"{every(labels)} {'is' if len(labels) == 1 else 'are'}"
-            more = f"{every([f'{end:.3g}' for end in ends])} or {'more' if side == 'below' else 'less'}"
-            text = {
-                "either": f"{limited} not limited by these logs on either side: its value means nothing.",
-                "zero": f"{limited} not limited by these logs: any value fits, zero included.",
-            }.get(side, f"{limited} limited from {side} only: {more}, with 95 % confidence.")
-            found.append(warning("unlimited", text))
+    for side, ends in groups.items():
+        if not ends:
+            continue
+        limited = f"{every(ends)} {'is' if len(ends) == 1 else 'are'}"
+        values = (
+            f"{every([f'{end:.3g}' for end in ends.values()])} or {'more' if side == 'below' else 'less'}"
+        )
+        text = {
+            "either": f"{limited} not limited by these logs on either side: its value means nothing.",
+            "zero": f"{limited} not limited by these logs: any value fits, zero included.",
+        }.get(side, f"{limited} limited from {side} only: {values}, with 95 % confidence.")
+        found.append(warning("unlimited", text))
     return found
 
 
 def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
-    """Return findings that name the pairs of parameters that the logs cannot separate, and an experiment that would."""
+    """Return findings that name the parameters that the logs cannot separate, and experiments that would.
+
+    They are pairs, and a ridge of more than two each of which the others can stand in for: the diagonal of the inverse
+    is the factor by which knowing all others would reduce a parameter's variance.
+    """
     rows, columns = np.nonzero(np.triu(np.abs(correlation), 1) > LARGEST_CORRELATION)
     strongest = np.argsort(-np.abs(correlation[rows, columns]), kind="stable")
     named = [(labels[rows[k]], labels[columns[k]], correlation[rows[k], columns[k]]) for k in strongest]
-    if not named:
-        return []
-    pairs = [f"{one} and {other} ({value:+.2f})" for one, other, value in named[:MOST_PAIRS]]
-    more = f", and {len(named) - MOST_PAIRS} pairs more" if len(named) > MOST_PAIRS else ""
-    advice = dict.fromkeys(text for one, other, _ in named if (text := _experiment(one, other)))
-    found = [
-        f"Poorly separated by these logs, by their correlation: {', '.join(pairs)}{more}; "
-        "trust the combined effect of such a pair, not each value.",
-        *advice,
-    ]
-    return [warning("correlated", text) for text in found]
-
-
-def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
-    """Return a finding that names parameters each of which the others can stand in for, where more than a pair do.
-
-    The inverse's diagonal is the factor by which knowing all others would reduce a parameter's variance.
-    """
+    found = []
+    if named:
+        pairs = [f"{one} and {other} ({value:+.2f})" for one, other, value in named[:MOST_PAIRS]]
+        more = f", and {len(named) - MOST_PAIRS} pairs more" if len(named) > MOST_PAIRS else ""
+        found += [
+            f"Poorly separated by these logs, by their correlation: {', '.join(pairs)}{more}; "
+            "trust the combined effect of such a pair, not each value.",
+            *(_experiment(one, other) for one, other, _ in named),
+        ]
     places = np.flatnonzero(np.isfinite(correlation.diagonal()))
-    if not len(places):
-        return []
     variance = np.linalg.pinv(correlation[np.ix_(places, places)], hermitian=True).diagonal()
     inflation = np.sqrt(np.maximum(variance, 1.0))  # less is a rounding error: knowing the others cannot harm
     together = [labels[i] for i in places[inflation > LEAST_INFLATION]]
-    if len(together) < LEAST_RIDGE:
-        return []
-    least = inflation[inflation > LEAST_INFLATION].min()
-    advice = (_experiment(one, other) for one, other in combinations(together, 2))
-    found = [
-        f"{every(together)} are nearly collinear and can "
-        f"replace one another: each would be known at least {least:.0f} times better "
-        "if the others were known. Fix some of them at values measured otherwise.",
-        *dict.fromkeys(text for text in advice if text),
-    ]
-    return [warning("correlated", text) for text in found]
+    if len(together) >= LEAST_RIDGE:
+        least = inflation[inflation > LEAST_INFLATION].min()
+        found += [
+            f"{every(together)} are nearly collinear and can "
+            f"replace one another: each would be known at least {least:.0f} times better "
+            "if the others were known. Fix some of them at values measured otherwise.",
+            *(_experiment(one, other) for one, other in combinations(together, 2)),
+        ]
+    return [warning("correlated", text) for text in dict.fromkeys(found) if text]
 
 
 def optimum_findings(
@@ -192,11 +181,11 @@ def optimum_findings(
     """Return a finding on another optimum than that at scaled parameters (p,), and on where they differ most."""
     if other is None:
         return []
-    there = coordinates.scaled(other.values)
-    place = int(np.abs(there - point).argmax())
-    values = (coordinates.physical(point)[place], other.values[place])
+    place = int(np.abs(coordinates.scaled(other.values) - point).argmax())
+    unit = coordinates.parameters[place].unit
     found, elsewhere = (
-        f"{one:.3g} {coordinates.parameters[place].unit}".removesuffix(" 1") for one in values
+        f"{one:.3g} {unit}".removesuffix(" 1")
+        for one in (coordinates.physical(point)[place], other.values[place])
     )
     text = (
         f"The fit has two optima, which differ most in {coordinates.labels[place]}: {found} in the one that is "

@@ -67,85 +67,54 @@ def with_uncertainty(
     the robot's parameters `names`, dotted.
     """
     names = [name for name in BY_NAME if name in set(names) and value_of(found, BY_NAME[name]) != ()]
-    covariance = np.nan_to_num(covariance)
-    numbers = _numbers(found, names)
+    covariance, numbers = np.nan_to_num(covariance), _numbers(found, names)
+
+    def with_one(place: int, value: float) -> NDArray[np.float64] | None:
+        """Return the numbers with another value of one parameter; None if no robot has it."""
+        moved = values.copy()
+        moved[place] = value
+        try:
+            return _numbers(robot_of(moved), names)
+        except InputError:
+            return None
+
     G = np.zeros((len(numbers), len(values)))
-    for place in np.flatnonzero(covariance.diagonal() > 0.0):
-        step = _STEP * float(np.sqrt(covariance[place, place]))
-        G[:, place] = _derivative(robot_of, values, int(place), step, names)
+    for place in np.flatnonzero(covariance.diagonal() > 0.0).tolist():
+        step, own = _STEP * float(np.sqrt(covariance[place, place])), float(values[place])
+        sides = [(by, at) for by in (step, -step) if (at := with_one(place, own + by)) is not None]
+        sides += [(0.0, numbers)] * (len(sides) == 1)  # one-sided next to what no robot has
+        if sides:
+            (ahead, high), (behind, low) = sides
+            differs = np.abs(high - low) > _UNCHANGED * np.abs(high)
+            G[:, place] = np.where(differs, (high - low) / (ahead - behind), 0.0)
     spread = G @ covariance @ G.T
     sizes = np.sqrt(np.maximum(spread.diagonal(), 0.0))
-    least, most = numbers.copy(), numbers.copy()
-    for place, both in ends.items():
-        for end in both:
-            moved = values.copy()
-            moved[place] = end
-            try:
-                at_end = _numbers(robot_of(moved), names)
-            except InputError:
-                continue  # no robot has it
-            least, most = np.minimum(least, at_end), np.maximum(most, at_end)
+    at_ends = [with_one(place, end) for place, both in ends.items() for end in both]
+    reached = np.stack([numbers, *(one for one in at_ends if one is not None)])
+    least, most = reached.min(axis=0), reached.max(axis=0)
     unknown = most - least > _UNCHANGED * np.abs(numbers)
     least, most = least - HALF_WIDTH * sizes, most + HALF_WIDTH * sizes
     sizes[unknown] = np.inf
-    stated: dict[str, Value] = {}
-    intervals: dict[str, tuple[float, float]] = {}
-    labels: list[str] = []
-    kept: list[int] = []
-    first = 0
+    stated, labels = dict[str, Value](), list[str]()
     for name in names:
-        value = value_of(found, BY_NAME[name])
-        count = len(value) if isinstance(value, tuple) else 1
-        part = range(first, first + count)
-        first += count
-        if not np.any(sizes[part] > 0.0):
-            continue
-        rounded = [float(f"{one:.4g}") for one in sizes[part]]
-        stated[name] = tuple(rounded) if isinstance(value, tuple) else rounded[0]
-        for i, place in enumerate(part):
-            label = f"{name}[{i}]" if isinstance(value, tuple) else name
-            if unknown[place]:
-                intervals[label] = (float(least[place]), float(most[place]))
-            elif sizes[place] > 0.0:
-                labels.append(label)
-                kept.append(place)
+        value, first = value_of(found, BY_NAME[name]), len(labels)
+        several = isinstance(value, tuple)
+        labels += [f"{name}[{i}]" for i in range(len(value))] if several else [name]
+        rounded = tuple(float(f"{one:.4g}") for one in sizes[first : len(labels)])
+        if any(one > 0.0 for one in rounded):
+            stated[name] = rounded if several else rounded[0]
+    intervals = {label: (float(least[i]), float(most[i])) for i, label in enumerate(labels) if unknown[i]}
+    kept = np.flatnonzero((sizes > 0.0) & ~unknown)
     R = spread[np.ix_(kept, kept)] / np.outer(sizes[kept], sizes[kept])
-    related = [i for i in range(len(kept)) if np.any(np.abs(np.delete(R[i], i)) > 5e-6)]
+    related = np.flatnonzero((np.abs(R - np.diag(R.diagonal())) > 5e-6).any(axis=1))
     return found.annotated(
         standard_deviations={**found.standard_deviations, **stated},
         intervals={**found.intervals, **intervals},
-        correlation=Correlation.of_matrix([labels[i] for i in related], R[np.ix_(related, related)]),
+        correlation=Correlation.of_matrix([labels[i] for i in kept[related]], R[np.ix_(related, related)]),
     )
-
-
-def _derivative(
-    robot_of: Callable[[NDArray[np.float64]], Robot],
-    values: NDArray[np.float64],
-    place: int,
-    step: float,
-    names: Collection[str],
-) -> NDArray[np.float64]:
-    """Return the derivatives of the robot's numbers by one parameter; one-sided next to what no robot has."""
-    ends = []
-    for sign in (1.0, -1.0):
-        moved = values.copy()
-        moved[place] += sign * step
-        try:
-            ends.append((sign * step, _numbers(robot_of(moved), names)))
-        except InputError:
-            continue
-    if not ends:
-        return np.zeros(len(_numbers(robot_of(values), names)))
-    if len(ends) == 1:
-        ends.append((0.0, _numbers(robot_of(values), names)))
-    (ahead, high), (behind, low) = ends
-    slope = (high - low) / (ahead - behind)
-    return np.where(np.abs(high - low) > _UNCHANGED * np.abs(high), slope, 0.0)
 
 
 def _numbers(robot: Robot, names: Collection[str]) -> NDArray[np.float64]:
     """Return the numbers of these parameters, one after another."""
-    return np.concatenate(
-        [np.atleast_1d(np.asarray(value_of(robot, BY_NAME[name]), dtype=np.float64)) for name in names]
-        or [np.empty(0)]
-    )
+    values = [np.atleast_1d(np.asarray(value_of(robot, BY_NAME[name]), dtype=np.float64)) for name in names]
+    return np.concatenate([np.empty(0), *values])

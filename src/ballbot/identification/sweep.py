@@ -19,21 +19,20 @@ at once (`ballbot.identification.agreement`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy import special
 
 from ballbot.errors import InputError
 from ballbot.file_formats import read_results
 from ballbot.findings import Finding, warning
 from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
 from ballbot.identification.agreement import StageEstimate, agreement_findings
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import Layout
+from ballbot.identification.quantities import Coordinates, Layout
 
 #: largest difference between sweep and logs, in standard errors of that difference
 CONTRADICTS = 3.0
@@ -47,15 +46,6 @@ class SweepFriction:
 
     values: NDArray[np.float64]  #: (n, 2), b [N m s/rad] and c [N m] of each wheel
     covariances: NDArray[np.float64]  #: (n, 2, 2); NaN if a number has no standard error
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Estimate:
-    """An estimate with its uncertainty."""
-
-    values: NDArray[np.float64]  #: (p,), SI units
-    uncertainty: Uncertainty
-    findings: tuple[Finding, ...] = ()
 
 
 def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
@@ -83,36 +73,36 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
     return SweepFriction(values=values, covariances=covariances)
 
 
-def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFriction) -> Estimate:
-    """Return the estimate from logs and a sweep together, within bounds; bootstrap errors stay those of the logs.
+def with_sweep(
+    coordinates: Coordinates, values: NDArray[np.float64], uncertainty: Uncertainty, sweep: SweepFriction
+) -> tuple[NDArray[np.float64], Uncertainty, tuple[Finding, ...]]:
+    """Return values (p,) from logs and a sweep together, within bounds, their uncertainty, and findings.
 
     Of two errors of the logs, clustered and by bootstrap, the larger counts. If no value of the sweep could be used,
     all is as it was.
     """
-    uncertainty = estimate.uncertainty
-    logs = np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors)
+    slopes = coordinates.slopes(uncertainty.point)
+    logs = np.fmax(uncertainty.scaled_errors, uncertainty.bootstrap) * slopes
     C = uncertainty.correlation * np.outer(logs, logs)
-    moved, C, findings = combine(coordinates.layout, estimate.values, C, sweep)
-    if moved is estimate.values:
-        return Estimate(values=moved, uncertainty=uncertainty, findings=findings)
-    values, errors = np.clip(moved, coordinates.lower, coordinates.upper), np.sqrt(C.diagonal())
-    half = float(scipy.stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)) * errors
-    lower, upper = np.maximum(values - half, coordinates.lower), np.minimum(values + half, coordinates.upper)
+    moved, C, findings = combine(coordinates.layout, values, C, sweep)
+    if moved is values:
+        return values, uncertainty, findings
+    moved, errors = np.clip(moved, coordinates.lower, coordinates.upper), np.sqrt(C.diagonal())
+    half = float(special.ndtri(0.5 + 0.5 * CONFIDENCE)) * errors
+    lower, upper = np.maximum(moved - half, coordinates.lower), np.minimum(moved + half, coordinates.upper)
     intervals = {
         coordinates.labels[i]: Interval(lower=float(lower[i]), upper=float(upper[i]), method="with sweep")
         for i in np.flatnonzero(np.isfinite(errors))
     }
-    return Estimate(
-        values=values,
-        uncertainty=Uncertainty(
-            scaled_errors=errors / coordinates.slopes(coordinates.scaled(values)),
-            standard_errors=errors,
-            bootstrap_errors=uncertainty.bootstrap_errors,
-            correlation=C / np.outer(errors, errors),
-            intervals=uncertainty.intervals | intervals,
-        ),
-        findings=findings,
+    point = coordinates.scaled(moved)
+    slopes = np.where(np.isfinite(errors), coordinates.slopes(point), 1.0)
+    together = replace(
+        uncertainty,
+        point=point,
+        covariance=C / np.outer(slopes, slopes),
+        intervals={**uncertainty.intervals, **intervals},
     )
+    return moved, together, findings
 
 
 def combine(

@@ -2,10 +2,10 @@
 
     angle'' = -omega_n^2 sin(angle) - beta angle' - kappa sgn(angle')
 
-beta = b / I and kappa = c / I with the pivot's viscous friction b [N m s/rad], its dry friction c [N m] and the inertia
-I about the pivot; omega_n^2 = m g r / I. If gravity cannot overcome kappa, the body rests. The period grows with the
-amplitude A: T = T_0 2 K(sin(A/2)) / pi, with the complete elliptic integral K (L. Landau and E. Lifshitz, Mechanics,
-section 11), so that the shape of large swings distinguishes radians from degrees.
+A pendulum is an axis under gravity (`ballbot.identification.axis`): beta = b / I and kappa = c / I with the pivot's
+viscous friction b [N m s/rad], its dry friction c [N m] and the inertia I about the pivot; omega_n^2 = m g r / I. The
+period grows with the amplitude A: T = T_0 2 K(sin(A/2)) / pi, with the complete elliptic integral K (L. Landau and
+E. Lifshitz, Mechanics, section 11), so that the shape of large swings distinguishes radians from degrees.
 
 Six numbers are fitted by output error: omega_n^2, beta, kappa, the first angle and rate, and the sensor's zero. The fit
 begins on the first swings and grows over the whole recording, so that it cannot settle a whole swing off. Residuals of
@@ -21,13 +21,14 @@ d_i of a result by each, its variance is the sum of (d_i s_i)^2.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 from scipy.special import ellipk
 
 from ballbot.arrays import real_array
@@ -36,10 +37,11 @@ from ballbot.findings import Finding, by_severity, error, finding, note, warning
 from ballbot.fitting.intervals import HALF_WIDTH
 from ballbot.fitting.least_squares import central_differences, minimize_squares
 from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.identification.axis.model import Axis
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.log.signals import longest_repeat
-from ballbot.mechanics.engine.compiled import compiled_alone
+from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.robot.derived import inertia_from_swing
 from ballbot.rounding import plus_minus
@@ -88,25 +90,22 @@ def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
     It is in a column, an angle [rad] or a rate [rad/s] by its name; without one in the gyro about its main axis, or in
     that of theta, phi and psi that swings most. InputError if the log has none of these, or no free swing in it.
     """
-    if column is not None:
-        log.require(column)
-        rate = unit_of(column) == "rad/s" or column.endswith("_dot")
-        return swing_of(log.t, log[column], kind="rate" if rate else "angle", source=column)
     gyro = [name for name in ("gyro_x", "gyro_y", "gyro_z") if name in log]
-    if gyro:
+    if column is None and gyro:
         log.require(*gyro)
         rates = np.column_stack([log[name] for name in gyro])
         rates = rates - np.median(rates, axis=0)
         axis = np.linalg.svd(rates, full_matrices=False)[2][0]
         return swing_of(log.t, rates @ axis, kind="rate", source="the gyro about its main axis")
-    angles = [name for name in ("theta", "phi", "psi") if name in log]
+    angles = [column] if column else [name for name in ("theta", "phi", "psi") if name in log]
     if not angles:
         raise InputError(
             "The log has neither gyro_x nor theta, phi or psi; name the swinging column with --swing-column."
         )
     log.require(*angles)
     most = max(angles, key=lambda name: float(np.std(np.unwrap(log[name]))))
-    return swing_of(log.t, log[most], kind="angle", source=most)
+    rate = unit_of(most) == "rad/s" or most.endswith("_dot")
+    return swing_of(log.t, log[most], kind="rate" if rate else "angle", source=most)
 
 
 def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind, source: str) -> Swing:
@@ -119,41 +118,38 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     centred = values - np.median(values)
     if len(t) < 32 or float(np.ptp(centred)) == 0.0:
         raise InputError(f"{source} does not swing: it has {len(t)} rows and no motion.")
-    period = _period(t, centred)
-    if period < _LEAST_SAMPLES * float(np.median(np.diff(t))):
+    period, h = _period(t, centred), float(np.median(np.diff(t)))
+    if period < _LEAST_SAMPLES * h:
         raise InputError(
             f"{source} has fewer than {_LEAST_SAMPLES:g} samples in a swing of "
             f"{period:.2g} s; record faster, or check that it is the hanging body's motion."
         )
     # a running mean over an eighth of a swing
-    width = max(1, int(period / 8.0 / float(np.median(np.diff(t)))) | 1)
+    width = max(1, int(period / 8.0 / h) | 1)
     smooth = np.convolve(centred, np.full(width, 1.0 / width), mode="same")
-    peaks, _ = scipy.signal.find_peaks(
-        np.abs(smooth), distance=max(1, int(0.35 * period / np.median(np.diff(t))))
-    )
+    size = np.abs(smooth)
+    peaks, _ = scipy.signal.find_peaks(size, distance=max(1, int(0.35 * period / h)))
     if not len(peaks):
         raise InputError(f"{source} does not swing.")
-    largest = float(np.abs(smooth[peaks]).max())
-    most, unit = (
-        (_LARGEST_ANGLE, "rad") if kind == "angle" else (_LARGEST_RATE * 2.0 * np.pi / period, "rad/s")
-    )
+    largest, of_rate = float(size[peaks].max()), _LARGEST_RATE * 2.0 * np.pi / period
+    most, unit = (_LARGEST_ANGLE, "rad") if kind == "angle" else (of_rate, "rad/s")
     if largest > most:
         raise InputError(
             f"{source} swings to {largest:.3g} {unit} in {period:.3g} s, more than a pendulum can; check whether it is "
             "in degrees (then multiply it by pi/180)."
         )
-    top = int(peaks[np.argmax(np.abs(smooth[peaks]) > _AS_LARGE * largest)])
+    top = int(peaks[np.argmax(size[peaks] > _AS_LARGE * largest)])
     crossings = np.flatnonzero(smooth[top:-1] * smooth[top + 1 :] <= 0.0)
     start = top + int(crossings[0]) if len(crossings) else top
-    small = peaks[(peaks > start) & (np.abs(smooth[peaks]) < _SMALLEST * largest)]
+    small = peaks[(peaks > start) & (size[peaks] < _SMALLEST * largest)]
     end = int(small[0]) if len(small) else len(t)
-    swing = Swing(t=t[start:end], values=values[start:end], kind=kind, period=period, source=source)
-    if end - start < 2 or swing.swings < _LEAST_SWINGS:
+    swings = float(t[end - 1] - t[start]) / period
+    if swings < _LEAST_SWINGS:
         raise InputError(
-            f"{source} swings freely {(0.0 if end - start < 2 else swing.swings):.1f} "
-            f"times; frequency and damping need at least {_LEAST_SWINGS:g} swings."
+            f"{source} swings freely {max(swings, 0.0):.1f} times; frequency and damping need at least "
+            f"{_LEAST_SWINGS:g} swings."
         )
-    return swing
+    return Swing(t=t[start:end], values=values[start:end], kind=kind, period=period, source=source)
 
 
 def _period(t: NDArray[np.float64], centred: NDArray[np.float64]) -> float:
@@ -172,66 +168,39 @@ def period_growth(amplitude: float) -> float:
     return 2.0 / math.pi * float(ellipk(math.sin(0.5 * amplitude) ** 2))
 
 
-@compiled_alone
-def follow_pendulum(
+#: step of the simulation in radians of swing
+_STEP = 0.03
+
+
+def pendulum_motion(
     stiffness: float,
     viscous: float,
     dry: float,
     angle: float,
     rate: float,
-    t: NDArray,
-    longest_step: float,
-    angles: NDArray,
-    rates: NDArray,
-) -> None:
-    """Fill `angles` and `rates` (n,) with the motion at times t (n,) from `angle` [rad] and `rate` [rad/s] at t_0.
+    t: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return angle [rad] and rate [rad/s] (n,) at times t (n,) of a pendulum from `angle` and `rate` at t_0.
 
-    With omega_n^2 (`stiffness`) [1/s^2], beta [1/s] and kappa [1/s^2]. Steps of Runge and Kutta of at most
-    `longest_step` [s], cut where the motion turns, so that dry friction changes its sign at a step's end.
+    With omega_n^2 (`stiffness`) [1/s^2], beta [1/s] and kappa [1/s^2]. The axis's steps are of order two in gravity, so
+    that the motion in steps half as long removes the error's first term (L. F. Richardson 1911).
     """
-    angles[0], rates[0] = angle, rate
-    for k in range(1, len(t)):
-        left = t[k] - t[k - 1]
-        while left > 0.0:
-            h = min(left, longest_step)
-            if rate == 0.0:
-                pull = -stiffness * math.sin(angle)
-                if abs(pull) <= dry:
-                    break  # it rests
-                sign = math.copysign(1.0, pull)
-            else:
-                sign = math.copysign(1.0, rate)
-            after, speed = _step(stiffness, viscous, dry * sign, angle, rate, h)
-            if speed * sign < 0.0:
-                # at a turn the acceleration hardly changes, so that the rate falls in nearly a straight line
-                for _ in range(3):
-                    h *= rate / (rate - speed)
-                    after, speed = _step(stiffness, viscous, dry * sign, angle, rate, h)
-                speed = 0.0
-            angle, rate = after, speed
-            left -= h
-        angles[k], rates[k] = angle, rate
-
-
-@compiled_alone
-def _step(
-    stiffness: float, viscous: float, force: float, angle: float, rate: float, h: float
-) -> tuple[float, float]:
-    k1 = -stiffness * math.sin(angle) - viscous * rate - force
-    r2 = rate + 0.5 * h * k1
-    k2 = -stiffness * math.sin(angle + 0.5 * h * rate) - viscous * r2 - force
-    r3 = rate + 0.5 * h * k2
-    k3 = -stiffness * math.sin(angle + 0.5 * h * r2) - viscous * r3 - force
-    r4 = rate + h * k3
-    k4 = -stiffness * math.sin(angle + h * r3) - viscous * r4 - force
-    return angle + h / 6.0 * (rate + 2.0 * r2 + 2.0 * r3 + r4), rate + h / 6.0 * (
-        k1 + 2.0 * k2 + 2.0 * k3 + k4
+    pendulum = Axis(
+        values={"mass": 1.0, "gravity_sine": stiffness, "viscous": viscous, "coulomb": dry, "stribeck": 0.0}
     )
+    span = float(t[-1] - t[0])
+    rows = max(1, math.ceil(span * math.sqrt(max(abs(stiffness), 1e-12)) / _STEP))
+    start, first = np.array([[angle, rate]]), np.array([0])
+
+    def followed(count: int) -> NDArray[np.float64]:
+        return pendulum.windows(np.zeros(count), span / count, first, np.array([count]), start)
+
+    states = np.concatenate([start, (4.0 * followed(2 * rows)[1::2] - followed(rows)) / 3.0])
+    course = CubicHermiteSpline(t[0] + span / rows * np.arange(rows + 1), *states.T)
+    return course(t), course(t, 1)
 
 
 NAMES = ("omega_n^2", "beta", "kappa", "first angle", "first rate", "zero")
-#: longest step of the simulation as a share of a radian of swing
-_STEP = 0.05
 #: swings that the fit begins with
 _FIRST_SWINGS = 3.0
 #: derivatives are central differences over this share of each value's order of size
@@ -248,8 +217,7 @@ class SwingFit:
 
     swing: Swing
     values: NDArray[np.float64]  #: (6,) in the order of `NAMES`
-    covariance: NDArray[np.float64]  #: (6, 6), clustered by swings
-    quantile: float  #: Student's t for 95 %, with as many clusters
+    half_widths: NDArray[np.float64]  #: (6,) half of their 95 % intervals, clustered by swings
     predicted: NDArray[np.float64]  #: (n,) the sensor's value by the fit [rad] or [rad/s]
     amplitudes: tuple[float, float]  #: largest angle in the first and in the last swing [rad]
 
@@ -261,12 +229,7 @@ class SwingFit:
     @property
     def frequency_half_width(self) -> float:
         """Half of its 95 % interval [rad/s]."""
-        return 0.5 * self.half_widths[0] / self.frequency
-
-    @property
-    def half_widths(self) -> NDArray[np.float64]:
-        """Half of the 95 % intervals of `values` (6,)."""
-        return self.quantile * np.sqrt(np.diag(self.covariance))
+        return 0.5 * float(self.half_widths[0]) / self.frequency
 
     @property
     def residual(self) -> float:
@@ -291,27 +254,24 @@ def fit_swing(swing: Swing) -> SwingFit:
     )
 
 
-def fits_better_in_degrees(fit: SwingFit) -> bool:
-    """Return whether a pendulum fits the swing clearly better if its values are taken for degrees."""
-    other = _fitted(replace(fit.swing, values=np.radians(fit.swing.values)))
-    return other is not None and other.residual < min(_WORST, _BETTER * fit.residual)
-
-
 def _fitted(swing: Swing) -> SwingFit | None:
     """Return the pendulum that comes closest, or None if none does."""
     values, until = _guess(swing), _FIRST_SWINGS
-    steps = _DIFFERENCE * _sizes(values)
+    omega = float(np.sqrt(values[0]))
+    amplitude = max(float(np.hypot(values[3], values[4] / omega)), 1e-9)
+    # each value's order of size, also of one that is zero
+    sizes = np.array([omega**2, omega, omega**2 * amplitude, amplitude, omega * amplitude, amplitude])
     while True:
         rows = int(np.searchsorted(swing.t, swing.t[0] + until * swing.period, side="right"))
 
         def misfit(p: NDArray[np.float64], rows: int = rows) -> NDArray[np.float64]:
-            return _motion(p, swing, rows)[1] - swing.values[:rows]
+            return _sensed(p, swing, rows)[1] - swing.values[:rows]
 
         found = minimize_squares(
             misfit,
             values,
-            jacobian_of=lambda p, misfit=misfit: central_differences(misfit, p, steps),
-            scale=_sizes(values),
+            jacobian_of=lambda p, misfit=misfit: central_differences(misfit, p, _DIFFERENCE * sizes),
+            scale=sizes,
             method="lm",
         )
         values = found.point
@@ -320,59 +280,44 @@ def _fitted(swing: Swing) -> SwingFit | None:
         if rows == len(swing.t):
             break
         until *= 2.0
-    angles, predicted = _motion(values, swing, len(swing.t))
+    angles, predicted = _sensed(values, swing, len(swing.t))
     block = ((swing.t - swing.t[0]) / swing.period).astype(np.int64)
-    clusters = int(block.max()) + 1
+    quantile = float(scipy.stats.t.ppf(0.975, max(int(block.max()) - 2, 1)))
+    covariance = covariance_in_time(found.jacobian, found.residuals, block)
+    ends = swing.t <= swing.t[0] + swing.period, swing.t >= swing.t[-1] - swing.period
+    first, last = (float(np.abs(angles[rows]).max()) for rows in ends)
     return SwingFit(
         swing=swing,
         values=values,
-        covariance=covariance_in_time(found.jacobian, found.residuals, block),
-        quantile=float(scipy.stats.t.ppf(0.975, max(clusters - 3, 1))),
+        half_widths=quantile * np.sqrt(np.diag(covariance)),
         predicted=predicted,
-        amplitudes=_amplitudes(angles, swing),
+        amplitudes=(first, last),
     )
 
 
 def _guess(swing: Swing) -> NDArray[np.float64]:
     """Return where the fit starts: the spectrum's frequency, no friction, straight through the middle."""
     first = swing.t - swing.t[0] <= swing.period
-    zero = 0.5 * float(swing.values[first].max() + swing.values[first].min())
     size = 0.5 * float(np.ptp(swing.values[first]))
+    zero = float(swing.values[first].min()) + size
     omega = 2.0 * np.pi / swing.period
     amplitude = min(size if swing.kind == "angle" else size / omega, 2.5)
-    omega *= period_growth(amplitude)
     # a sine fitted to the first swing has the first angle and rate
-    phase = 2.0 * np.pi / swing.period * (swing.t[first] - swing.t[0])
+    phase = omega * (swing.t[first] - swing.t[0])
     basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(phase)])
     cosine, sine, _ = np.linalg.lstsq(basis, swing.values[first], rcond=None)[0]
+    omega *= period_growth(amplitude)
     start = (cosine, omega * sine) if swing.kind == "angle" else (-sine / omega, cosine)
     return np.array([omega**2, 1e-3 * omega, 1e-4 * omega**2 * amplitude, *start, zero])
 
 
-def _sizes(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each value's order of size (6,), also for a value of zero."""
-    omega = float(np.sqrt(values[0]))
-    amplitude = max(float(np.hypot(values[3], values[4] / omega)), 1e-9)
-    size = [omega**2, omega, omega**2 * amplitude, amplitude, omega * amplitude, amplitude]
-    return np.array(size)
-
-
-def _motion(
+def _sensed(
     p: NDArray[np.float64], swing: Swing, rows: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the angle [rad] and the sensor's value, both (rows,)."""
-    stiffness, viscous, dry, angle, rate, zero = (float(one) for one in p)
-    t = swing.t[:rows]
-    angles, rates = np.empty_like(t), np.empty_like(t)
-    step = _STEP / float(np.sqrt(max(abs(stiffness), 1e-12)))
-    follow_pendulum(stiffness, viscous, dry, angle, rate, t, step, angles, rates)
+    stiffness, viscous, dry, angle, rate, zero = p.tolist()
+    angles, rates = pendulum_motion(stiffness, viscous, dry, angle, rate, swing.t[:rows])
     return angles, (angles if swing.kind == "angle" else rates) + zero
-
-
-def _amplitudes(angles: NDArray[np.float64], swing: Swing) -> tuple[float, float]:
-    first = swing.t <= swing.t[0] + swing.period
-    last = swing.t >= swing.t[-1] - swing.period
-    return float(np.abs(angles[first]).max()), float(np.abs(angles[last]).max())
 
 
 _CHECK_UNITS = "Check the units of t [s] and of the distance to the pivot [m]."
@@ -394,10 +339,11 @@ class Pivot:
 
         InputError if the distance is not above zero, or the deviation below it.
         """
-        known = robot.standard_deviations.get("body.center_of_mass", 0.0) if distance is None else 0.0
         pivot = Pivot(
             distance=robot.body.center_of_mass if distance is None else distance,
-            deviation=float(known) if deviation is None else deviation,  # pyright: ignore[reportArgumentType]
+            deviation=(_deviation(robot, "body.center_of_mass") if distance is None else 0.0)
+            if deviation is None
+            else deviation,
             at_ball_center=distance is None,
         )
         if not (math.isfinite(pivot.distance) and pivot.distance > 0.0):
@@ -418,21 +364,10 @@ class SwingEstimate:
     deviation: float
     shares: dict[str, float]
 
-    @staticmethod
-    def of(value: float, changes: Mapping[str, float]) -> SwingEstimate:
-        """Return a number that one standard deviation of each cause changes by so much."""
-        variance = sum(change**2 for change in changes.values())
-        shares = {cause: change**2 / variance if variance else 0.0 for cause, change in changes.items()}
-        return SwingEstimate(value=value, deviation=math.sqrt(variance), shares=shares)
-
-    @property
+    @reported
     def half_width(self) -> float:
         """Half of the 95 % interval."""
         return HALF_WIDTH * self.deviation
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {**asdict(self), "half_width": self.half_width}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -473,14 +408,20 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
         "pivot distance": pivot.deviation,
         "centre of mass": 0.0 if pivot.at_ball_center else _deviation(robot, "body.center_of_mass"),
     }
-    changes = {
-        cause: 0.5 * (inertias(point + step) - inertias(point - step))
-        for cause, step in zip(deviations, np.diag(list(deviations.values())), strict=True)
-    }
-    about_pivot, own, about_ball = (
-        SwingEstimate.of(value, {cause: float(change[i]) for cause, change in changes.items()})
-        for i, value in enumerate(values.tolist())
-    )
+    steps = np.diag(list(deviations.values()))
+    changes = np.array([0.5 * (inertias(point + step) - inertias(point - step)) for step in steps])
+    estimates = []
+    for value, change in zip(values.tolist(), changes.T, strict=True):
+        variance = float(np.sum(change**2))
+        shares = (change**2 / (variance or 1.0)).tolist()
+        estimates.append(
+            SwingEstimate(
+                value=value,
+                deviation=math.sqrt(variance),
+                shares=dict(zip(deviations, shares, strict=True)),
+            )
+        )
+    about_pivot, own, about_ball = estimates
     return SwingInertia(about_pivot=about_pivot, about_center_of_mass=own, about_ball_center=about_ball)
 
 
@@ -509,7 +450,8 @@ _FROZEN = 0.2
 def recording_findings(swing: Swing) -> tuple[Finding, ...]:
     """Return the faults of a recording, before a pendulum is fitted to it: a sensor that is clipped or that froze."""
     values, name, t = swing.values, swing.source, swing.t
-    share, side = max((float(np.mean(values == end)), side) for side, end in _ends(values))
+    ends = ("least", values.min()), ("largest", values.max())
+    share, side = max((float(np.mean(values == end)), side) for side, end in ends)
     if len(np.unique(values)) >= _FINE and share >= _CLIPPED:
         text = (
             f"{name} is clipped: {100.0 * share:.0f} % of its rows have its {side} "
@@ -527,18 +469,15 @@ def recording_findings(swing: Swing) -> tuple[Finding, ...]:
     return (error("stuck", text, name, time=float(t[first])),)
 
 
-def _ends(values: NDArray[np.float64]) -> tuple[tuple[str, float], tuple[str, float]]:
-    return ("least", float(values.min())), ("largest", float(values.max()))
-
-
 def swing_findings(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) -> tuple[Finding, ...]:
     """Return the evidence against a swing's inertia, errors first."""
     return by_severity(_evidence(fit, found, robot, pivot))
 
 
 def _evidence(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) -> Iterator[Finding]:
-    name, (first, _) = fit.swing.source, fit.amplitudes
-    if first > _LARGE and fits_better_in_degrees(fit):
+    name, first = fit.swing.source, fit.amplitudes[0]
+    radians = _fitted(replace(fit.swing, values=np.radians(fit.swing.values))) if first > _LARGE else None
+    if radians and radians.residual < min(_WORST, _BETTER * fit.residual):
         text = (
             f"{name} appears to be in degrees: read in radians, its swings of {math.degrees(first):.3g} degrees would "
             "slow down as they grow, and they do not. Multiply it by pi/180."
@@ -595,7 +534,7 @@ def inertia_findings(found: SwingInertia, robot: Robot) -> list[Finding]:
 def swing_results(fit: SwingFit, found: SwingInertia, pivot: Pivot) -> dict[str, object]:
     """Return the entries of results.json, SI units; half widths are of 95 %."""
     half, inertia = fit.half_widths, found.about_pivot.value
-    return {
+    results = {
         "source": fit.swing.source,
         "swings": fit.swing.swings,
         "amplitude_first": fit.amplitudes[0],
@@ -607,27 +546,26 @@ def swing_results(fit: SwingFit, found: SwingInertia, pivot: Pivot) -> dict[str,
         "dry": float(fit.values[2]) * inertia,
         "dry_half_width": float(half[2]) * inertia,
         "residual_share": fit.residual,
-        "pivot": asdict(pivot),
-        "inertia_about_pivot": found.about_pivot.to_dict(),
-        "inertia_about_center_of_mass": found.about_center_of_mass.to_dict(),
-        "inertia_about_ball_center": found.about_ball_center.to_dict(),
+        "pivot": pivot,
+        "inertia_about_pivot": found.about_pivot,
+        "inertia_about_center_of_mass": found.about_center_of_mass,
+        "inertia_about_ball_center": found.about_ball_center,
     }
+    return to_results(results)
 
 
 def swing_rows(fit: SwingFit, found: SwingInertia) -> list[list[str]]:
     """Return the rows of the printed table: quantity, value with half width of 95 %, unit."""
     half, inertia = fit.half_widths, found.about_pivot.value
     period_half = 2.0 * np.pi * fit.frequency_half_width / fit.frequency**2
-    measured = [
+    ball, own = found.about_ball_center, found.about_center_of_mass
+    rows = [
         ("small swings' frequency", fit.frequency, fit.frequency_half_width, "rad/s"),
         ("small swings' period", 2.0 * np.pi / fit.frequency, period_half, "s"),
         ("pivot's viscous friction", fit.values[1] * inertia, half[1] * inertia, "N m s/rad"),
         ("pivot's dry friction", fit.values[2] * inertia, half[2] * inertia, "N m"),
+        ("inertia about the pivot", inertia, found.about_pivot.half_width, "kg m^2"),
+        ("inertia about the centre of mass", own.value, own.half_width, "kg m^2"),
+        ("inertia about the ball's centre", ball.value, ball.half_width, "kg m^2"),
     ]
-    for name, one in (
-        ("inertia about the pivot", found.about_pivot),
-        ("inertia about the centre of mass", found.about_center_of_mass),
-        ("inertia about the ball's centre", found.about_ball_center),
-    ):
-        measured.append((name, one.value, one.half_width, "kg m^2"))
-    return [[name, plus_minus(value, width), unit] for name, value, width, unit in measured]
+    return [[name, plus_minus(value, width), unit] for name, value, width, unit in rows]

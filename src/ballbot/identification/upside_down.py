@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,51 +75,28 @@ _FOLDS = 3
 _SOURCE = "identified: a log upside down"
 
 
-@dataclass(frozen=True, eq=False)
 class _BallLog:
-    """A log of the ball upon a robot's wheels, by groups of columns."""
+    """The rows of a log of the ball upon a robot's wheels."""
 
-    robot: Robot
-    log: Log
-
-    @cached_property
-    def torques(self) -> NDArray[np.float64]:
-        """u (N, n) [N m]."""
-        return np.column_stack([self.log[name] for name in torque_names(self.robot.wheel_count)])
-
-    @cached_property
-    def omega(self) -> NDArray[np.float64]:
-        """The ball's angular velocity (N, 3) [rad/s]."""
-        return np.column_stack([self.log[name] for name in BALL_NAMES])
-
-    @cached_property
-    def wheel_speeds(self) -> NDArray[np.float64]:
-        """The wheels' speeds (N, n) by the encoders, or by the ball if there are none [rad/s]."""
-        A = ClampedBall.of_robot(self.robot).A
-        speeds = encoder_speeds(self.log, len(A))
-        return np.column_stack(speeds) if speeds else self.omega @ A.T
-
-    @cached_property
-    def at_limit(self) -> NDArray[np.bool_]:
-        """At which rows (N,) a motor cannot give the torque that is logged."""
-        drive = self.robot.drive
-        beyond = (np.abs(self.wheel_speeds) > AT_LIMIT * drive.top_speed) | (
-            np.abs(self.torques) > drive.torque_limit
-        )
-        return np.asarray(beyond.any(axis=1))
-
-    @cached_property
-    def valid(self) -> NDArray[np.bool_]:
-        """Which rows (N,) are whole and on time, without a spike, and not at the limit of speed or torque."""
-        log, names = self.log, (*torque_names(self.robot.wheel_count), *BALL_NAMES)
-        valid = np.asarray(np.isfinite(np.hstack([self.torques, self.omega])).all(axis=1))
-        valid &= ~spiked_rows(log, names) & ~self.at_limit
-        valid[:-1] &= np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
-        return valid
+    def __init__(self, robot: Robot, log: Log) -> None:
+        names = torque_names(robot.wheel_count)
+        self.torques = np.column_stack([log[name] for name in names])  # u (N, n) [N m]
+        self.omega = np.column_stack([log[name] for name in BALL_NAMES])  # the ball's (N, 3) [rad/s]
+        speeds, A = encoder_speeds(log, robot.wheel_count), ClampedBall.of_robot(robot).A
+        self.wheel_speeds = np.column_stack(speeds) if speeds else self.omega @ A.T  # (N, n) [rad/s]
+        drive = robot.drive
+        fastest = AT_LIMIT * drive.top_speed
+        # rows (N,) at which a motor cannot give the torque that is logged
+        beyond = (np.abs(self.wheel_speeds) > fastest) | (np.abs(self.torques) > drive.torque_limit)
+        self.at_limit = np.asarray(beyond.any(axis=1))
+        # rows (N,) that are complete and on time, without a spike, and not at a limit
+        self.valid = np.isfinite(np.hstack([self.torques, self.omega])).all(axis=1) & ~self.at_limit
+        self.valid &= ~spiked_rows(log, (*names, *BALL_NAMES))
+        self.valid[:-1] &= np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
 
     def tiles(self, samples: int) -> range:
         """Return the rows at which windows start, end to end."""
-        return range(NEIGHBOURS, len(self.log) - samples - NEIGHBOURS, samples)
+        return range(NEIGHBOURS, len(self.omega) - samples - NEIGHBOURS, samples)
 
 
 def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
@@ -131,11 +107,10 @@ def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
     half = max(1, round(0.025 / log.sample_time))
     if not all(name in log for name in angles) or len(log) <= 2 * half:
         return []
-    slopes = [np.full(len(log), np.nan) for _ in angles]
-    for slope, name in zip(slopes, angles, strict=True):
-        travel, lasted = (one[2 * half :] - one[: -2 * half] for one in (log[name], log.t))
-        slope[half:-half] = travel / lasted
-    return slopes
+    missing = np.full(half, np.nan)
+    lasted = log.t[2 * half :] - log.t[: -2 * half]
+    slopes = [(log[name][2 * half :] - log[name][: -2 * half]) / lasted for name in angles]
+    return [np.concatenate([missing, slope, missing]) for slope in slopes]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,12 +128,12 @@ class BallWindows:
 
     def take(self, rows: NDArray[np.int64]) -> BallWindows:
         """Return the windows of those numbers."""
-        return BallWindows(
+        return replace(
+            self,
             initial=self.initial[rows],
             torques=self.torques[rows],
             measured=self.measured[rows],
             spans=tuple(self.spans[row] for row in rows),
-            sample_time=self.sample_time,
         )
 
     def errors(self, robot: Robot, friction: Friction) -> NDArray[np.float64]:
@@ -226,13 +201,8 @@ class BallPieces:
 
     def take(self, rows: NDArray[np.bool_]) -> BallPieces:
         """Return those pieces."""
-        return replace(
-            self,
-            projector=self.projector[rows],
-            changes=self.changes[rows],
-            speeds=self.speeds[rows],
-            tile=self.tile[rows],
-        )
+        names = ("projector", "changes", "speeds", "tile")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def impulses(self, v_s: float) -> NDArray[np.float64]:
         """Return the momentum (3 m, 3 n) that b, c and s of each wheel take, each being one."""
@@ -240,6 +210,21 @@ class BallPieces:
         parts = (self.speeds, signs, signs * np.exp(-np.abs(self.speeds) / v_s))
         sums = [self.sample_time * part.sum(axis=1)[:, None, :] * self.A.T for part in parts]
         return (self.projector @ np.concatenate(sums, axis=2)).reshape(3 * len(self.changes), -1)
+
+    def residuals(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the changes of momentum (3 m,) less those by b, c and s of each wheel and v_s (3 n + 1,) [N m s]."""
+        return self.changes.ravel() + self.impulses(values[-1]) @ values[:-1]
+
+    def equations(self, values: NDArray[np.float64], sizes: NDArray[np.float64]) -> WindowEquations:
+        """Return the normal equations of each window that has pieces, of the parameters over `sizes`."""
+        change = np.append(np.zeros(len(values) - 1), 1e-4 * values[-1])
+        by_speed = (self.residuals(values + change) - self.residuals(values - change)) / (2.0 * change[-1])
+        J = np.column_stack([self.impulses(values[-1]), by_speed]) * sizes
+        begins = 3 * np.unique(self.tile, return_index=True)[1]
+        return WindowEquations(
+            matrices=np.add.reduceat(J[:, :, None] * J[:, None, :], begins, axis=0),
+            scores=np.add.reduceat(J * self.residuals(values)[:, None], begins, axis=0),
+        )
 
 
 def cut_pieces(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallPieces:
@@ -281,86 +266,36 @@ def cut_pieces(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallPie
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BallFit:
-    """A friction of n wheels and how it explains pieces of logs."""
-
-    pieces: BallPieces
-    values: NDArray[np.float64]  #: (3 n + 1,) b, c and s of each wheel, and v_s; SI units
-
-    def residuals(self, pieces: BallPieces) -> NDArray[np.float64]:
-        """Return the change of momentum (3 m,) of pieces less the predicted one [N m s]."""
-        return pieces.changes.ravel() + pieces.impulses(self.values[-1]) @ self.values[:-1]
-
-    @property
-    def squares(self) -> float:
-        """The sum of the squared residuals."""
-        return float(np.sum(self.residuals(self.pieces) ** 2))
-
-    @cached_property
-    def free(self) -> NDArray[np.bool_]:
-        """Which parameters (3 n + 1,) have a standard error: those above zero, and v_s if some s is."""
-        n = len(self.pieces.A)
-        return np.append(self.values[:-1] > 0.0, np.any(self.values[2 * n : 3 * n] > 0.0))
-
-    @cached_property
-    def equations(self) -> WindowEquations:
-        """The normal equations of each window that has pieces, of the parameters over `sizes`."""
-        v_s, step = self.values[-1], 1e-4 * self.values[-1]
-        ends = [replace(self, values=np.append(self.values[:-1], v_s + one)) for one in (-step, step)]
-        before, after = (one.residuals(self.pieces) for one in ends)
-        J = np.column_stack([self.pieces.impulses(v_s), (after - before) / (2.0 * step)]) * self.sizes
-        _, window = np.unique(np.repeat(self.pieces.tile, 3), return_inverse=True)
-        shape = (int(window.max()) + 1, J.shape[1])
-        matrices, scores = np.zeros((*shape, J.shape[1])), np.zeros(shape)
-        np.add.at(matrices, window, J[:, :, None] * J[:, None, :])
-        np.add.at(scores, window, J * self.residuals(self.pieces)[:, None])
-        return WindowEquations(matrices=matrices, scores=scores)
-
-    @property
-    def sizes(self) -> NDArray[np.float64]:
-        """Units in which the parameters are of like sizes (3 n + 1,)."""
-        return np.where(self.values > 0.0, self.values, 1.0)
-
-    def covariance(self, widen: float) -> NDArray[np.float64]:
-        """Return the covariance (3 n + 1, 3 n + 1), standard errors widened by a factor; NaN if not free."""
-        C = covariance(self.equations.normal, self.free)
-        return widen**2 * C * np.outer(self.sizes, self.sizes)
-
-
-def fit_pieces(pieces: BallPieces, *, stribeck: bool) -> BallFit:
-    """Return the friction of least squares, none below zero, with a Stribeck part or without."""
+def fit_pieces(pieces: BallPieces, *, stribeck: bool) -> NDArray[np.float64]:
+    """Return b, c and s of each wheel and v_s (3 n + 1,) of least squares, none below zero; s is zero if not asked."""
     n = len(pieces.A)
 
-    def at(v_s: float) -> BallFit:
+    def at(v_s: float) -> NDArray[np.float64]:
         X = pieces.impulses(v_s)[:, : (3 if stribeck else 2) * n]
-        found = np.zeros(3 * n + 1)
-        found[: X.shape[1]], _ = nnls(X, -pieces.changes.ravel())
-        found[-1] = v_s
-        return BallFit(pieces=pieces, values=found)
+        found, _ = nnls(X, -pieces.changes.ravel())
+        return np.concatenate([found, np.zeros(3 * n - len(found)), [v_s]])
 
     if not stribeck:
         return at(1.0)
     (low, high), found = SHAPES, at(1.0)
     for _ in range(ROUNDS):
-        found = min((at(v_s) for v_s in np.geomspace(low, high, GRID)), key=lambda fit: fit.squares)
+        tried = [at(v_s) for v_s in np.geomspace(low, high, GRID)]
+        found = min(tried, key=lambda values: float(np.sum(pieces.residuals(values) ** 2)))
         ratio = (high / low) ** (1.0 / (GRID - 1))
-        low, high = found.values[-1] / ratio, found.values[-1] * ratio
+        low, high = found[-1] / ratio, found[-1] * ratio
     return found
 
 
 def _breaks_away(pieces: BallPieces) -> bool:
     """Return whether s lowers the error on windows that the fit did not see, each third in turn."""
     tiles, number = np.unique(pieces.tile, return_inverse=True)
-    squares = np.zeros((2, len(tiles)))
+    squares = np.zeros((2, len(tiles), 1))
     for fold in range(_FOLDS):
         out = number // BLOCK % _FOLDS == fold
         for place, stribeck in enumerate((False, True)):
-            errors = fit_pieces(pieces.take(~out), stribeck=stribeck).residuals(pieces.take(out)) ** 2
-            squares[place] += np.bincount(
-                number[out], weights=errors.reshape(-1, 3).sum(axis=1), minlength=len(tiles)
-            )
-    without, ours = squares[..., None]
+            errors = pieces.take(out).residuals(fit_pieces(pieces.take(~out), stribeck=stribeck)) ** 2
+            np.add.at(squares[place, :, 0], number[out], errors.reshape(-1, 3).sum(axis=1))
+    without, ours = squares
     return gain_between(ours, without, neighbours(range(len(tiles)), block=BLOCK)).significant
 
 
@@ -483,7 +418,7 @@ def identify_upside_down(
     if not stribeck:
         text = "Break-away friction above c does not lower the error of held-out windows; s is held at 0."
         findings.append(note("no-breakaway", text))
-    own, of_logs = _estimated(fit_pieces(pieces, stribeck=stribeck), seed=run.seed)
+    own, of_logs = _estimated(pieces, fit_pieces(pieces, stribeck=stribeck), seed=run.seed)
     source = f"identified: {len(named)} logs upside down" if len(named) > 1 else _SOURCE
     found = robot_with_friction(robot, own, source=source)
     run.progress(Progress(stage="prediction", done=1, total=2))
@@ -502,27 +437,32 @@ def identify_upside_down(
         window=windows.torques.shape[1] * windows.sample_time,
         findings=(*findings, *of_logs, *file_findings(robot, own)),
     )
-    verdict, of_motion = (
-        result.verdict,
-        [result.intervals.get(label, (0.0,)) for label in own.labels[: 2 * n]],
-    )
-    if verdict.usable or any(low > 0.0 for low, *_ in of_motion):
+    in_motion = [result.intervals.get(label, (0.0, 0.0))[0] for label in own.labels[: 2 * n]]
+    if result.verdict.usable or max(in_motion) > 0.0:
         return result
-    return replace(result, verdict=replace(verdict, reasons=("no friction was found", *verdict.reasons)))
+    reasons = ("no friction was found", *result.verdict.reasons)
+    return replace(result, verdict=replace(result.verdict, reasons=reasons))
 
 
-def _estimated(fit: BallFit, *, seed: int) -> tuple[StageEstimate, list[Finding]]:
-    """Return what a fit gives, with its covariance, and a warning if the logs disagree."""
-    n, tiles = len(fit.pieces.A), np.unique(fit.pieces.tile)
-    _, log = np.unique([fit.pieces.tiles[tile][0] for tile in tiles], return_inverse=True)
-    apart = discrepancy(fit.equations, log, fit.free, seed=seed)
-    text = "The logs disagree on the friction by more than chance; errors are wider."
+def _estimated(
+    pieces: BallPieces, values: NDArray[np.float64], *, seed: int
+) -> tuple[StageEstimate, list[Finding]]:
+    """Return a fit's values with their covariance, and a warning if the logs disagree."""
+    n = len(pieces.A)
+    # a friction of zero has no standard error, and v_s none without s
+    free = np.append(values[:-1] > 0.0, np.any(values[2 * n : 3 * n] > 0.0))
+    sizes = np.where(values > 0.0, values, 1.0)
+    equations = pieces.equations(values, sizes)
+    _, log = np.unique([pieces.tiles[tile][0] for tile in np.unique(pieces.tile)], return_inverse=True)
+    apart = discrepancy(equations, log, free, seed=seed)
+    widen = WIDENED * apart.factor * sizes
     estimate = StageEstimate(
         source="the logs upside down",
         labels=(*(f"{symbol}{i + 1}" for symbol in ("b", "c", "s") for i in range(n)), "v_s"),
-        values=np.where(fit.free | (np.arange(3 * n + 1) < 3 * n), fit.values, np.nan),
-        covariance=fit.covariance(WIDENED * apart.factor),
+        values=np.append(values[:-1], values[-1] if free[-1] else np.nan),
+        covariance=covariance(equations.normal, free) * np.outer(widen, widen),
     )
+    text = "The logs disagree on the friction by more than chance; errors are wider."
     return estimate, [warning("logs-differ", text)] if apart.significant else []
 
 

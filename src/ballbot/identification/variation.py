@@ -21,10 +21,10 @@ v_s and delta vary by a factor. Other quantities are not known to vary.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,15 +32,9 @@ from numpy.typing import NDArray
 from ballbot.files import read_toml
 from ballbot.findings import Finding, warning
 from ballbot.fitting.between_logs import LogSpread, spread
-from ballbot.fitting.intervals import HALF_WIDTH, Interval, Uncertainty, between
-from ballbot.fitting.uncertainty import (
-    Discrepancy,
-    WindowEquations,
-    correlation,
-    leverage_corrected,
-)
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.windows import Span
+from ballbot.fitting.intervals import Interval, Uncertainty
+from ballbot.fitting.uncertainty import Discrepancy, WindowEquations, leverage_corrected
+from ballbot.identification.quantities import Coordinates
 
 PRIOR_FILE = Path(__file__).parent / "between_logs.toml"
 #: speed at which the unit of b is read off the friction curve [rad/s]
@@ -100,57 +94,45 @@ class Variation:
         }
 
 
-class Fitted(Protocol):
-    """Where a fit to windows ended."""
-
-    @property
-    def point(self) -> NDArray[np.float64]:
-        """The parameters (p,), scaled."""
-        ...
-
-    @property
-    def equations(self) -> WindowEquations:
-        """The normal equations of each window there."""
-        ...
-
-
 def log_estimates(
-    coordinates: Coordinates,
-    fit: Fitted,
-    spans: Sequence[Span],
-    *,
-    values: NDArray[np.float64],
-    uncertainty: Uncertainty,
-    widen: float,
+    within: Uncertainty, equations: WindowEquations, block_log: NDArray[np.int64], *, widen: float
 ) -> LogEstimates:
     """Return what each log by itself leads to, to first order about the estimate from all of them.
 
-    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log. `values`
-    (p,) are the estimate from all logs, SI units: that of the fit to windows `spans` (w,), or one that a sweep has
-    moved; `widen` is what errors within a log are multiplied by, as those of `uncertainty` are.
+    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log.
+
+    Parameters
+    ----------
+    within : Uncertainty
+        Of the estimate from all logs.
+    equations : WindowEquations
+        There.
+    block_log : ndarray (w,)
+        The log of each window.
+    widen : float
+        What errors within a log are multiplied by, as those of `within` are.
     """
-    scaled = coordinates.scaled(values)
-    errors = uncertainty.standard_errors / coordinates.slopes(scaled)
-    estimated = np.isfinite(errors)
-    of_log = np.array([span.log for span in spans])
-    logs, places = np.unique(of_log), np.flatnonzero(estimated)
-    points = np.tile(scaled, (len(logs), 1))
-    covariances = np.tile(uncertainty.correlation * np.outer(errors, errors), (len(logs), 1, 1))
+    estimated = np.isfinite(within.scaled_errors)
+    logs, places = np.unique(block_log), np.flatnonzero(estimated)
+    points = np.tile(within.point, (len(logs), 1))
+    covariances = np.tile(within.covariance, (len(logs), 1, 1))
     if len(logs) > 1 and len(places):
-        common, _ = _step(fit.equations, places)
-        own, inverses = fit.equations.scores.copy(), []
+        common, _ = _step(equations, places)
+        own, inverses = equations.scores.copy(), []
         for k, log in enumerate(logs):
-            rows = of_log == log
-            mine = WindowEquations(matrices=fit.equations.matrices[rows], scores=fit.equations.scores[rows])
+            rows = block_log == log
+            mine = WindowEquations(matrices=equations.matrices[rows], scores=equations.scores[rows])
             step, inverse = _step(mine, places)
             points[k, places] += step - common
             # about the log's own estimate, or what it differs from the others by would count as noise within it
             own[rows] += np.einsum("wij,j->wi", mine.matrices[:, :, places], step, optimize=False)
             inverses.append(inverse)
-        scores = leverage_corrected(fit.equations.matrices, own, estimated).scores[:, places]
+        scores = leverage_corrected(equations.matrices, own, estimated).scores[:, places]
         of_window = widen**2 * np.einsum("wi,wj->ij", scores, scores, optimize=False) / (len(scores) - 1)
         for k, (log, inverse) in enumerate(zip(logs, inverses, strict=True)):
-            covariances[k][np.ix_(places, places)] = inverse @ ((of_log == log).sum() * of_window) @ inverse
+            covariances[k][np.ix_(places, places)] = (
+                inverse @ ((block_log == log).sum() * of_window) @ inverse
+            )
     return LogEstimates(points=points, covariances=covariances)
 
 
@@ -189,20 +171,13 @@ def scaled_units(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArr
 
 
 def widened(
-    coordinates: Coordinates,
-    values: NDArray[np.float64],
-    within: Uncertainty,
-    by_log: LogEstimates,
-    *,
-    priors: Priors,
+    coordinates: Coordinates, within: Uncertainty, by_log: LogEstimates, *, priors: Priors
 ) -> tuple[Uncertainty, Variation]:
     """Return the uncertainty with the variation between logs, and that variation.
 
-    `values` (p,) are the estimates from all logs, SI units, and `within` is their uncertainty under the logs'
-    conditions.
+    `within` is the uncertainty of the estimate from all logs under their conditions.
     """
-    scaled = coordinates.scaled(values)
-    slopes = coordinates.slopes(scaled)
+    values = coordinates.physical(within.point)
     shares = np.array([priors.sizes.get(name, 0.0) for name in coordinates.names])
     sizes = np.nan_to_num(shares * scaled_units(coordinates, values))
     places = np.flatnonzero(np.isfinite(by_log.covariances[0].diagonal()))
@@ -218,79 +193,31 @@ def widened(
     added = np.diag(between_logs / logs)
     added[np.ix_(places, places)] = found.added
     ahead = by_log.covariances.diagonal(axis1=1, axis2=2).mean(axis=0)
-    return (
-        _with_covariance(coordinates, values, within, added),
-        Variation(
-            logs=logs,
-            differ=found.p_value < _UNLIKELY,
-            factor=found.factor,
-            deviations=np.where(sizes > 0.0, np.sqrt(between_logs) * slopes, np.nan),
-            predictions=_widened(
-                coordinates, scaled, within.intervals, added.diagonal() + between_logs + np.nan_to_num(ahead)
-            ),
-            prior_robots=priors.robots,
-        ),
+    return within.with_variation(added), Variation(
+        logs=logs,
+        differ=found.p_value < _UNLIKELY,
+        factor=found.factor,
+        deviations=np.where(sizes > 0.0, np.sqrt(between_logs) * coordinates.slopes(within.point), np.nan),
+        predictions=within.widened(added.diagonal() + between_logs + np.nan_to_num(ahead)),
+        prior_robots=priors.robots,
     )
 
 
 def with_torque_scale(
-    coordinates: Coordinates,
-    values: NDArray[np.float64],
-    uncertainty: Uncertainty,
-    scale_errors: NDArray[np.float64],
+    coordinates: Coordinates, uncertainty: Uncertainty, scale_errors: NDArray[np.float64]
 ) -> Uncertainty:
     """Return the uncertainty with that of the torques' scale: a motor's friction is as wrong as its torque.
 
     `uncertainty` holds for torques of the right scale; `scale_errors` (n,) are the relative standard errors of each
     one's, of `ballbot.log.checks.physics.torque_scale_errors`.
     """
-    layout, slopes = coordinates.layout, coordinates.slopes(coordinates.scaled(values))
+    layout, values = coordinates.layout, coordinates.physical(uncertainty.point)
     of_wheel = np.zeros((layout.wheel_count, len(values)))
     for name in ("viscous", "coulomb", "stribeck"):
         of_wheel[:, layout.columns(name)] = np.diag(values[layout.columns(name)])
-    by_scale = scale_errors[:, None] * of_wheel / np.where(coordinates.free, slopes, np.inf)
-    return _with_covariance(coordinates, values, uncertainty, by_scale.T @ by_scale)
-
-
-def _with_covariance(
-    coordinates: Coordinates,
-    values: NDArray[np.float64],
-    uncertainty: Uncertainty,
-    added: NDArray[np.float64],
-) -> Uncertainty:
-    """Return an uncertainty with a further covariance (p, p), scaled; an error that is unknown stays unknown."""
-    scaled = coordinates.scaled(values)
-    slopes, errors = coordinates.slopes(scaled), uncertainty.scaled_errors
-    C = uncertainty.correlation * np.outer(errors, errors) + added
-    whole = np.sqrt(np.where(C.diagonal() > 0.0, C.diagonal(), np.nan))
-    return replace(
-        uncertainty,
-        scaled_errors=whole,
-        standard_errors=whole * slopes,
-        correlation=correlation(C),
-        intervals=_widened(coordinates, scaled, uncertainty.intervals, added.diagonal()),
-    )
-
-
-def _widened(
-    coordinates: Coordinates,
-    scaled: NDArray[np.float64],
-    intervals: Mapping[str, Interval],
-    added: NDArray[np.float64],
-) -> dict[str, Interval]:
-    """Return intervals whose distances from the estimate contain further variances (p,), scaled."""
-    found = {}
-    for place, label in enumerate(coordinates.labels):
-        one = intervals.get(label)
-        if one is None:
-            continue
-        ends = []
-        for end, sign in ((one.lower, -1.0), (one.upper, 1.0)):
-            reach = abs(float(coordinates.scaled_one(place, np.array([end]))[0]) - scaled[place])
-            wide = scaled[place] + sign * np.hypot(reach, HALF_WIDTH * np.sqrt(max(added[place], 0.0)))
-            ends.append(float(wide) if np.isfinite(end) else None)
-        found[label] = between(coordinates, place, ends[0], ends[1], method=one.method)
-    return found
+    slopes = np.where(coordinates.free, coordinates.slopes(uncertainty.point), np.inf)
+    by_scale = scale_errors[:, None] * of_wheel / slopes
+    return uncertainty.with_variation(by_scale.T @ by_scale)
 
 
 def variation_findings(varied: Variation) -> list[Finding]:

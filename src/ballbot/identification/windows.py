@@ -8,6 +8,10 @@ predicts with u_0 = u + b_e w and with the viscous friction b + b_e, and gives b
 
 If b_e is not known, a duty scaled to a torque may stand for u_0 and the viscous friction found is b + b_e.
 
+Whole intervals of each log are held out, 8 s of every 28 s: neighbouring windows share a swing of the limit cycle, and
+a validation in closed loop needs seconds in one piece. As 28 s is not a multiple of the 8 s or 32 s with which
+references often repeat, the intervals do not always hold the same piece of the path.
+
 Windows. Each is predicted from the state measured at its start. An unstable plant's open-loop prediction means
 something for a fraction of a second only. A window of m samples starts at row k: the torques are rows k .. k + m - 1,
 each held until the next, and states k + 1 .. k + m are compared. Windows with a missing value or a spoilt one
@@ -123,27 +127,16 @@ def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
     return log.with_columns({name: log[name] + back_emf * speeds[:, i] for i, name in enumerate(names)})
 
 
-def back_emf_of(mapping: str | Path | None) -> float:
-    """Return b_e [N m s/rad] of the motors that a mapping file describes; zero if the log has torques or currents.
+def back_emf_of(mappings: Sequence[str | Path]) -> float:
+    """Return b_e [N m s/rad] of the motors that mapping files describe; zero if the logs have torques or currents.
 
     Raises
     ------
     InputError
-        If the file cannot be read or is no mapping.
+        If a file cannot be read or is no mapping, or the mappings differ in it.
     """
-    drive = read_mapping(mapping).input if mapping else None
-    return drive.back_emf if isinstance(drive, DutyTable) else 0.0
-
-
-def common_back_emf(mappings: Sequence[str | Path]) -> float:
-    """Return b_e [N m s/rad] of the motors that several mapping files describe; see `back_emf_of`.
-
-    Raises
-    ------
-    InputError
-        If the mappings differ in it.
-    """
-    found = {round(back_emf_of(mapping), 12) for mapping in mappings}
+    drives = [read_mapping(mapping).input for mapping in mappings]
+    found = {round(one.back_emf if isinstance(one, DutyTable) else 0.0, 12) for one in drives}
     if len(found) > 1:
         raise InputError(
             "The motors of the mappings have back-EMF damping of "
@@ -200,25 +193,12 @@ class Windows:
 
     def take(self, rows: NDArray[np.int64]) -> Windows:
         """Return the windows of those numbers."""
-        return Windows(
-            initial=self.initial[rows],
-            torques=self.torques[rows],
-            measured=self.measured[rows],
-            earlier=self.earlier[rows],
-            spin=self.spin[rows],
-            spans=tuple(self.spans[row] for row in rows),
-            sample_time=self.sample_time,
-        )
+        arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
+        return Windows(**arrays, spans=tuple(self.spans[row] for row in rows), sample_time=self.sample_time)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Piece:
-    """One log's windows."""
-
-    states: NDArray[np.float64]  #: (w, m + 1, 10)
-    torques: NDArray[np.float64]  #: (w, h + m, n)
-    spin: NDArray[np.float64]  #: (w,)
-    spans: list[Span]
+#: fields of `Windows` with a row for each
+_ARRAYS = ("initial", "torques", "measured", "earlier", "spin")
 
 
 def cut_windows(
@@ -264,15 +244,9 @@ def cut_windows(
         _cut(number, log, spin, wheel_count=wheel_count, samples=samples, history=history)
         for number, (log, spin) in enumerate(zip(logs, spins, strict=True))
     ]
-    torques = np.concatenate([piece.torques for piece in pieces])
-    states = np.concatenate([piece.states for piece in pieces])
     return Windows(
-        initial=states[:, 0],
-        torques=np.ascontiguousarray(torques[:, history:]),
-        measured=states[:, 1:],
-        earlier=torques[:, :history],
-        spin=np.concatenate([piece.spin for piece in pieces]),
-        spans=tuple(span for piece in pieces for span in piece.spans),
+        **{name: np.concatenate([getattr(one, name) for one in pieces]) for name in _ARRAYS},
+        spans=tuple(span for one in pieces for span in one.spans),
         sample_time=sample_time,
     )
 
@@ -314,13 +288,53 @@ def split(count: int, *, held_out: float, seed: int) -> tuple[NDArray[np.int64],
     return np.sort(order[kept:]), np.sort(order[:kept])
 
 
+#: fraction of each log that a fit does not see
+HELD_OUT = 2 / 7
+#: from one interval that is held out to the next, and what of that comes before it [s]
+_HOLDOUT_CYCLE, _HOLDOUT_OFFSET = 28.0, 12.0
+
+
+def holdout_intervals(log: Log, *, fraction: float = HELD_OUT) -> tuple[tuple[float, float], ...]:
+    """Return the (start, end) [s] that a fit does not see; a log shorter than a cycle has one, in proportion."""
+    first, duration = float(log.t[0]), float(log.t[-1] - log.t[0])
+    cycle = min(_HOLDOUT_CYCLE, duration)
+    length = fraction * cycle
+    offset = min(_HOLDOUT_OFFSET * cycle / _HOLDOUT_CYCLE, cycle - length)
+    starts = np.arange(offset, max(duration - 0.5 * length, np.nextafter(offset, np.inf)), cycle)
+    ends = np.minimum(starts + length, duration)
+    return tuple((first + float(start), first + float(end)) for start, end in zip(starts, ends, strict=True))
+
+
+def split_in_time(
+    spans: Sequence[Span], held_out: Sequence[Sequence[tuple[float, float]]]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of the windows to fit and of those held out, which overlap an interval of their log.
+
+    At least one is held out.
+
+    Parameters
+    ----------
+    spans : sequence of Span
+    held_out : sequence of sequence of (float, float)
+        The intervals (start, end) [s] of each log.
+    """
+    held = np.array(
+        [any(one.start < end and start < one.end for start, end in held_out[one.log]) for one in spans],
+        dtype=bool,
+    )
+    if len(held) and not held.any():
+        held[len(held) // 2] = True
+    return np.flatnonzero(~held), np.flatnonzero(held)
+
+
 def _named(number: int, logs: Sequence[Log]) -> str:
     return "The log" if len(logs) == 1 else f"Log {number}"
 
 
 def _cut(
     number: int, log: Log, spin: NDArray[np.float64], *, wheel_count: int, samples: int, history: int
-) -> _Piece:
+) -> Windows:
+    """Return one log's windows."""
     states = np.column_stack([log[name] for name in STATE_NAMES])
     torques = np.column_stack([log[name] for name in torque_names(wheel_count)])
     runs = _even_runs(log, states, torques)
@@ -328,10 +342,15 @@ def _cut(
         [k for first, end in runs for k in range(first + history, end - samples, samples)], dtype=np.int64
     )
     rows = starts[:, None] + np.arange(samples + 1)
-    states = states[rows]
-    spans = [Span(log=number, start=float(log.t[k[0]]), end=float(log.t[k[-1]])) for k in rows]
-    acting = torques[starts[:, None] + np.arange(-history, samples)]
-    return _Piece(states=states, torques=acting, spin=spin[starts], spans=spans)
+    return Windows(
+        initial=states[starts],
+        torques=torques[rows[:, :-1]],
+        measured=states[rows[:, 1:]],
+        earlier=torques[starts[:, None] + np.arange(-history, 0)],
+        spin=spin[starts],
+        spans=tuple(Span(log=number, start=float(log.t[k[0]]), end=float(log.t[k[-1]])) for k in rows),
+        sample_time=log.sample_time,
+    )
 
 
 def _even_runs(

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.identify import AxisEstimate, open_loop_error
+from ballbot.identification.axis.experiment import AxisEstimate, open_loop_error
 from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
 from ballbot.identification.axis.motion import motion_of
 from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
@@ -61,7 +61,7 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
 def _drawn_laws(found: AxisIdentification) -> list[tuple[AxisEstimate, str, str, Look]]:
     """Return the estimates that are drawn, each with its color and dash, and with the same look in time series."""
     drawn: list[tuple[AxisEstimate, str, str, Look]] = [(found.best, BLUE, "-", "first")]
-    if found.best.law != "asymmetric":
+    if found.best.law != "asymmetric" and "asymmetric" in found.by_law:
         drawn.append((found.by_law["asymmetric"], GREEN, "-.", "third"))
     return drawn
 

@@ -16,7 +16,7 @@ from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.fitting.run import Run
 from ballbot.identification import Identification, identify
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.identify import IdentificationOptions
 from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.mechanics.friction import wheel_friction

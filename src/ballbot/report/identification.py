@@ -26,7 +26,7 @@ from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.result import estimated_robot, represents_sentence
+from ballbot.identification.result import represents_sentence
 from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
@@ -196,7 +196,7 @@ def friction_curve(
     directed = bool(found.robot.friction.coulomb_asymmetry)
 
     def torque(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        robot = estimated_robot(found.robot, found.layout, values, asymmetric=directed)
+        robot = found.layout.robot_of(found.robot, values, asymmetric=directed)
         return wheel_friction(at, robot.friction)[:, wheel]
 
     curve = torque(found.values)

@@ -74,27 +74,6 @@ def inertia_from_swing(
     return mass * gravity * distance / angular_frequency**2
 
 
-def wheel_speed_limit(
-    *,
-    supply_voltage: float,  # [V]
-    speed_constant: float,  # of the motor [rad/s/V]
-    gear_ratio: float,  # motor turns a wheel turn [-]
-) -> float:
-    """Return the wheel's speed [rad/s] without load at full supply (Appendix I)."""
-    return supply_voltage * speed_constant / gear_ratio
-
-
-def reflected_rotor_inertia(
-    *,
-    gear_ratio: float,  # n, motor turns a wheel turn [-]
-    # motor_inertia and gear_inertia: j_m and j_g on the motor's side [kg m^2]
-    motor_inertia: float,
-    gear_inertia: float,
-) -> float:
-    """Return the inertia [kg m^2] of rotor and gearbox as felt at the wheel, n^2 (j_m + j_g)."""
-    return gear_ratio**2 * (motor_inertia + gear_inertia)
-
-
 def encoder_step(*, encoder_counts: int, gear_ratio: float) -> float:
     """Return the wheel angle [rad] of one encoder count."""
     return 2.0 * math.pi / (encoder_counts * gear_ratio)

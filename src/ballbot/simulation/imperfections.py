@@ -48,7 +48,7 @@ from ballbot.mechanics.geometry import contact_directions, rotation_to, transfor
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import pack
 from ballbot.robot import Robot, Rollers, Sensors
-from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
+from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import parameter
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 
@@ -97,11 +97,7 @@ class DriveLimits:
         drive = robot.drive
         self._supply = supply
         self.torque_limit = drive.torque_limit  #: [N m]
-        self.top_speed = wheel_speed_limit(  #: [rad/s] at the wheel
-            supply_voltage=drive.supply_voltage,
-            speed_constant=drive.speed_constant,
-            gear_ratio=drive.gear_ratio,
-        )
+        self.top_speed = drive.top_speed  #: [rad/s] at the wheel
         self._full = drive.supply_voltage
         self._ampere = drive.gear_ratio * drive.torque_constant  # [N m/A] at the wheel
         self._back = drive.gear_ratio / drive.speed_constant  # [V s/rad] at the wheel
@@ -336,9 +332,7 @@ def loop_record(
         Of the controller and the sensors [s].
     """
     drive = robot.drive
-    rotor = reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
+    rotor = drive.reflected_inertia
     if one.backlash > 0.0 and not rotor > 0.0:
         raise InputError(
             f"The motors and gears of {robot.name!r} have no inertia, so nothing limits their speed within the play; "
@@ -351,11 +345,7 @@ def loop_record(
         "missing_until": one.missing_from + one.missing,
         "limited": 1,
         "torque_limit": drive.torque_limit,
-        "top_speed": wheel_speed_limit(
-            supply_voltage=drive.supply_voltage,
-            speed_constant=drive.speed_constant,
-            gear_ratio=drive.gear_ratio,
-        ),
+        "top_speed": drive.top_speed,
         "torque_noise": one.torque_noise,
         "lag": one.lag,
         "play": one.backlash,

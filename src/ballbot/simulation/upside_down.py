@@ -31,6 +31,7 @@ from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import from_array
 from ballbot.mechanics.friction import (
     WheelTerms,
+    breakaway,
     directed_friction,
     dry_friction,
     friction_terms,
@@ -99,7 +100,7 @@ def _slide(ball, u, omega, signs, h, end, rates, middle):
             middle[axis] = omega[axis] + ahead * rates[axis]
     for i in range(len(u)):
         wheel = _wheel(ball, i, u[i])
-        if wheel.c + wheel.s > 0.0 and not _speed(ball, i, end) * signs[i] > 0.0:
+        if breakaway(wheel) > 0.0 and not _speed(ball, i, end) * signs[i] > 0.0:
             return False
     return True
 
@@ -111,7 +112,7 @@ def _convex(ball, u, omega, h, end):
     fill(end, omega)
     for i in range(len(u)):
         speed, wheel = _speed(ball, i, omega), _wheel(ball, i, u[i])
-        limits[i] = dry_friction(wheel, speed) if speed != 0.0 else wheel.c + wheel.s
+        limits[i] = dry_friction(wheel, speed) if speed != 0.0 else breakaway(wheel)
         for axis in range(3):
             end[axis] += h * ball.push[axis, i] * free_torque(wheel, u[i], speed)
     M, free, C, most = _problem(ball.wheels, ball.M, end, ball.A, limits)

@@ -51,7 +51,6 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
-from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.twin.engine import Engine
 from ballbot.twin.faults import Compliance, Payload, Softness
 from ballbot.twin.parts import BodyParts, WheelParts, split_robot, wheel_frames
@@ -130,16 +129,8 @@ class Spring:
 def driveline_spring(robot: Robot, compliance: Compliance) -> Spring:
     """Return the spring of each driveline with which the robot has that resonance."""
     rate = 2 * math.pi * compliance.frequency
-    stiffness = rate**2 / (1 / rotor_inertia(robot) + _mobility(robot))
+    stiffness = rate**2 / (1 / robot.drive.reflected_inertia + _mobility(robot))
     return Spring(stiffness=stiffness, damping=2 * compliance.damping_ratio * stiffness / rate)
-
-
-def rotor_inertia(robot: Robot) -> float:
-    """Return j_r [kg m^2], rotor and gear as seen at the wheel."""
-    drive = robot.drive
-    return reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
 
 
 def _mobility(robot: Robot) -> float:
@@ -166,7 +157,7 @@ def add_wheel(
     element = add(
         body, "body", name=name, pos=-parts.center_distance * frame[:, 0], xyaxes=(*frame[:, 0], *frame[:, 1])
     )
-    joint = add(element, "joint", name=name, axis="0 0 1", armature=rotor_inertia(robot))
+    joint = add(element, "joint", name=name, axis="0 0 1", armature=robot.drive.reflected_inertia)
     friction = scenario.friction
     joint.set("damping", number_text(friction.viscous[index]))
     at_rest = friction.breakaway if friction.own_law else np.add(friction.coulomb, friction.stribeck)

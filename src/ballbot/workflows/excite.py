@@ -43,12 +43,10 @@ from ballbot.control.references import Reference, sampled_reference, square
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Bounds
-from ballbot.identification.identify import estimated_parameters
-from ballbot.identification.initial_states import linearize
-from ballbot.identification.parameters import Coordinates, scale_between
-from ballbot.identification.prediction import Cost, Predictor, Problem
-from ballbot.identification.quantities import with_friction
-from ballbot.identification.stages import INNER_STEP, windows_for
+from ballbot.identification.balancing import Balancing
+from ballbot.identification.identify import INNER_STEP, estimated_parameters
+from ballbot.identification.prediction import Predictor, windows_for
+from ballbot.identification.quantities import Coordinates, scale_between
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
@@ -175,7 +173,7 @@ def task(
         scaled = coordinates.from_search(np.full(len(scaled), 0.5))
     held = coordinates.scaled(coordinates.lower)
     point = np.where(coordinates.free, np.clip(scaled, _INSIDE, 1.0 - _INSIDE), held)
-    believed = with_friction(robot, coordinates.physical(point))
+    believed = coordinates.layout.robot_of(robot, coordinates.physical(point))
     return ExcitationTask(
         robots=tuple(
             believed.replace(friction=scaled_friction(believed.friction, factor)) for factor in FRICTIONS
@@ -238,14 +236,14 @@ def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.flo
     off = replace(
         windows, initial=windows.initial + task.deviations, measured=windows.measured + task.deviations
     )
-    problem = Problem(
+    experiment = Balancing(
         predictor=task.predictor,
         windows=off,
         coordinates=task.coordinates,
-        cost=Cost(reference=task.deviations**2),
+        reference=task.deviations**2,
         executor=Threads(count=1),
     )
-    H = linearize(problem, task.point, windows.initial).equations.normal.matrix
+    H = experiment.linearize_widely(task.point, windows.initial).equations.normal.matrix
     H = H[np.ix_(task.coordinates.free, task.coordinates.free)]
     known = H.diagonal() > _MIN_INFORMATION
     errors = np.full(len(H), np.inf)

@@ -34,8 +34,8 @@ from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import hold
 from ballbot.errors import InputError
+from ballbot.fitting.fit import evolve
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import evolve
 from ballbot.progress import Progress
 from ballbot.results import key, left_out
 from ballbot.robot import Robot, RobotLike, as_robot

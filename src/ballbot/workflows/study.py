@@ -3,7 +3,7 @@
     identify -> validate on held-out intervals -> design the candidates -> choose one on perturbed plants
 
 Identification is that of `ballbot identify` with the same logs and seed: the same numbers and findings. It holds out
-whole intervals (`ballbot.identification.stages`), as validation in closed loop, and in open loop to a fall, needs
+whole intervals (`ballbot.identification.windows`), as validation in closed loop, and in open loop to a fall, needs
 seconds in one piece.
 
 The nominal gain is designed with the weights of the nominal scenario on the exact model without friction, at the logs'
@@ -25,7 +25,8 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
-from ballbot.identification.stages import IdentificationOptions, holdout_intervals
+from ballbot.identification.identify import IdentificationOptions
+from ballbot.identification.windows import holdout_intervals
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names

@@ -6,13 +6,18 @@ Over a whole record the inverse model must estimate a mass and a dry friction ab
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from ballbot.findings import Finding, by_severity, error, note, warning
 from ballbot.identification.axis.model import AxisModel
-from ballbot.identification.axis.motion import AxisMotion, InverseModel, inverse_model, motion_of
+from ballbot.identification.axis.motion import (
+    AxisMotion,
+    InverseModel,
+    inverse_model,
+    motion_of,
+    with_gravity,
+)
 from ballbot.identification.axis.record import GAP, AxisRecord
 from ballbot.log.signals import longest_repeat
 
@@ -20,8 +25,6 @@ from ballbot.log.signals import longest_repeat
 ERROR_CODES = ("force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck")
 #: share of the force that the motion must explain
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
-#: columns of the inverse model beyond this condition do not distinguish gravity
-_LARGEST_CONDITION = 300.0
 #: [s]; slower samplings of an axis are rather another unit of time
 _SLOWEST_SAMPLING = 0.2
 #: the speed counts as at its limit from this share of the largest (the 99 % quantile), if more than so many rows are;
@@ -35,32 +38,23 @@ _LONG, _ROWS = 0.2, 40
 _JUMP = 3.0
 
 
-def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tuple[Finding, ...]:
-    """Return what is wrong with a record, errors first; the bandwidth [Hz] is that of its motion.
+def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
+    """Return what is wrong with a record, errors first.
 
-    InputError if the bandwidth does not suit the sampling, or the record cannot give mass and friction.
+    InputError if the record cannot give mass and friction.
     """
     findings = [*record.findings, *_of_rows(record), *_of_stuck(record)]
     # a constant force is refused by the identification itself
     if np.ptp(record.force) > 0.0 and all(one.severity != "error" for one in findings):
-        motion = motion_of(record, bandwidth)
-        findings += list(_of_speed(motion)) or _of_motion(record, _inverse(motion))
+        motion = motion_of(record)
+        model = with_gravity([motion], AxisModel(law="coulomb", interpolated=not record.even))
+        findings += list(_of_speed(motion)) or _of_motion(record, inverse_model([motion], model))
     return by_severity(findings)
-
-
-def _inverse(motion: AxisMotion) -> InverseModel:
-    """Return the inverse model, with gravity if the axis turns far enough to distinguish it."""
-    plain = AxisModel(law="coulomb", interpolated=not motion.record.even)
-    if motion.record.unit == "rad":
-        found = inverse_model([motion], replace(plain, forces=("gravity",)))
-        if found.condition < _LARGEST_CONDITION:
-            return found
-    return inverse_model([motion], plain)
 
 
 def _of_rows(record: AxisRecord) -> Iterator[Finding]:
     """Find rows that come too slowly, gaps, and single positions that leave the others' range by twice its width."""
-    h, position = record.sample_time, record.position
+    h, position, unit = record.sample_time, record.position, record.unit
     if h > _SLOWEST_SAMPLING:
         text = (
             f"Rows come every {h:.3g} s, too slowly for an axis; check the unit of t: --time-scale 0.001 if it is in "
@@ -79,12 +73,11 @@ def _of_rows(record: AxisRecord) -> Iterator[Finding]:
     outside = np.maximum(low - position[1:-1], position[1:-1] - high) > 2.0 * (high - low)
     rows = np.flatnonzero(away & outside) + 1
     if rows.size and high > low:
-        first = int(rows[0])
-        more = f", as in {rows.size - 1} more" if rows.size > 1 else ""
+        first, more = int(rows[0]), f", as in {rows.size - 1} more" if rows.size > 1 else ""
         text = (
-            f"The position jumps to {position[first]:.4g} {record.unit} in row {first + 1} ({record.t[first]:.4g} s "
-            f"after the first one) and back; it is from {low:.4g} to {high:.4g} {record.unit} otherwise{more}. Remove "
-            "such rows (gaps are allowed), or leave their cells empty."
+            f"The position jumps to {position[first]:.4g} {unit} in row {first + 1} ({record.t[first]:.4g} s after the "
+            f"first one) and back; it is from {low:.4g} to {high:.4g} {unit} otherwise{more}. Remove such rows (gaps "
+            "are allowed), or leave their cells empty."
         )
         yield error("spike", text, "position")
 
@@ -118,10 +111,8 @@ def _of_speed(motion: AxisMotion) -> Iterator[Finding]:
     left = F - X @ values
     excess = (np.sign(speed) * left)[at_limit]
     varies, usual = float(np.std(excess)), float(np.std(left[~at_limit]))
-    if (
-        varies > max(_FREE_FORCE * float(np.sqrt(np.mean(F**2))), _FREE_TIMES * usual)
-        and np.mean(excess) > varies
-    ):
+    least = max(_FREE_FORCE * float(np.sqrt(np.mean(F**2))), _FREE_TIMES * usual)
+    if varies > least and np.mean(excess) > varies:
         fastest = float(np.median(np.abs(speed[at_limit])))
         low, high = np.quantile((np.sign(speed) * F)[at_limit], [0.05, 0.95])
         record = motion.record
@@ -136,11 +127,11 @@ def _of_speed(motion: AxisMotion) -> Iterator[Finding]:
 
 
 def _of_motion(record: AxisRecord, found: InverseModel) -> Iterator[Finding]:
-    mass, dry = (found.values[name] for name in ("mass", "coulomb"))
-    size = np.abs(record.force)
+    """Find a force that cannot be what moves the axis."""
+    mass, explained = found.values["mass"], 100.0 * max(found.explained, 0.0)
+    size, share_up = np.abs(record.force), float(np.mean(np.diff(record.position) > 0.0))
     one_sign = min(np.quantile(record.force, 0.99), -np.quantile(record.force, 0.01)) < 0.02 * size.max()
-    to_and_fro = 0.2 < float(np.mean(np.diff(record.position) > 0.0)) < 0.8
-    if one_sign and to_and_fro and np.quantile(size, 0.01) < 0.05 * size.max():
+    if one_sign and 0.2 < share_up < 0.8 and np.quantile(size, 0.01) < 0.05 * size.max():
         text = (
             "The force comes down to zero and never changes its sign, though the axis moves to and fro: it is the "
             "magnitude of a force or current. Record it with its sign."
@@ -148,21 +139,20 @@ def _of_motion(record: AxisRecord, found: InverseModel) -> Iterator[Finding]:
         yield error("force-sign", text, "force")
     elif found.explained < _EXPLAINED:
         text = (
-            f"The motion of the axis explains only {100.0 * max(found.explained, 0.0):.0f} % of the force: "
-            "the force is another column, the reference of the position, noise or from another run, or something else "
-            "moves the axis."
+            f"The motion of the axis explains only {explained:.0f} % of the force: the force is another column, the "
+            "reference of the position, noise or from another run, or something else moves the axis."
         )
         yield error("force-unrelated", text, "force", "position")
     elif mass <= 0.0:
         text = (
-            f"The inverse model estimates a mass of {mass:.3g} and a dry friction of {dry:.3g} {record.force_unit}; "
-            "both must be above zero: the force, or the position, has the opposite sign, or the force is delayed "
-            "against the position, its column is wrong, or the axis hardly accelerates."
+            f"The inverse model estimates a mass of {mass:.3g}, which must be above zero: the force, or the position, "
+            "has the opposite sign, or the force is delayed against the position, its column is wrong, or the axis "
+            "hardly accelerates."
         )
         yield error("force-sign", text, "force", "position")
     elif found.explained < _WELL_EXPLAINED:
         text = (
-            f"The motion of the axis explains {100.0 * found.explained:.0f} % of the force; something else moves it as "
-            "well, or the force is a demand that the driver or the supply limits."
+            f"The motion of the axis explains {explained:.0f} % of the force; something else moves it as well, or the "
+            "force is a demand that the driver or the supply limits."
         )
         yield warning("force-unrelated", text, "force")

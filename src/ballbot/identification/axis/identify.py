@@ -1,7 +1,7 @@
 """Identification of one axis: a wheel, a motor, a joint or a slide.
 
 1. The inverse model (`motion`) gives start values.
-2. Output error over windows (`output_error`) fits nested models, and each is kept that predicts held-out blocks of time
+2. Output error over windows (`experiment`) fits nested models, and each is kept that predicts held-out blocks of time
    better than the simpler one: gravity, friction under load, and a law of friction, if its own parameters are
    determined.
 3. Intervals: the covariance clustered in time; and how far the parameters are, beyond chance, from those of the inverse
@@ -22,26 +22,26 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, finding_results, note, warning
+from ballbot.fitting.fit import at_bound
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import resamples
-from ballbot.identification.axis.model import (
-    FORCES,
-    LAWS,
-    PARAMETERS,
-    Axis,
-    AxisModel,
-    unit_for,
-)
-from ballbot.identification.axis.motion import AxisMotion, inverse_model, motion_of, speed_at_start
-from ballbot.identification.axis.output_error import (
-    OutputError,
-    OutputErrorFit,
+from ballbot.fitting.uncertainty import NormalEquations, covariance, resamples
+from ballbot.identification.axis.experiment import (
+    AxisEstimate,
+    AxisExperiment,
     blocks_of,
-    fit_output_error,
+    fit_axis,
     held_out_squares,
     window_duration,
+)
+from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, AxisModel, unit_for
+from ballbot.identification.axis.motion import (
+    DISTINGUISHED,
+    AxisMotion,
+    inverse_model,
+    motion_of,
+    with_gravity,
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
@@ -52,8 +52,6 @@ if TYPE_CHECKING:
 
 #: a force or a law that lowers the error on held-out blocks by less than this share is not worth its parameters
 USEFUL_GAIN = 0.02
-#: of the columns of the inverse model with one force more, each of length one
-_LARGEST_CONDITION = 300.0
 #: Stribeck speeds that a fit begins at, over the fastest speed, and shares of the load
 _STRIBECK_STARTS, _LOAD_START = (0.03, 0.15), 0.05
 #: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
@@ -69,14 +67,11 @@ _DRAWS, _SEED = 2000, 0
 class AxisOptions:
     """How an axis is identified; what is None is selected by errors on held-out blocks.
 
-    InputError if there is no such law, or the bandwidth is not above zero.
+    InputError if there is no such law.
     """
 
     law: str | None = None
     """The friction law: viscous, coulomb, stribeck or asymmetric."""
-
-    bandwidth: float | None = None
-    """Bandwidth of the motion, in hertz, which sets the filters."""
 
     gravity: bool | None = None
     """Whether gravity acts on an axis that turns: S sin q + C cos q."""
@@ -88,64 +83,10 @@ class AxisOptions:
         if self.law is not None and self.law not in LAWS:
             hint = suggest(self.law, LAWS, otherwise="the laws are")
             raise InputError(f"There is no friction law {self.law!r} (--law); {hint}")
-        if self.bandwidth is not None and not 0.0 < self.bandwidth < np.inf:
-            raise InputError(
-                f"--bandwidth is {self.bandwidth:g}; it must be a finite number above zero [Hz]."
-            )
 
 
 DEFAULT_OPTIONS = AxisOptions()
 _NOTHING: Mapping[str, float] = MappingProxyType({})
-
-
-@dataclass(frozen=True, kw_only=True)
-class AxisErrors:
-    """How well parameters predict a record."""
-
-    record: str
-    window_rmse: float  #: of the position over windows from their best starts [m]
-    open_loop_rmse: float  #: of the position over the whole record, from its start [m]; NaN if it has gaps
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AxisEstimate:
-    """One law's parameters and their prediction errors."""
-
-    model: AxisModel
-    values: dict[str, float]  #: by name, SI units
-    standard_errors: dict[str, float]  #: by name, of the whole interval; NaN for a parameter at a bound
-    quantile: float  #: half width of a 95 % interval over the standard error
-    correlation: NDArray[np.float64]  #: (p, p) of the errors
-    errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
-    gain: Gain | None  #: on held-out blocks over the simpler law
-
-    @property
-    def half_widths(self) -> dict[str, float]:
-        """Half widths of the 95 % intervals, by name."""
-        return {name: self.quantile * error for name, error in self.standard_errors.items()}
-
-    @property
-    def law(self) -> str:
-        """Its friction law."""
-        return self.model.law
-
-    def axis(self) -> Axis:
-        """Return the axis."""
-        return self.model.axis(self.values)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        halves = self.half_widths
-        intervals = {name: [one - halves[name], one + halves[name]] for name, one in self.values.items()}
-        errors = {one.record: {k: v for k, v in vars(one).items() if k != "record"} for one in self.errors}
-        return {
-            "parameters": self.values,
-            "standard_errors": self.standard_errors,
-            "intervals_95": intervals,
-            "errors": errors,
-            "simpler": LAWS[self.law][1],
-            "gain": self.gain.to_dict() if self.gain else None,
-        }
 
 
 @summarized
@@ -157,9 +98,10 @@ class AxisIdentification:
     unit: str  #: of positions: "m" or "rad"
     forces: dict[str, Gain]  #: gravity and load that were selected, with their gains
     window: float  #: length of the windows [s]
-    best: AxisEstimate  #: the law that was selected or requested
-    by_law: dict[str, AxisEstimate]  #: every law
-    selected: str  #: the law that held-out blocks select
+    best: (
+        AxisEstimate  #: of the law that was selected or requested; its errors include what the model may lack
+    )
+    by_law: dict[str, AxisEstimate]  #: the laws that were fitted: all, or the requested one and a simpler one
     expected: tuple[float, float, float]  #: error over windows on held-out blocks [m], and its 95 % interval
     findings: tuple[Finding, ...]
 
@@ -228,49 +170,37 @@ def identify_axis(
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
     _check(records, validation_records, options)
     run.progress(Progress(stage="forces"))
-    seen, others = (
-        [motion_of(one, options.bandwidth) for one in several] for several in (records, validation_records)
-    )
+    seen, others = ([motion_of(one) for one in several] for several in (records, validation_records))
     first, forces = _with_forces(seen, options, known)
+    law = options.law
+    # a law that is requested is fitted beside the simpler one
+    wanted = [name for name in LAWS if law is None or name in (law, LAWS[law][1] or "coulomb")]
     fits = {}
-    for number, name in enumerate(LAWS):
-        run.progress(Progress(stage=f"law {name}", done=number, total=len(LAWS)))
+    for number, name in enumerate(wanted):
+        run.progress(Progress(stage=f"law {name}", done=number, total=len(wanted)))
         fits[name] = first if name == "coulomb" else _fit_law(name, first, seen)
     run.progress(Progress(stage="held-out blocks"))
-    squares = {name: held_out_squares(fit) for name, fit in fits.items()}
-    gains = {
-        name: _gain(squares[name], squares[simpler]) if simpler else None
-        for name, (_, simpler) in LAWS.items()
-    }
-    selected = _selected(fits, gains, seen)
-    chosen = options.law or selected
-    duration = window_duration(records)
-    by_law = {
-        name: AxisEstimate(
-            model=fit.model,
-            values=fit.values,
-            standard_errors=fit.standard_errors,
-            quantile=fit.quantile,
-            correlation=fit.correlation,
-            errors=tuple(_errors(fit, one, duration) for one in (*seen, *others)),
-            gain=gains[name],
+    squares, duration = {name: held_out_squares(fit) for name, fit in fits.items()}, window_duration(records)
+    for name, fit in fits.items():
+        simpler = LAWS[name][1]
+        gain = _gain(squares[name], squares[simpler]) if simpler in fits else None
+        fits[name] = replace(
+            fit, gain=gain, errors=tuple(fit.on(motion, duration) for motion in (*seen, *others))
         )
-        for name, fit in fits.items()
-    }
-    best, lacks = _widened(by_law[chosen], fits[chosen], seen)
+    chosen = law or _selected(fits, seen)
+    best, lacks = _widened(fits[chosen], seen)
     found = AxisIdentification(
         records=tuple(one.name for one in records),
         unit=records[0].unit,
         forces=forces,
         window=duration,
         best=best,
-        by_law=by_law | {chosen: best},
-        selected=selected,
+        by_law=fits | {chosen: best},
         expected=_expected(squares[chosen]),
         findings=(),
     )
     findings = (
-        *_law_findings(found, by_user=options.law is not None),
+        *_law_findings(found, by_user=law is not None),
         *lacks,
         *_undetermined(best),
         *_delayed(fits[chosen]),
@@ -283,10 +213,7 @@ def identify_axis(
 def _check(
     records: Sequence[AxisRecord], validation_records: Sequence[AxisRecord], options: AxisOptions
 ) -> None:
-    everything = (*records, *validation_records)
-    names = [one.name for one in everything]
-    if not records:
-        raise InputError("There is no record to identify the axis from.")
+    names = [one.name for one in (*records, *validation_records)]
     if options.gravity and records[0].unit == "m":
         raise InputError(
             "An axis that slides has no gravity over its position (--gravity), but in its offset."
@@ -295,8 +222,6 @@ def _check(
         raise InputError(
             f"Two of the records have the same name ({', '.join(names)}); give each its own name."
         )
-    if len({one.unit for one in everything}) > 1:
-        raise InputError("Some of the records are of an axis that turns and some are not; identify one axis.")
     for one in records:
         if np.ptp(one.force) == 0.0:
             raise InputError(
@@ -307,36 +232,23 @@ def _check(
 
 def _with_forces(
     seen: Sequence[AxisMotion], options: AxisOptions, known: Mapping[str, float]
-) -> tuple[OutputErrorFit, dict[str, Gain]]:
+) -> tuple[AxisEstimate, dict[str, Gain]]:
     """Return the fit of the law `coulomb` with gravity and load as requested or selected, and the gains of these."""
     # rows at uneven times are not those of the loop that holds the force
     uneven = not all(one.record.even for one in seen)
     asked = {"gravity": options.gravity, "load": options.load_friction}
-    model = AxisModel(
-        law="coulomb",
-        forces=tuple(name for name, wanted in asked.items() if wanted),
-        interpolated=uneven,
-        known=known,
-    )
-    gains, with_gravity = dict[str, Gain](), replace(model, forces=("gravity", *model.forces))
-    if (
-        options.gravity is None
-        and seen[0].record.unit == "rad"
-        and inverse_model(seen, with_gravity).condition < _LARGEST_CONDITION
-    ):
-        fit = _fit(with_gravity, seen)
-        without = _fit(model, seen, begin=fit.values)
-        gain = _gain_of("gravity", fit, without)
-        fit, gains = (fit, {"gravity": gain}) if gain else (without, gains)
-    else:
-        fit = _fit(model, seen)
+    forces = tuple(name for name, wanted in asked.items() if wanted)
+    model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
+    gains = dict[str, Gain]()
+    wider = model if options.gravity is not None else with_gravity(seen, model)
+    fit = _fit(wider, seen)
+    if wider is not model:
+        fit = _if_useful("gravity", fit, _fit(model, seen, begin=fit.values), gains)
     # without gravity, friction under load is part of b and c
     if options.load_friction is None and "gravity" in fit.model.forces:
         wider = replace(fit.model, forces=(*fit.model.forces, "load"))
-        other = _fit(wider, seen, begin={**fit.values, "load": _LOAD_START})
-        gain = _gain_of("load", other, fit)
-        if gain:
-            fit, gains["load"] = other, gain
+        loaded = _fit(wider, seen, begin={**fit.values, "load": _LOAD_START})
+        fit = _if_useful("load", loaded, fit, gains)
     if not uneven:
         # a log that is slower than its loop contains some of its rows; the force changes between them
         other = _fit(replace(fit.model, interpolated=True), seen, begin=fit.values)
@@ -344,10 +256,13 @@ def _with_forces(
     return fit, gains
 
 
-def _gain_of(name: str, fit: OutputErrorFit, without: OutputErrorFit) -> Gain | None:
-    """Return what a force gains on held-out blocks; None if it is not worth its parameters."""
+def _if_useful(name: str, fit: AxisEstimate, without: AxisEstimate, gains: dict[str, Gain]) -> AxisEstimate:
+    """Return the fit with a force if held-out blocks support it, and note its gain; else the one without."""
     gain = _gain(held_out_squares(fit), held_out_squares(without))
-    return gain if _useful(gain) and any(_is_clear(fit, one) for one in FORCES[name]) else None
+    if not (_useful(gain) and any(_is_clear(fit, one) for one in FORCES[name])):
+        return without
+    gains[name] = gain
+    return fit
 
 
 def _gain(squares: NDArray[np.float64], others: NDArray[np.float64]) -> Gain:
@@ -358,19 +273,18 @@ def _useful(gain: Gain | None) -> bool:
     return gain is not None and gain.significant and gain.share >= USEFUL_GAIN
 
 
-def _is_clear(fit: OutputErrorFit, name: str) -> bool:
+def _is_clear(fit: AxisEstimate, name: str) -> bool:
     return abs(fit.values[name]) > _CLEAR * fit.standard_errors[name]
 
 
 def _fit(
     model: AxisModel, seen: Sequence[AxisMotion], begin: Mapping[str, float] | None = None
-) -> OutputErrorFit:
-    """Fit a model by output error from some values, or from the inverse model's."""
+) -> AxisEstimate:
+    """Fit a model from some values, or from the inverse model's."""
     records = [one.record for one in seen]
-    duration = window_duration(records)
-    problem = OutputError.of(model, seen, duration)
+    experiment = AxisExperiment.of(model, seen, window_duration(records))
     if begin is not None:
-        return fit_output_error(problem, begin)
+        return fit_axis(experiment, begin)
     inverse = inverse_model(seen, model).values
     if inverse.get("mass", 1.0) <= 0.0:
         raise InputError(
@@ -381,86 +295,55 @@ def _fit(
         name: value if PARAMETERS[name].scale == "signed" else max(value, 0.0)
         for name, value in inverse.items()
     }
-    return fit_output_error(problem, {"load": _LOAD_START, **start})
+    return fit_axis(experiment, {"load": _LOAD_START, **start})
 
 
-def _fit_law(law: str, first: OutputErrorFit, seen: Sequence[AxisMotion]) -> OutputErrorFit:
+def _fit_law(law: str, first: AxisEstimate, seen: Sequence[AxisMotion]) -> AxisEstimate:
     """Fit a law with the forces of a fit of the law `coulomb`, and from its values."""
     model = replace(first.model, law=law)
     fastest = max(float(np.abs(one.speed).max()) for one in seen)
+    begin = {**first.values, "asymmetry": 0.0, "stribeck": 0.2 * first.values["coulomb"]}
     # a Stribeck speed has several minima
-    starts = [
-        {
-            **first.values,
-            "asymmetry": 0.0,
-            "stribeck": 0.2 * first.values["coulomb"],
-            "stribeck_speed": share * fastest,
-        }
-        for share in (_STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1])
-    ]
-    return min((_fit(model, seen, begin=start) for start in starts), key=lambda fit: fit.rms)
+    shares = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
+    fits = [_fit(model, seen, begin={**begin, "stribeck_speed": share * fastest}) for share in shares]
+    return min(fits, key=lambda fit: fit.rms)
 
 
-def _selected(
-    fits: Mapping[str, OutputErrorFit], gains: Mapping[str, Gain | None], seen: Sequence[AxisMotion]
-) -> str:
+def _selected(fits: Mapping[str, AxisEstimate], seen: Sequence[AxisMotion]) -> str:
     """Return the law that held-out blocks select."""
-    stribeck = fits["stribeck"]
+    stribeck, coulomb = fits["stribeck"], fits["coulomb"]
     fastest = max(float(np.quantile(np.abs(one.speed), 0.95)) for one in seen)
     determined = all(
         stribeck.standard_errors[name] < stribeck.values[name] for name in ("stribeck", "stribeck_speed")
     )
-    if _useful(gains["stribeck"]) and determined and stribeck.values["stribeck_speed"] < _FADES * fastest:
+    if _useful(stribeck.gain) and determined and stribeck.values["stribeck_speed"] < _FADES * fastest:
         return "stribeck"
     # noise of the position may be most of the error, and hide a friction that is known to a few percent
-    return "coulomb" if _useful(gains["coulomb"]) or _is_clear(fits["coulomb"], "coulomb") else "viscous"
+    return "coulomb" if _useful(coulomb.gain) or _is_clear(coulomb, "coulomb") else "viscous"
 
 
-def _errors(fit: OutputErrorFit, motion: AxisMotion, duration: float) -> AxisErrors:
-    """Return how well a fit predicts a record over windows and whole."""
-    record, problem = motion.record, OutputError.of(fit.model, [motion], duration)
-    squares, counts = problem.squares(fit.values), np.bincount(problem.window)
-    whole = np.nan
-    if len(record.parts) == 1:
-        whole = float(np.sqrt(np.mean(open_loop_error(fit.model.axis(fit.values), record) ** 2)))
-    return AxisErrors(
-        record=record.name,
-        window_rmse=float(np.sqrt(np.sum(squares * counts) / counts.sum())),
-        open_loop_rmse=whole,
-    )
-
-
-def open_loop_error(axis: Axis, record: AxisRecord) -> NDArray[np.float64]:
-    """Return the error [m] of the position (N - 1,) after each row, moved by the force from the first row on."""
-    start = np.array([[record.position[0], speed_at_start(record)]])
-    return axis.windows(record, np.array([0]), np.array([len(record) - 1]), start) - record.position[1:]
-
-
-def _widened(
-    plain: AxisEstimate, fit: OutputErrorFit, seen: Sequence[AxisMotion]
-) -> tuple[AxisEstimate, list[Finding]]:
-    """Return the result with intervals that contain what differs between records and methods, and a finding on that."""
-    names, own = list(fit.values), np.array(list(fit.standard_errors.values()))
+def _widened(fit: AxisEstimate, seen: Sequence[AxisMotion]) -> tuple[AxisEstimate, list[Finding]]:
+    """Return the fit with intervals that contain what differs between records and methods, and a finding on that."""
     inverse = inverse_model(seen, fit.model)
-    errors = dict(zip(inverse.names, inverse.fit.errors.tolist(), strict=True))
-    others = [("by the inverse model", inverse.values, errors)]
+    others = [("by the inverse model", inverse.values, inverse.errors)]
     for number, one in enumerate(seen if len(seen) > 1 else (), start=1):
         alone = _fit(fit.model, [one], begin=fit.values)
         others.append((f"in record {number}", alone.values, alone.standard_errors))
-    lacks, causes = np.zeros(len(names)), [""] * len(names)
-    for cause, values, errors in others:
-        for i, name in enumerate(names):
+    errors, words = dict(fit.standard_errors), []
+    for name, own in fit.standard_errors.items():
+        most, cause = 0.0, ""
+        for method, values, theirs in others:
             if name in values:
-                chance = errors[name] ** 2 + np.nan_to_num(own[i]) ** 2
+                chance = theirs[name] ** 2 + np.nan_to_num(own) ** 2
                 beyond = (fit.values[name] - values[name]) ** 2 - chance
-                if beyond > lacks[i] ** 2:
-                    lacks[i], causes[i] = np.sqrt(beyond), cause
-    # a parameter at a bound has no interval
-    best = replace(plain, standard_errors=dict(zip(names, np.hypot(own, lacks).tolist(), strict=True)))
-    most = np.flatnonzero(lacks > _CLEAR * own)
-    if not most.size:
+                most, cause = (beyond, method) if beyond > most else (most, cause)
+        # a parameter at a bound has no interval
+        errors[name] = float(np.hypot(own, np.sqrt(most)))
+        if np.sqrt(most) > _CLEAR * own:
+            words.append(f"{PARAMETERS[name].symbol} by {np.sqrt(most):.2g} {cause}")
+    best = replace(fit, standard_errors=errors)
+    if not words:
         return best, []
-    words = [f"{PARAMETERS[names[i]].symbol} by {lacks[i]:.2g} {causes[i]}" for i in most]
     text = (
         "The model may lack something: parameters differ by more than chance between records or methods "
         f"({'; '.join(words)}). The 95 % intervals include that."
@@ -497,7 +380,7 @@ def _residual_findings(seen: Sequence[AxisMotion], best: AxisEstimate) -> Iterat
         block = one.block[rows] + number * 10**6
         tables.append(np.array([left, block, one.position[rows], one.speed[rows], one.record.t[rows]]))
     left, block, *columns = np.hstack(tables)
-    for quantity, column in zip(("position", "speed", "time"), columns, strict=True):
+    for (quantity, advice), column in zip(_ADVICE.items(), columns, strict=True):
         edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, 6)))
         if len(edges) < 3:
             continue
@@ -509,18 +392,14 @@ def _residual_findings(seen: Sequence[AxisMotion], best: AxisEstimate) -> Iterat
             yield warning(
                 "axis-residuals",
                 f"The residual force depends on the {quantity} (p = {chance:.1g}; {100.0 * min(share, 1.0):.0f} % "
-                f"of its variance): {_ADVICE[quantity]}.",
+                f"of its variance): {advice}.",
             )
 
 
 def _law_findings(found: AxisIdentification, *, by_user: bool) -> Iterator[Finding]:
-    chosen = found.best.law
-    words = f"The law {chosen} was {'requested' if by_user else 'selected'}"
-    if found.selected != chosen:
-        words += f"; held-out blocks would select {found.selected}"
-    yield note("law", f"{words}.")
-    both = found.by_law["asymmetric"]
-    if both.gain and both.gain.significant and chosen != "asymmetric":
+    yield note("law", f"The law {found.best.law} was {'requested' if by_user else 'selected'}.")
+    both = None if by_user else found.by_law["asymmetric"]
+    if both and both.gain and both.gain.significant:
         ours = {one.record: one.window_rmse for one in found.best.errors if one.record not in found.records}
         better = [one for one in both.errors if one.window_rmse < ours.get(one.record, 0.0)]
         confirmed = (
@@ -541,7 +420,8 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
         if kind.scale == "signed":
             continue
         if not np.isfinite(error):
-            yield warning("at-bound", f"{kind.symbol} ({kind.meaning}) is at its bound, {value:.3g}.")
+            text = f"{kind.symbol} ({kind.meaning}) is at its bound, or has no effect: {value:.3g}."
+            yield warning("at-bound", text)
         elif error > abs(value):
             yield warning(
                 "undetermined",
@@ -550,20 +430,22 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
             )
 
 
-def _delayed(fit: OutputErrorFit) -> Iterator[Finding]:
-    """Warn if the motion shows that the force acts later or earlier than its rows."""
-    problem = fit.problem
-    row = max(one.record.sample_time for one in problem.motions)
-    late = [replace(one, record=_late(one.record, row)) for one in problem.motions]
-    begun = problem.begun(fit.values)
-    column = begun.project(replace(problem, motions=tuple(late)).errors(fit.values) - begun.errors) / row
-    free = np.linalg.norm(fit.slopes, axis=0) > 0.0
-    X = np.column_stack([fit.slopes[:, free], column])
-    lengths = np.linalg.norm(X, axis=0)
-    if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
+def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
+    """Warn if the motion shows that the force acts later or earlier than its rows, by one step of Gauss-Newton."""
+    model = replace(fit.model, forces=(*fit.model.forces, "delay"))
+    late = replace(fit.experiment, model=model)
+    point = late.scaled({**fit.values, "delay": 0.0})
+    equations = late.equations(replace(fit.end, point=point))
+    H, scores = equations.normal.matrix, equations.scores
+    free = ~at_bound(point) & (H.diagonal() > 0.0)
+    inner, sizes = H[np.ix_(free, free)], 1.0 / np.sqrt(H.diagonal()[free])
+    if not free[-1] or np.linalg.cond(inner * np.outer(sizes, sizes)) > DISTINGUISHED**2:
         return
-    found = fit_linear(X / lengths, -fit.residuals, fit.problem.window)
-    delay, error = float(found.values[-1] / lengths[-1]), float(found.errors[-1] / lengths[-1])
+    step = np.zeros(len(point))
+    step[free] = -np.linalg.solve(inner, scores[:, free].sum(axis=0))
+    after = NormalEquations(matrix=H, scores=scores + equations.matrices @ step)
+    slope, row = late.coordinates.slopes(point)[-1], max(one.record.sample_time for one in late.motions)
+    delay, error = float(step[-1] * slope), float(np.sqrt(covariance(after, free)[-1, -1]) * slope)
     if abs(delay) > max(_CLEAR * error, 0.5 * row):
         text = (
             f"The force seems to act {1e3 * abs(delay):.2g} ± {1e3 * error:.2g} ms "
@@ -573,19 +455,13 @@ def _delayed(fit: OutputErrorFit) -> Iterator[Finding]:
         yield warning("force-delay", text)
 
 
-def _late(record: AxisRecord, delay: float) -> AxisRecord:
-    """Return a record whose force acts so much later [s]."""
-    return replace(record, force=np.interp(record.t - delay, record.t, record.force))
-
-
 def _elsewhere(found: AxisIdentification) -> Iterator[Finding]:
     """Compare the errors on other records with the error expected there."""
     middle, low, high = (1e3 * one for one in found.expected)
-    for one in found.best.errors:
-        if one.record in found.records:
-            continue
+    for one in found.best.errors[len(found.records) :]:
         error, unit = 1e3 * one.window_rmse, f"m{found.unit}"
-        fits = "better than expected" if error < low else "worse than expected"
-        fits = "as expected" if low <= error <= high else fits
+        fits = (
+            "as expected" if low <= error <= high else f"{'better' if error < low else 'worse'} than expected"
+        )
         text = f"{one.record} is predicted {fits}: {error:.3g} {unit}, expected {middle:.3g} ({low:.3g} to {high:.3g})."
         yield warning("other-record", text) if error > high else note("other-record", text)

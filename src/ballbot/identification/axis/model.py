@@ -22,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.parameter import Parameter, RelativeSpace, Scale
-from ballbot.identification.axis.record import AxisRecord
+from ballbot.fitting.parameter import Parameter, ParameterSpace, Scale
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import NO_TERMS, stribeck_curve
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumbers, Inertia, move
@@ -31,21 +30,27 @@ from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumber
 Values = Mapping[str, float]
 
 
+#: what a record's largest force, speed and acceleration make possible: parameters are within so many times that
+_REACH = 100.0
+
+
 def _parameter(
     name: str, symbol: str, unit: str, meaning: str, scale: Scale = "amount", most: float = math.inf
 ) -> Parameter:
+    least = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed": -_REACH}[scale]
     return Parameter(
         name=name,
         symbol=symbol,
         unit=unit,
         scale=scale,
-        bounds=(-math.inf if scale == "signed" else 0.0, most),
+        bounds=(least, min(most, _REACH)),
         default=1.0 if scale == "ratio" else 0.0,
         meaning=meaning,
     )
 
 
-#: by name; units are those of an axis that moves along a line, see `unit_for`
+#: by name; units are those of an axis that moves along a line, see `unit_for`, and bounds are those of an axis whose
+#: largest force, speed and acceleration are one
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
         one.name: one
@@ -60,6 +65,7 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
             _parameter("gravity_sine", "S", "N", "gravity, of sin q", "signed"),
             _parameter("gravity_cosine", "C", "N", "gravity, of cos q", "signed"),
             _parameter("load", "mu", "1", "Coulomb, as a share of the load", most=1.0),
+            _parameter("delay", "delay", "s", "of the force behind its rows", "signed"),
         )
     }
 )
@@ -84,7 +90,7 @@ LAWS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
 )
 #: what else may act, and its parameters
 FORCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"gravity": ("gravity_sine", "gravity_cosine"), "load": ("load",)}
+    {"gravity": ("gravity_sine", "gravity_cosine"), "load": ("load",), "delay": ("delay",)}
 )
 
 
@@ -107,14 +113,14 @@ class AxisModel:
         """Return the axis with these parameters and the known ones."""
         return Axis(values={**self.known, **values}, interpolated=self.interpolated)
 
-    def space(self, start: Values) -> RelativeSpace:
-        """Return the parameters, scaled by their values at `start`."""
-        named = [replace(PARAMETERS[name], default=float(start[name])) for name in self.names]
-        return RelativeSpace(parameters=tuple(named))
-
-    def by_name(self, vector: NDArray[np.float64]) -> dict[str, float]:
-        """Return parameters (p,) by name."""
-        return dict(zip(self.names, vector.tolist(), strict=True))
+    def space(self, *, force: float, speed: float, acceleration: float) -> ParameterSpace:
+        """Return the parameters with the bounds that a record's largest force, speed and acceleration set."""
+        sizes = {"kg": force / acceleration, "N s/m": force / speed, "N": force, "m/s": speed}
+        named = []
+        for parameter in (PARAMETERS[name] for name in self.names):
+            size, (lower, upper) = sizes.get(parameter.unit, 1.0), parameter.bounds
+            named.append(replace(parameter, bounds=(lower * size, upper * size)))
+        return ParameterSpace(parameters=tuple(named))
 
 
 class _Numbers(NamedTuple):
@@ -126,14 +132,6 @@ class _Numbers(NamedTuple):
     sine: float  #: S
     cosine: float  #: C
     mu: float
-
-
-class _Windows(NamedTuple):
-    """Windows of a record's rows: each begins at a row, in a state there, and runs over some rows."""
-
-    firsts: NDArray[np.int64]  #: (w,)
-    counts: NDArray[np.int64]  #: (w,) rows
-    starts: NDArray[np.float64]  #: (w, 2) position [m] and speed [m/s]
 
 
 @inlined
@@ -152,19 +150,20 @@ def _step(axis, position, speed, force, h) -> tuple[float, float]:
 
 
 @compiled
-def follow_windows(axis, windows, forces, rises, h, steps, positions):
-    """Move in windows; `positions` takes, one window after another, the position at each row's end.
+def follow_windows(axis, firsts, counts, starts, forces, rises, h, steps, states):
+    """Move in windows; `states` takes, one window after another, position and speed at each row's end.
 
-    The force of each row begins at `forces` (N,) [N] and rises evenly by `rises` (N,) [N] over h [s].
+    A window begins at a row (`firsts`), in a state there (`starts`), and runs over some rows (`counts`). The force of
+    each row begins at `forces` (N,) [N] and rises evenly by `rises` (N,) [N] over h [s].
     """
     place = 0
-    for w in range(len(windows.firsts)):
-        position, speed = windows.starts[w, 0], windows.starts[w, 1]
-        for k in range(windows.firsts[w], windows.firsts[w] + windows.counts[w]):
+    for w in range(len(firsts)):
+        position, speed = starts[w, 0], starts[w, 1]
+        for k in range(firsts[w], firsts[w] + counts[w]):
             for i in range(steps):
                 force = forces[k] + rises[k] * (i + 0.5) / steps
                 position, speed = _step(axis, position, speed, force, h / steps)
-            positions[place] = position
+            states[place, 0], states[place, 1] = position, speed
             place += 1
 
 
@@ -185,19 +184,20 @@ class Axis:
 
     def windows(
         self,
-        record: AxisRecord,
+        force: NDArray[np.float64],
+        h: float,
         firsts: NDArray[np.int64],
         counts: NDArray[np.int64],
         starts: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Return the positions at the ends of the rows of windows of a record, one window after another.
+        """Return position and speed at the ends of the rows of windows, one window after another (sum of counts, 2).
 
-        Each window has its first row (w,), how many rows it runs over (w,), and position and speed at its first row (w,
-        2).
+        The force (N,) [N] is that of rows that last h [s]. Each window has its first row (w,), how many rows it runs
+        over (w,), and position and speed at its first row (w, 2).
         """
-        acting = record.force - self._value("offset")
+        acting = force - self._value("offset")
         rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))
-        positions = np.empty(int(counts.sum()))
+        states = np.empty((int(counts.sum()), 2))
         numbers = _Numbers(
             law=self._law,
             asymmetry=self._value("asymmetry"),
@@ -206,9 +206,8 @@ class Axis:
             cosine=self._value("gravity_cosine"),
             mu=self._value("load"),
         )
-        h, steps = record.sample_time, self._steps(record.sample_time)
-        follow_windows(numbers, _Windows(firsts, counts, starts), acting, rises, h, steps, positions)
-        return positions
+        follow_windows(numbers, firsts, counts, starts, acting, rises, h, self._steps(h), states)
+        return states
 
     def friction(self, speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the friction without load [N] at speeds (N,)."""

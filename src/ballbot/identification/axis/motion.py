@@ -11,7 +11,7 @@ and rows next to the ends of a part, where the filters have no rows beyond.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,8 @@ _NOISE_SHARE = 0.02
 _LOWERED, _LEAST_MOTIONS = 1.25, 10.0
 #: of columns of length one: beyond it their errors are 1e4 times those of the force, which no record has to 1e-4
 LARGEST_CONDITION = 1e4
+#: and below it a further force or a delay is distinguished from the others
+DISTINGUISHED = 300.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,17 +92,13 @@ class AxisMotion:
         return (self.record.t // BLOCK).astype(np.int64)
 
 
-def motion_of(record: AxisRecord, bandwidth: float | None = None) -> AxisMotion:
-    """Return the motion of a record.
+def motion_of(record: AxisRecord) -> AxisMotion:
+    """Return the motion of a record, its bandwidth 20 Hz, or less if the sampling is slow or the position noisy.
 
-    The bandwidth is 20 Hz by default, or less if the sampling is slow or the position noisy.
-
-    InputError if the filter for the bandwidth [Hz] is beyond half the sampling rate, or no part is long enough.
+    InputError if no part is long enough.
     """
     if all(end - first < LEAST_PART for first, end in record.parts):
         raise InputError(f"{record.name} has no part of {LEAST_PART} rows on end; log without gaps.")
-    if bandwidth is not None:
-        return _motion(record, bandwidth)
     rate = 1.0 / record.sample_time
     band = min(LARGEST_BANDWIDTH, 0.04 * rate)
     least = min(band, _LEAST_MOTIONS / record.duration)
@@ -130,14 +128,7 @@ def _motion(record: AxisRecord, band: float) -> AxisMotion:
 
 def _filtered(record: AxisRecord, values: NDArray[np.float64], cutoff: float) -> NDArray[np.float64]:
     """Return values (N,) without what is faster than a frequency [Hz], in each part that is long enough."""
-    rate = 1.0 / record.sample_time
-    if not 0.0 < cutoff < 0.5 * rate:
-        band = cutoff / _POSITION_FILTER
-        raise InputError(
-            f"A bandwidth (--bandwidth) of {band:g} Hz needs a filter at {cutoff:g} Hz, and {record.name} is "
-            f"sampled at {rate:.4g} Hz; choose a bandwidth above zero and below {0.1 * rate:.3g} Hz."
-        )
-    b, a = np.asarray(scipy.signal.butter(_ORDER, cutoff / (0.5 * rate)), dtype=float)
+    b, a = np.asarray(scipy.signal.butter(_ORDER, 2.0 * cutoff * record.sample_time), dtype=float)
     smooth = values.copy()
     for first, end in record.parts:
         if end - first >= LEAST_PART:
@@ -158,15 +149,12 @@ def speed_at_start(record: AxisRecord) -> float:
 class InverseModel:
     """The inverse model of the moving axis, by least squares."""
 
-    names: tuple[str, ...]  #: (p,) the parameters that the force is linear in
-    fit: LinearFit
+    values: dict[
+        str, float
+    ]  #: the parameters that the force is linear in, by name; friction may be below zero
+    errors: dict[str, float]  #: their standard errors
     explained: float  #: share of the force's square
     condition: float  #: of the columns, each of length one
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The parameters by name; friction may be below zero."""
-        return dict(zip(self.names, self.fit.values.tolist(), strict=True))
 
 
 def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseModel:
@@ -181,42 +169,46 @@ def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseMod
     begins = np.cumsum([0, *(int(one.block[-1]) + 1 for one in motions)])
     block = np.concatenate([one.block[one.moving] + a for one, a in zip(motions, begins[:-1], strict=True)])
     lengths = np.linalg.norm(X, axis=0)
-    if len(X) <= len(names) or not lengths.all():
-        which = [name for name, length in zip(names, lengths, strict=True) if length == 0.0] or list(names)
-        raise _apart(motions[0].record, which)
-    singular, directions = np.linalg.svd(X / lengths, full_matrices=False)[1:]
-    if singular[0] > LARGEST_CONDITION * singular[-1]:
+    singular, directions = np.linalg.svd(X / np.maximum(lengths, 1e-300), full_matrices=False)[1:]
+    if len(X) <= len(names) or singular[0] > LARGEST_CONDITION * singular[-1]:
         mixed = np.abs(directions[-1])
         which = [name for name, share in zip(names, mixed, strict=True) if share > 0.3 * mixed.max()]
-        raise _apart(motions[0].record, which)
-    fit = fit_linear(X, force, block)
+        raise InputError(
+            f"{motions[0].record.name} cannot show {' and '.join(which)} apart: the motion is too short, too even or "
+            "of one direction only. Record speeding up, slowing down and both directions at several speeds."
+        )
+    fit: LinearFit = fit_linear(X, force, block)
     return InverseModel(
-        names=names,
-        fit=fit,
+        values=dict(zip(names, fit.values.tolist(), strict=True)),
+        errors=dict(zip(names, fit.errors.tolist(), strict=True)),
         explained=float(1.0 - np.sum(fit.residuals**2) / np.sum(force**2)),
         condition=float(singular[0] / singular[-1]),
     )
 
 
-def _apart(record: AxisRecord, names: Sequence[str]) -> InputError:
-    return InputError(
-        f"{record.name} cannot show {' and '.join(names)} apart: the motion is too short, too even or of one direction "
-        "only. Record speeding up, slowing down and both directions at several speeds."
-    )
+def with_gravity(motions: Sequence[AxisMotion], model: AxisModel) -> AxisModel:
+    """Return a model with gravity if the axis turns, and far enough to distinguish it; itself if not."""
+    if motions[0].record.unit == "m":
+        return model
+    wider = replace(model, forces=("gravity", *model.forces))
+    try:
+        return wider if inverse_model(motions, wider).condition < DISTINGUISHED else model
+    except InputError:  # it turns so little that gravity is a constant force
+        return model
 
 
 def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, NDArray[np.float64]]:
     """Return the force and its part for each parameter of one, of the moving rows (n,)."""
-    record, position, speed = motion.record, motion.position, motion.speed
-    force = motion.force(interpolated=model.interpolated)
+    position, speed = motion.position, motion.speed
     columns = {
         "mass": motion.acceleration,
         "viscous": speed,
         "asymmetry": np.abs(speed),
         "coulomb": np.sign(speed),
-        "offset": np.ones(len(record)),
+        "offset": np.ones(len(speed)),
         "gravity_sine": np.sin(position),
         "gravity_cosine": np.cos(position),
     }
+    force = motion.force(interpolated=model.interpolated)
     columns["force"] = force - sum((value * columns[name] for name, value in model.known.items()), 0.0)
     return {name: motion.lowpassed(one)[motion.moving] for name, one in columns.items()}

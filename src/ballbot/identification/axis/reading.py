@@ -27,7 +27,7 @@ from ballbot.log.formats import read_units, read_variables
 from ballbot.log.signals import unwrapped
 
 #: by the unit of positions, what each quantity may be in, with the factor to its unit
-_UNITS = {
+_UNITS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "m": {"position": FACTORS["m"], "velocity": FACTORS["m/s"], "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3}},
     "rad": {"position": FACTORS["rad"], "velocity": FACTORS["rad/s"], "force": FACTORS["N m"]},
 }
@@ -79,12 +79,12 @@ class AxisColumns:
 
 @dataclass(frozen=True, kw_only=True)
 class _File:
-    """A file's variables and their units, and which of them the user named."""
+    """A file's variables and their units, and the unit of positions that the user gave."""
 
     name: str
     variables: Columns
     units: Mapping[str, str]
-    columns: AxisColumns
+    unit: str
 
     def column(self, name: str, option: str) -> NDArray[np.float64]:
         """Return the variable of that name (N,), which an option gives."""
@@ -93,8 +93,8 @@ class _File:
             raise InputError(f"{self.name} has no variable {name!r} for {option}; {hint}")
         return self.variables[name]
 
-    def number(self, text: str, option: str) -> float:
-        """Return a number, written out or that of a constant variable."""
+    def number(self, text: str, option: str, *, negative: bool) -> float:
+        """Return a factor, written out or that of a constant variable."""
         try:
             value = float(text)
         except ValueError:
@@ -104,31 +104,25 @@ class _File:
                     f"{self.name}, {option}: {text!r} has {len(values)} different values; it must be one number."
                 ) from None
             value = float(values[0])
-        if not abs(value) <= LARGEST_CELL:
-            raise InputError(f"{self.name}: {option} is {value:g}; it must be a finite number.")
+        if not (abs(value) <= LARGEST_CELL and (value > 0.0 or (value and negative))):
+            wanted = "must not be zero" if negative else "must be above zero"
+            raise InputError(f"{self.name}: {option} is {value:g}; it {wanted}.")
         return value
 
-    def factor(self, field: str, name: str, scale: str | None, *, negative: bool = True) -> float:
+    def factor(self, quantity: str, name: str, scale: str | None) -> float:
         """Return the factor of a variable: the option's, or that of the file's unit."""
-        option = option_of(f"{'position' if field == 'velocity' else field}_scale")
         if scale is not None:
-            value = self.number(scale, option)
-            if value == 0.0 or (value < 0.0 and not negative):
-                wanted = "must not be zero" if negative else "must be above zero"
-                raise InputError(f"{self.name}: {option} is {value:g}; it {wanted}.")
-            return value
-        own, other = (_UNITS[unit].get(field, FACTORS["s"]) for unit in (self.columns.unit, self._other))
+            option = "position" if quantity == "velocity" else quantity
+            return self.number(scale, f"--{option}-scale", negative=quantity != "time")
+        other = "rad" if self.unit == "m" else "m"
+        own, others = (_UNITS[unit].get(quantity, FACTORS["s"]) for unit in (self.unit, other))
         given = self.unit_of(name)
-        if given in other and given not in own:
+        if given in others and given not in own:
             raise InputError(
                 f"{self.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and --unit is "
-                f"{self.columns.unit}; give --unit {self._other}, or correct the unit in the file."
+                f"{self.unit}; give --unit {other}, or correct the unit in the file."
             )
         return own.get(given, 1.0)
-
-    @property
-    def _other(self) -> str:
-        return "rad" if self.columns.unit == "m" else "m"
 
     def unit_of(self, name: str) -> str:
         """Return the unit of a variable as `FACTORS` spells it; empty if the file does not give one.
@@ -145,19 +139,47 @@ class _File:
         return next((UNIT_OF[one] for one in ends if len(one) > 1 and one in UNIT_OF), "")
 
 
-def option_of(field: str) -> str:
-    """Return the option of the command line that a field is: "--time-scale" of "time_scale"."""
-    return f"--{field.replace('_', '-')}"
+def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
+    """Read a record.
+
+    InputError if the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
+    """
+    path = Path(path)
+    file = _File(name=path.name, variables=read_variables(path), units=read_units(path), unit=columns.unit)
+    field = "velocity" if columns.position is None and columns.velocity else "position"
+    name = (columns.velocity if field == "velocity" else columns.position) or "position"
+    _check_names(file, {"time": columns.time, field: name, "force": columns.force})
+    factors = {
+        columns.time: file.factor("time", columns.time, columns.time_scale),
+        name: file.factor(field, name, columns.position_scale),
+        columns.force: file.factor("force", columns.force, columns.force_scale),
+    }
+    moved = factors[name] * file.column(name, f"--{field}")
+    force = factors[columns.force] * file.column(columns.force, "--force")
+    added = file.column(columns.added_force, "--added-force") if columns.added_force else np.zeros(len(force))
+    t = factors[columns.time] * _times(file, columns.time, len(moved))
+    kept = _complete(file.name, {"time": t, field: moved, "force": force, "the added force": added})
+    if field == "velocity":
+        speed, moved = moved[kept], np.full(len(t), np.nan)
+        moved[kept] = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t[kept])))
+    position, findings = without_wraps(moved, factors[name], columns.unit)
+    given = (columns.time_scale, columns.position_scale, columns.force_scale)
+    for (variable, factor), scale in zip(factors.items(), given, strict=True):
+        if scale is None and factor != 1.0:
+            text = f"{variable} is multiplied by {factor:.6g}, by its unit in the file."
+            findings.append(note("axis-unit", text, variable))
+    return record_of_rows(
+        file.name, t[kept], (force + added)[kept], position[kept], unit=columns.unit, findings=tuple(findings)
+    )
 
 
-def _check_names(file: _File, position: str) -> None:
-    """Raise InputError if variables that a record must have are missing and not named; it asks for all at once."""
-    wanted = {"time": (file.columns.time, "t"), "position": (position, "position")}
-    wanted["force"] = (file.columns.force, "force")
+def _check_names(file: _File, names: Mapping[str, str]) -> None:
+    """Raise InputError if variables are missing that the user did not name; it asks for all at once."""
+    defaults = {"time": "t", "position": "position", "force": "force"}
     lacking = {
         field: name
-        for field, (name, default) in wanted.items()
-        if name == default and name not in file.variables
+        for field, name in names.items()
+        if name == defaults.get(field) and name not in file.variables
     }
     if lacking:
         options = " ".join(f"--{field} NAME" for field in lacking)
@@ -168,67 +190,21 @@ def _check_names(file: _File, position: str) -> None:
         )
 
 
-def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
-    """Read a record.
-
-    InputError if the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
-    """
-    path = Path(path)
-    file = _File(name=path.name, variables=read_variables(path), units=read_units(path), columns=columns)
-    field = "velocity" if columns.position is None and columns.velocity else "position"
-    name = (columns.velocity if field == "velocity" else columns.position) or "position"
-    _check_names(file, name)
-    moved = file.column(name, option_of(field))
-    t, of_time = _times(file, len(moved))
-    factors = {
-        columns.time: of_time,
-        name: file.factor(field, name, columns.position_scale),
-        columns.force: file.factor("force", columns.force, columns.force_scale),
-    }
-    force = factors[columns.force] * file.column(columns.force, "--force")
-    added = file.column(columns.added_force, "--added-force") if columns.added_force else np.zeros(len(force))
-    rows = {"time": t, field: factors[name] * moved, "force": force, "the added force": added}
-    kept = _complete(file.name, rows)
-    findings, position = list[Finding](), rows[field]
-    given = (columns.time_scale, columns.position_scale, columns.force_scale)
-    for (variable, factor), scale in zip(factors.items(), given, strict=True):
-        if scale is None and factor != 1.0:
-            text = f"{variable} is multiplied by {factor:.6g}, by its unit in the file."
-            findings.append(note("axis-unit", text, variable))
-    if field == "velocity":
-        position = np.full(len(t), np.nan)
-        speed = rows[field][kept]
-        position[kept] = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t[kept])))
-    position, period = without_wraps(position, factors[name])
-    if period:
-        findings += _wrapped(period, columns)
-    return record_of_rows(
-        file.name,
-        t[kept],
-        (force + added)[kept],
-        position[kept],
-        unit=columns.unit,
-        findings=tuple(findings),
-    )
-
-
-def _times(file: _File, rows: int) -> tuple[NDArray[np.float64], float]:
-    """Return the time of each row (N,) [s], by a variable or the interval that is given instead, and its factor."""
-    columns = file.columns
-    factor = file.factor("time", columns.time, columns.time_scale, negative=False)
-    times = file.variables.get(columns.time)
+def _times(file: _File, name: str, rows: int) -> NDArray[np.float64]:
+    """Return the time of each row (N,), by a variable or the interval that is given instead."""
+    times = file.variables.get(name)
     if times is not None and times.size != 1:
-        return factor * times, factor
+        return times
     try:
-        interval = float(columns.time if times is None else times[0])
+        interval = float(name if times is None else times[0])
     except ValueError:
-        return file.column(columns.time, "--time"), factor
+        return file.column(name, "--time")
     if not 0.0 < interval <= LARGEST_CELL:
         raise InputError(
             f"{file.name}: --time is {interval:g}; give the variable with the time, or the time between rows, a number "
             "above zero."
         )
-    return factor * interval * np.arange(rows, dtype=np.float64), factor
+    return interval * np.arange(rows, dtype=np.float64)
 
 
 def _complete(name: str, columns: Columns) -> NDArray[np.bool_]:
@@ -239,46 +215,43 @@ def _complete(name: str, columns: Columns) -> NDArray[np.bool_]:
             raise InputError(
                 f"{name}: {key} has {len(values)} values and the time has {rows}; name a column of the same length."
             )
-    kept = np.logical_and.reduce([np.isfinite(values) for values in columns.values()])
-    missing = rows - int(kept.sum())
-    if missing > MOST_MISSING * rows:
-        worst = max(columns, key=lambda key: np.count_nonzero(~np.isfinite(columns[key])))
-        row = int(np.flatnonzero(~np.isfinite(columns[worst]))[0]) + 1
+    missing = {key: ~np.isfinite(values) for key, values in columns.items()}
+    lacking = np.logical_or.reduce(list(missing.values()))
+    if lacking.sum() > MOST_MISSING * rows:
+        worst = max(missing, key=lambda key: missing[key].sum())
         raise InputError(
-            f"{name}: {worst} is missing or not finite in row {row}; {missing} of {rows} rows lack a value, "
-            f"and at most {100.0 * MOST_MISSING:.0f} % may."
+            f"{name}: {worst} is missing or not finite in row {int(np.argmax(missing[worst])) + 1}; {lacking.sum()} of "
+            f"{rows} rows lack a value, and at most {100.0 * MOST_MISSING:.0f} % may."
         )
-    return kept
+    return ~lacking
 
 
-def without_wraps(position: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], float]:
-    """Return a position (N,) unwrapped, and the period after which it begins again, zero if never; NaN stays NaN.
+def without_wraps(
+    position: NDArray[np.float64], scale: float, unit: str
+) -> tuple[NDArray[np.float64], list[Finding]]:
+    """Return a position (N,) in `unit` unwrapped, and findings about that; NaN stays NaN.
 
     `scale` is the factor that was applied to the position as it was recorded.
     """
     known = position[np.isfinite(position)]
     travel, steps = float(np.ptp(known)), np.abs(np.diff(known))
     # of a jump of two periods' size only the right one is within an ordinary step
-    for period in (_TURN, _DEGREES, *(bits * abs(scale) for bits in _COUNTERS)):
-        if not 0.5 * period < travel <= (1.0 + _BEYOND) * period:
-            continue
+    for period in (_TURN, _DEGREES, *(counts * abs(scale) for counts in _COUNTERS)):
         jumps = steps > 0.5 * period
         usual = float(steps[~jumps].max(initial=0.0))
-        if not jumps.any() or usual > _LARGEST_STEP * period:
+        if (
+            not (0.5 * period < travel <= (1.0 + _BEYOND) * period and jumps.any())
+            or usual > _LARGEST_STEP * period
+            # the axis moves on during the step in which it wraps
+            or np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period
+        ):
             continue
-        # the axis moves on during the step in which it wraps
-        if np.abs(steps[jumps] - period).max() <= 2.0 * usual + _BEYOND * period:
-            return unwrapped(position, period=period), period
-    return position, 0.0
-
-
-def _wrapped(period: float, columns: AxisColumns) -> list[Finding]:
-    """Return a note that a position was unwrapped, and a warning if its period is that of another unit."""
-    size = {_TURN: "one turn", _DEGREES: "360"}.get(period, f"{period:.6g} {columns.unit}")
-    found = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
-    options = [] if columns.unit == "rad" else ["--unit rad"]
-    options += [f"--position-scale {np.radians(1.0):.6g}"] if period == _DEGREES else []
-    if options and period in (_TURN, _DEGREES):
-        text = f"A position that jumps by {period:.4g} is an angle: {' '.join(options)}."
-        found.append(warning("axis-unit", text, "position"))
-    return found
+        size = {_TURN: "one turn", _DEGREES: "360"}.get(period, f"{period:.6g} {unit}")
+        findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
+        options = [] if unit == "rad" else ["--unit rad"]
+        options += [f"--position-scale {np.radians(1.0):.6g}"] if period == _DEGREES else []
+        if options and period in (_TURN, _DEGREES):
+            text = f"A position that jumps by {period:.4g} is an angle: {' '.join(options)}."
+            findings.append(warning("axis-unit", text, "position"))
+        return unwrapped(position, period=period), findings
+    return position, []

@@ -23,7 +23,7 @@ from ballbot.control.references import Reference, change_pose, hold
 from ballbot.fitting.run import Run
 from ballbot.identification.driveline import DrivelineFit, Sweep, fit_driveline, sweeps_of
 from ballbot.identification.identify import identify
-from ballbot.identification.swing import SwingFit, fit_swing, follow_pendulum, swing_of
+from ballbot.identification.swing import SwingFit, fit_swing, pendulum_motion, swing_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
@@ -180,13 +180,11 @@ class Bench:
     def swings(self) -> tuple[SwingFit, ...]:
         """Simulated swings of the body about where the ball's centre would be, fitted (Figure III.1)."""
         t = np.arange(round(SWING * FILM_RATE), dtype=np.float64) / FILM_RATE
-        angle, rate = np.empty_like(t), np.empty_like(t)
         body = self.robot.body
         inertia = float(body.inertia_about_ball_center()[0, 0])
         stiffness = body.mass * self.robot.gravity * body.center_of_mass / inertia
-        follow_pendulum(
-            stiffness, PIVOT_VISCOUS / inertia, PIVOT_DRY / inertia, SWING_ANGLE, 0.0, t, 0.005, angle, rate
-        )
+        viscous, dry = PIVOT_VISCOUS / inertia, PIVOT_DRY / inertia
+        angle, _ = pendulum_motion(stiffness, viscous, dry, SWING_ANGLE, 0.0, t)
         fits = []
         for number in range(RUNS):
             # the tracking's error: N(0, TRACKING_ERROR)

@@ -1,0 +1,466 @@
+"""The one fit: from an experiment to values, their covariance, and what the data cannot tell.
+
+A search finds the basin, by short descents from a few starts or by a genetic algorithm. Gauss-Newton descends from
+there in parameters and blocks' states at once. Each step tries one point, within a trust region in Levenberg and
+Marquardt's form, and compares the least costs over the states here and there. Where the descent has ended, states are
+begun again in case they lie in a poorer minimum (`Experiment.renew`).
+
+What has no influence gets no number. Some parameters act through others only: v_s and delta shape how s fades, and have
+no effect without s. If s is zero, a fit still ends at some s of the size of chance, with v_s and delta that suit it;
+their standard errors there mean nothing (R. Davies, Hypothesis testing when a nuisance parameter is present only under
+the alternative, Biometrika 64 (1977) 247-254). So they count as identified only if the fit with s is better than the
+best one without by more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the
+residuals, lambda corrects for their dependence as in `ballbot.fitting.intervals`, and q is the chi-squared quantile of
+as many parameters as the fit with s has more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from threading import Lock
+from typing import Generic, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+from scipy.optimize import lsq_linear
+
+from ballbot.fitting.experiment import At, Experiment
+from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
+from ballbot.fitting.uncertainty import WindowEquations, covariance, without_influence
+from ballbot.progress import Progress
+
+#: half the width of the trust region at first, in scaled parameters; a step that gains less than a quarter of what was
+#: expected leaves this share of the step, one that gains more than three quarters gives room for so many of it
+_RADIUS, _NARROWER, _WIDER = 0.3, 0.3, 2.5
+#: a descent ends early where so many gains as the last would not reach what it is for: its gains shrink by two or more
+_MORE_GAINS = 5.0
+#: curvature in the flattest direction, of the steepest one's
+_FLATTEST = 1e-12
+#: where so many steps one after another gain less than the first, and promise no more or are shorter than the last,
+#: blocks are begun again; then the descent ends by the second
+_PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-4, 5e-7, 1e-3
+#: until that gains less of the cost, but not more often: a level valley is left by one better start of a block; and
+#: half the width of the trust region at least after it
+MOST_RENEWALS, _WORTH, _AGAIN = 8, 1e-6, 0.02
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Descended(Generic[At]):
+    """Result of a descent, from which others go on."""
+
+    experiment: Experiment[At]
+    end: At
+    history: tuple[float, ...]  #: the cost after each step
+
+    @property
+    def point(self) -> NDArray[np.float64]:
+        """The parameters (p,), scaled."""
+        return self.end.point
+
+    @property
+    def cost(self) -> float:
+        """The cost there."""
+        return self.end.cost
+
+    @cached_property
+    def equations(self) -> WindowEquations:
+        """The parameters' equations of each block there."""
+        return self.experiment.equations(self.end)
+
+
+def descend(
+    experiment: Experiment[At],
+    begin: NDArray[np.float64] | At,
+    *,
+    free: NDArray[np.bool_],
+    most_steps: int,
+    most_renewals: int = MOST_RENEWALS,
+    moved: NDArray[np.float64] | None = None,
+    target: float = np.inf,
+    run: Run = DEFAULT_RUN,
+) -> Descended[At]:
+    """Descend in parameters and blocks' states at once.
+
+    Parameters
+    ----------
+    begin : ndarray (p,) or iterate
+        A scaled point, the states being as measured; or where another descent ended.
+    free : ndarray (p,)
+        Which parameters the descent moves.
+    most_steps, most_renewals : int
+    moved : ndarray (p,), optional
+        By how much the first step moves those that are not free, whatever it costs.
+    target : float
+        The descent ends early where a few more gains as the last would leave it above this cost.
+    run : Run, optional
+        The stage "gauss_newton" is reported after each step.
+    """
+    at = experiment.begin(begin) if isinstance(begin, np.ndarray) else begin
+    fixed = np.zeros(len(at.point)) if moved is None else moved
+    radius, history = _RADIUS, list[float]()
+    scale = 2.0 * experiment.residual_count
+    short_steps = renewals = 0
+    for number in range(1, most_steps + 1):
+        about = experiment.linearize(at)
+        normal = about.equations.normal
+        H, g = normal.matrix, normal.scores.sum(axis=0)
+        step = _step(H, g, at.point, free=free, fixed=fixed, radius=radius)
+        promised = -float(2.0 * g @ step + step @ H @ step) / scale
+        after = experiment.advance(at, about, step)
+        gain = at.cost - after.cost
+        if gain > 0.0 or fixed.any():
+            at = after
+        length = float(np.abs(step - fixed).max())
+        if gain < 0.25 * promised:
+            radius = _NARROWER * length
+        elif gain > 0.75 * promised:
+            radius = min(max(radius, _WIDER * length), 1.0)
+        little = _LITTLE if renewals == most_renewals else _SLOW
+        short = gain < little and (promised < little or radius < _SHORT) and not fixed.any()
+        hopeless = not fixed.any() and gain > 0.0 and at.cost - _MORE_GAINS * gain > target
+        short_steps, fixed = short_steps + 1 if short else 0, np.zeros(len(at.point))
+        if short_steps == _PATIENCE and not hopeless and renewals < most_renewals and number < most_steps:
+            renewed = experiment.renew(at, seed=renewals)
+            renewals = renewals + 1 if renewed.cost < at.cost - _WORTH else most_renewals
+            at, radius, short_steps = min(renewed, at, key=lambda one: one.cost), max(radius, _AGAIN), 0
+        history.append(at.cost)
+        run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
+        if short_steps == _PATIENCE or hopeless:
+            break
+    return Descended(experiment=experiment, end=at, history=tuple(history))
+
+
+def _step(
+    H: NDArray[np.float64],
+    g: NDArray[np.float64],
+    point: NDArray[np.float64],
+    *,
+    free: NDArray[np.bool_],
+    fixed: NDArray[np.float64],
+    radius: float,
+) -> NDArray[np.float64]:
+    """Return the best step (p,) of free parameters beside that of those fixed, within the bounds and the region."""
+    step, places = fixed.copy(), np.flatnonzero(free & (H.diagonal() > 0.0))
+    if len(places):
+        scale = 1.0 / np.sqrt(H.diagonal()[places])
+        values, vectors = np.linalg.eigh(H[np.ix_(places, places)] * np.outer(scale, scale))
+        roots = np.sqrt(np.maximum(values, _FLATTEST * values[-1]))
+        right = -(vectors.T @ (scale * (g + H @ fixed)[places])) / roots
+        inside = point[places]
+        lower, upper = np.maximum(-radius, -inside), np.minimum(radius, 1.0 - inside)
+        # in place of a side that is no interval
+        upper = np.maximum(upper, lower + 1e-15)
+        found = lsq_linear(roots[:, None] * vectors.T / scale, right, bounds=(lower, upper), method="bvls")
+        step[places] = found.x
+    return np.clip(point + step, 0.0, 1.0) - point
+
+
+#: ends that differ by more in some scaled parameter are not of one optimum
+_ELSEWHERE = 0.05
+_AT_BOUND = 1e-9
+
+
+def elsewhere(point: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Return whether two scaled ends (p,) of a fit are different optima."""
+    return bool(np.abs(point - other).max() > _ELSEWHERE)
+
+
+def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which scaled parameters (p,) are at a bound."""
+    return (point <= _AT_BOUND) | (point >= 1.0 - _AT_BOUND)
+
+
+# --- search ---
+
+#: how the basin is found: by descents from fixed starts, or by a genetic algorithm, as in the thesis
+Search = Literal["multistart", "genetic"]
+#: from so many starts so many steps, side by side; the best go on
+_ROUNDS = ((4, 3), (2, 6))
+#: a genetic search ends early where this many generations together gain less than that; a descent follows
+_SEARCH_PATIENCE, _LEAST_SEARCH_GAIN = 25, 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SearchResult:
+    """What a search found."""
+
+    best: NDArray[np.float64]  #: (p,), scaled to 0 .. 1
+    history: tuple[float, ...] = ()  #: best cost after each generation
+    other: NDArray[np.float64] | None = None  #: (p,), where it also ended, elsewhere
+
+
+def multistart(
+    experiment: Experiment[At], starts: Sequence[NDArray[np.float64]], *, most_steps: int, run: Run
+) -> SearchResult:
+    """Descend from scaled starts (p,), from the best ones farther, and return the best end; the stage is "search"."""
+    rounds = [(count, min(steps, most_steps)) for count, steps in _ROUNDS]
+    total, done, least = sum(count * steps for count, steps in rounds), 0, np.inf
+    reporting = Lock()  # descents go side by side
+
+    def report(step: Progress) -> None:
+        nonlocal done, least
+        with reporting:
+            done, least = done + 1, min(least, step.cost)
+            run.progress(Progress(stage="search", done=min(done, total), total=total, cost=least))
+
+    def descent(steps: int, begin: NDArray[np.float64] | At) -> At:
+        reported = replace(run, progress=report)
+        return descend(
+            experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported
+        ).end
+
+    # a cluster works on the pieces of each descent
+    threads = run.executor if isinstance(run.executor, Threads) else Threads()
+    begins: Sequence[NDArray[np.float64] | At] = starts
+    found: list[At] = []
+    for count, steps in rounds:
+        found = sorted(threads(descent, steps, begins[:count]), key=lambda one: one.cost)
+        begins = found
+    best = found[0].point
+    others = (one.point for one in found[1:] if elsewhere(best, one.point))
+    return SearchResult(best=best, other=next(others, None))
+
+
+def genetic(experiment: Experiment[At], *, generations: int, population: int, run: Run) -> SearchResult:
+    """Search the free parameters within their bounds by a genetic algorithm; the stage is "evolution"."""
+    coordinates = experiment.coordinates
+    free, fixed = coordinates.free, coordinates.scaled(coordinates.nominal)
+
+    def points(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+        complete = np.tile(fixed, (len(drawn), 1))
+        complete[:, free] = drawn
+        return np.where(free, coordinates.from_search(complete), complete)
+
+    found = evolve(
+        lambda drawn: experiment.costs(points(drawn)),
+        size=int(free.sum()),
+        generations=generations,
+        population=population,
+        run=run,
+    )
+    return replace(found, best=points(found.best[None])[0])
+
+
+def evolve(
+    cost_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    *,
+    size: int,
+    generations: int,
+    population: int,
+    run: Run,
+) -> SearchResult:
+    """Minimise a cost over the unit cube, each generation in one batch.
+
+    CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`.
+
+    Parameters
+    ----------
+    cost_of : callable
+        From a population (population, p) to its costs (population,).
+    size : int
+        Number of coordinates, p.
+    generations, population : int
+    run : Run
+        Its seed fixes the search bit for bit; the stage "evolution" is reported after each generation.
+    """
+    from cmaes import CMA  # with scipy.stats, which takes half a second
+
+    bounds = np.tile([0.0, 1.0], (size, 1))
+    strategy = CMA(
+        mean=np.full(size, 0.5), sigma=0.3, bounds=bounds, population_size=population, seed=run.seed
+    )
+    best, least, history = np.full(size, 0.5), np.inf, []
+    for generation in range(1, generations + 1):
+        candidates = np.array([strategy.ask() for _ in range(population)])
+        costs = cost_of(candidates)
+        strategy.tell([(candidate, float(cost)) for candidate, cost in zip(candidates, costs, strict=True)])
+        if costs.min() < least:
+            best, least = candidates[costs.argmin()], float(costs.min())
+        history.append(least)
+        run.progress(Progress(stage="evolution", done=generation, total=generations, cost=least))
+        waited = (
+            len(history) > _SEARCH_PATIENCE and history[-_SEARCH_PATIENCE - 1] - least < _LEAST_SEARCH_GAIN
+        )
+        if waited or strategy.should_stop():
+            break
+    return SearchResult(best=best, history=tuple(history))
+
+
+# --- the fit ---
+
+#: largest rise of the cost when a parameter without influence returns to its nominal value
+LARGEST_LOSS = 1e-3
+#: a second optimum that costs more than the first by this, 30 in 2 ln(likelihood) of a log of 48 s, is no alternative
+_NEAR = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OtherOptimum:
+    """Where another descent from the same logs ended."""
+
+    values: NDArray[np.float64]  #: (p,), SI units
+    rise: float  #: of the cost there, over that of the estimate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit(Generic[At]):
+    """A fitted experiment, and the parameters that its data determine."""
+
+    finished: Descended[At]
+    no_influence: NDArray[np.bool_]  #: (p,), free parameters that the residuals do not depend on
+    refused: NDArray[np.bool_]  #: (p,), others that the data do not excite
+    other: OtherOptimum | None  #: where another descent ended
+    searched: tuple[float, ...] = ()  #: best cost after each generation of a genetic search
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The parameters (p,), SI units."""
+        return self.finished.experiment.coordinates.physical(self.finished.point)
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """Which parameters (p,) get no number."""
+        return self.no_influence | self.refused
+
+    @property
+    def at_bound(self) -> NDArray[np.bool_]:
+        """Which of the others (p,) are at a bound."""
+        free = self.finished.experiment.coordinates.free
+        return free & ~self.unknown & at_bound(self.finished.point)
+
+    @property
+    def estimated(self) -> NDArray[np.bool_]:
+        """Which parameters (p,) have a standard error."""
+        free = self.finished.experiment.coordinates.free
+        return free & ~self.unknown & ~at_bound(self.finished.point)
+
+
+def fit(
+    experiment: Experiment[At],
+    start: NDArray[np.float64],
+    *,
+    also: NDArray[np.float64] | None = None,
+    refused: NDArray[np.bool_],
+    most_steps: int,
+    run: Run = DEFAULT_RUN,
+) -> Fit[At]:
+    """Fit by Gauss-Newton, fix what has no influence, and fit the rest again from there.
+
+    Parameters
+    ----------
+    start : ndarray (p,)
+        Scaled, as a search found it.
+    also : ndarray (p,), optional
+        Another place where a search ended.
+    refused : ndarray (p,)
+        Parameters that the data do not excite: they are fitted, and get no number.
+    most_steps : int
+        Of each descent.
+    run : Run, optional
+    """
+    coordinates = experiment.coordinates
+    free = coordinates.free
+    finished = descend(experiment, start, free=free, most_steps=most_steps, run=run)
+    other = None if also is None else _second_optimum(finished, also, most_steps=most_steps, run=run)
+    if other is not None and other.cost < finished.cost:
+        finished, other = other, finished
+    rise = 0.0 if other is None else other.cost - finished.cost
+    dependent, through = unidentifiable(finished, most_steps=most_steps, run=run)
+    no_influence = free & (dependent | without_influence(finished.equations.normal))
+    if no_influence.any():
+        again = _as_before(experiment, finished.point, no_influence & ~dependent)
+        own = coordinates.scaled(coordinates.nominal)
+        again = np.where(through, 0.0, np.where(dependent, own, again))
+        begin = experiment.begin(again, finished.end)
+        finished = descend(experiment, begin, free=free & ~no_influence, most_steps=most_steps, run=run)
+    return Fit(
+        finished=finished,
+        no_influence=no_influence,
+        refused=refused & ~no_influence,
+        other=other and OtherOptimum(values=coordinates.physical(other.point), rise=rise),
+    )
+
+
+def _second_optimum(
+    finished: Descended[At], point: NDArray[np.float64], *, most_steps: int, run: Run
+) -> Descended[At] | None:
+    """Return where a descent from a point (p,) ends; None if at the same optimum or far above it."""
+    experiment, free = finished.experiment, finished.experiment.coordinates.free
+    target = finished.cost + _NEAR
+    other = descend(
+        experiment, point, free=free, most_steps=most_steps, most_renewals=0, target=target, run=run
+    )
+    if not elsewhere(finished.point, other.point) or other.cost > target:
+        return None
+    other = descend(experiment, other.end, free=free, most_steps=most_steps, run=run)
+    return other if elsewhere(finished.point, other.point) else None
+
+
+def _as_before(
+    experiment: Experiment[At], point: NDArray[np.float64], no_influence: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return `point` (p,) with nominal values where there is no influence, if that predicts as well.
+
+    It need not: a wheel that friction holds throughout is held by any friction above some size, and not by none.
+    """
+    own = experiment.coordinates.scaled(experiment.coordinates.nominal)
+    before = np.where(no_influence, own, point)
+    costs = experiment.costs(np.stack([point, before]))
+    return before if costs[1] < costs[0] + LARGEST_LOSS else point
+
+
+#: confidence that an effect is not zero; a number without a meaning is worse than none
+_EFFECT_CONFIDENCE = 0.999
+#: the fit without the effect is left out if the errors alone put it this many times past the limit
+_CLEARLY_PRESENT = 4.0
+
+
+def unidentifiable(
+    fit: Descended[At], *, most_steps: int, run: Run = DEFAULT_RUN
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which free parameters (p,) act through others that do not differ from zero, and these others (p,)."""
+    coordinates, names = fit.experiment.coordinates, np.array(fit.experiment.coordinates.names)
+    dependent, through = (np.zeros(len(names), dtype=bool) for _ in range(2))
+    for one in fit.experiment.dependences:
+        free = coordinates.free & (fit.equations.normal.matrix.diagonal() > 0.0)
+        mine, theirs = np.isin(names, one.dependent) & free, (names == one.through) & free
+        if mine.any() and theirs.any() and not _has_effect(fit, theirs, mine, most_steps, run):
+            dependent, through = dependent | mine, through | theirs
+    return dependent, through
+
+
+def _has_effect(
+    fit: Descended[At],
+    through: NDArray[np.bool_],
+    dependent: NDArray[np.bool_],
+    most_steps: int,
+    run: Run,
+) -> bool:
+    """Return whether the fit is better with parameters `through` than without, see the module's text."""
+    amounts, normal, free = fit.point * through, fit.equations.normal, fit.experiment.coordinates.free
+    if not amounts.any():
+        return False
+    varies = through | (free & (normal.matrix.diagonal() > 0.0) & (fit.point > 0.0))
+    spread = covariance(normal, varies)[np.ix_(through, through)]
+    limit = float(special.chdtri(int(through.sum() + dependent.sum()), 1.0 - _EFFECT_CONFIDENCE))
+    own = amounts[through]
+    if own @ np.linalg.lstsq(spread, own, rcond=1e-13)[0] > _CLEARLY_PRESENT * limit:
+        return True
+    # lambda: the clustered covariance over that of independent residuals, on average over the numbers
+    inverse = np.linalg.pinv(normal.matrix[np.ix_(varies, varies)], hermitian=True)
+    independent = inverse[np.ix_(through[varies], through[varies])]
+    dependence = float(np.trace(np.linalg.lstsq(independent, spread, rcond=1e-13)[0])) / len(spread)
+    target = fit.cost + limit * dependence / (2.0 * fit.experiment.residual_count)
+    without = descend(
+        fit.experiment,
+        fit.end,
+        free=free & ~through & ~dependent,
+        most_steps=most_steps,
+        moved=-amounts,
+        target=target,
+        run=run,
+    )
+    return without.cost > target

@@ -1,0 +1,638 @@
+"""The balancing experiment: windows of logs predicted by the model, each from a start that is estimated too.
+
+A window predicted from a measured start carries that one sample's noise, grown by an unstable plant, through all its
+residuals: on simulated logs with the noise of good sensors, standard errors were four times too large for what a log
+holds, a quarter too small for what the estimates did, and the estimates were biased, as with errors in any regressor.
+Here the start x_w of each window w is one more unknown, tied to the measured start by a residual that weighs as those
+of the other samples do, and eliminated (`ballbot.fitting.experiment`). Derivatives in a descent are those of the
+steps themselves, by narrow differences.
+
+Kinks. A prediction is smooth but where the sign of a wheel's or the ball's speed changes or a contact comes to rest:
+there it is continuous, and its derivatives jump. Of a hundred windows some ten have their best start on such a kink,
+where no derivative is zero: steps that know one side alone stop short of it, and the parameters' gradient then has an
+error of the size of that window's. From slopes Z = [J S] on one side and Z' on the other, with a shift between them,
+
+    Z' - Z = u n^T,     the kink:  n^T (dp, dx) = kappa,     u kappa = u n^T shift - (r' - r - Z shift).
+
+A start that is best on a kink stays there: n is a tie, a further residual of great weight, and what follows from it
+for p and x_w is exact. Predictions of a step's gain then hold to four digits, window by window.
+
+Other minima. A few windows in a hundred have several minima over their start, by which contact rests and when (1e-5 to
+5e-4 of the cost each). Where the descent has ended, windows are therefore begun again from random starts: those whose
+prediction is straight between its start and the new one, which tells that they lie in one basin, are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.fitting.experiment import Dependence, Linearized
+from ballbot.fitting.run import Executor, Threads
+from ballbot.fitting.uncertainty import WindowEquations
+from ballbot.identification.prediction import Predictor
+from ballbot.identification.quantities import Coordinates
+from ballbot.identification.windows import Windows
+from ballbot.log import STATE_NAMES
+
+_STATES = len(STATE_NAMES)
+#: moving a start along the floor moves the whole prediction: these columns of S need no simulation
+_ON_FLOOR = 2
+#: differences of scaled parameters, and of starts in deviations of their state's residuals: those of the descent, which
+#: agree with ones ten times wider to 1e-5, and half the central ones of the result's equations, which average over
+#: single sticking steps
+_NARROW, _WIDE = (1e-6, 1e-4), (2e-3, 0.5)
+#: stands for a residual without a value
+_LOST = 1e150
+#: windows of a piece of work, and sets of parameters in one whose costs alone are wanted
+_PIECE, _SETS = 64, 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cost:
+    """The cost that identification minimises: the mean over states of ln(error / error without friction).
+
+    With squares summed over windows and time, its gradient is that of least squares in which each state weighs
+    one over its residual's variance, so that no weights have to be chosen; exp(cost) is the geometric mean
+    of the ten ratios. Below the resolution of the simulation, 1e-6 of the error without friction, it is level.
+    """
+
+    reference: NDArray[np.float64]  #: (10,), sums of squares without friction on the same windows
+    counted: NDArray[np.bool_]  #: (10,), the states that it counts
+
+    def __call__(self, square_sums: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the cost (sets,) of sums of squares (sets, 10), infinite if a prediction has no value."""
+        floor = self._floor()
+        ratios = (square_sums + floor) / (self.reference + floor)
+        cost = 0.5 * np.log(ratios[..., self.counted]).mean(axis=-1)
+        return np.where(np.isfinite(cost), cost, np.inf)
+
+    def weights(self, square_sums: NDArray[np.float64], compared: int) -> NDArray[np.float64]:
+        """Return the weights of states' residuals (10,), one over their deviation, from sums of `compared` squares."""
+        # the floor of the cost, and for a state that nothing moves any weight will do
+        return np.sqrt(compared / (square_sums + self._floor()))
+
+    def _floor(self) -> NDArray[np.float64]:
+        return 1e-12 * self.reference + np.finfo(float).tiny
+
+
+@dataclass(kw_only=True, eq=False)
+class _Slopes:
+    """Slopes of n windows; those by parameters are taken when they are first needed."""
+
+    values: NDArray[np.float64]  #: (n, m + 10, 1 + k, 10)
+    starts: NDArray[np.float64]  #: (n, 10), where they are taken
+    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), there
+    known: NDArray[np.bool_]  #: (n,), whether those by parameters are
+
+    def put(self, places: NDArray[np.int64], other: _Slopes, chosen: NDArray[np.bool_]) -> None:
+        """Take those chosen of another's at these places."""
+        for name in ("values", "starts", "residuals", "known"):
+            getattr(self, name)[places] = getattr(other, name)[chosen]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WindowsIterate:
+    """A point of a descent: parameters and starts, what is predicted there, and its slopes by both."""
+
+    point: NDArray[np.float64]  #: (p,), scaled
+    starts: NDArray[np.float64]  #: (w, 10)
+    residuals: NDArray[np.float64]  #: (w, 1 + k, 10)
+    weights: NDArray[np.float64]  #: (1 + k, 10), of the residuals of every window
+    cost: float
+    slopes: _Slopes  #: by m free parameters and starts
+    ties: NDArray[np.float64] | float = 0.0  #: (w, m + 10, m + 10), see the module's text
+    others: NDArray[np.float64]  #: (n, w, 10), starts in other basins, to be tried at the next point
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Work:
+    """Inputs that all pieces of the work share."""
+
+    predictor: Predictor  #: of one thread
+    windows: Windows
+
+    def residuals(
+        self, values: NDArray[np.float64], starts: NDArray[np.float64], rows: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return residuals (sets, rows, 1 + k, 10) in SI units, those of the starts (sets, rows, 10) first."""
+        windows, every = self.windows.take(rows), self.windows.comparison_interval
+        later = self.predictor.residuals(values, windows, every=every, starts=starts)
+        return np.concatenate([(starts - windows.initial)[:, :, None], later], axis=2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Balancing:
+    """Windows to fit and how: an `Experiment`."""
+
+    predictor: Predictor
+    windows: Windows
+    coordinates: Coordinates
+    #: which states (10,) count in the cost
+    counted: NDArray[np.bool_] = field(default_factory=lambda: np.ones(_STATES, dtype=bool))
+    #: of the states' sums of squares; by default that of a prediction without friction
+    reference: NDArray[np.float64] | None = None
+    executor: Executor = field(default_factory=Threads)  #: where the work is done
+
+    #: v_s and delta shape how s fades
+    dependences = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
+
+    @cached_property
+    def cost(self) -> Cost:
+        """What is minimised."""
+        reference = self.reference
+        if reference is None:
+            before = np.clip(self.coordinates.nominal, self.coordinates.lower, self.coordinates.upper)
+            none = self.predictor.layout.without_friction(before)[None]
+            every = self.windows.comparison_interval
+            reference = self.predictor.square_sums(none, self.windows, every=every)[0]
+        return Cost(reference=reference, counted=self.counted)
+
+    @property
+    def block_log(self) -> NDArray[np.int64]:
+        """Which log each window is of (w,)."""
+        return np.array([span.log for span in self.windows.spans], dtype=np.int64)
+
+    @property
+    def compared(self) -> int:
+        """How many residuals each state has, starts among them."""
+        return len(self.windows) * (1 + self.windows.samples // self.windows.comparison_interval)
+
+    @property
+    def residual_count(self) -> int:
+        """How many residuals the cost counts."""
+        return self.compared * int(self.counted.sum())
+
+    def part(self, blocks: NDArray[np.int64]) -> Balancing:
+        """Return the experiment of some of the windows."""
+        return replace(self, windows=self.windows.take(blocks))
+
+    def costs(
+        self, points: NDArray[np.float64], starts: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the costs (sets,) of points (sets, p) with windows' starts (sets, w, 10), by default measured ones."""
+        values = self.coordinates.physical(points)
+        if starts is None:
+            starts = np.broadcast_to(self.windows.initial, (len(values), *self.windows.initial.shape))
+        groups = [slice(first, first + _SETS) for first in range(0, len(values), _SETS)]
+        rows = self._rows
+        pieces = [(values[group], starts[group][:, k], k) for group in groups for k in rows]
+        found = self.executor(_squares_piece, self._work, pieces)
+        squares = [np.concatenate(found[i : i + len(rows)], axis=1) for i in range(0, len(found), len(rows))]
+        return self.cost(np.concatenate(squares).sum(axis=1))
+
+    def begin(self, point: NDArray[np.float64], near: WindowsIterate | None = None) -> WindowsIterate:
+        """Return where a descent begins: a point (p,) and the best starts near those of `near`, or measured."""
+        return self._settled(self._at(point, self.windows.initial if near is None else near.starts), point)
+
+    def linearize(self, at: WindowsIterate) -> Linearized:
+        """Return the equations there, from the slopes that are known."""
+        places, size, count = np.flatnonzero(self.coordinates.free), len(at.point), len(at.starts)
+        slopes, m = at.slopes, len(places)
+        if not slopes.known.all():
+            about = _differences(self.coordinates, at.point, at.weights, _NARROW)
+            rows = [k[~slopes.known[k]] for k in self._rows]
+            pieces = [(about, slopes.starts[k], slopes.residuals[k], k) for k in rows]
+            for k, found in zip(rows, self.executor(_by_parameters_piece, self._work, pieces), strict=True):
+                slopes.values[k, :m] = found
+            slopes.known[:] = True
+        Z, r = _flat(slopes.values, at.weights), _flat(at.residuals, at.weights)
+        # so small that BLAS takes one thread, and the order of summation is always the same
+        G, z = Z @ Z.transpose(0, 2, 1) + at.ties, (Z @ r[..., None])[..., 0]
+        H, B, g = np.zeros((count, size, size)), np.zeros((count, _STATES, size)), np.zeros((count, size))
+        H[:, places[:, None], places], B[:, :, places], g[:, places] = G[:, :m, :m], G[:, m:, :m], z[:, :m]
+        return Linearized(H=H, B=B, A=G[:, m:, m:], g=g, a=z[:, m:])
+
+    def linearize_widely(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
+        """Return the equations about a point (p,) and starts (w, 10), by wide central differences."""
+        at = self._at(point, starts)
+        about = _differences(self.coordinates, point, at.weights, _WIDE, central=True)
+        found = self.executor(_wide_piece, self._work, [(about, starts[k], k) for k in self._rows])
+        at.slopes.known[:] = True
+        return self.linearize(replace(at, slopes=replace(at.slopes, values=np.concatenate(found))))
+
+    def equations(self, at: WindowsIterate) -> WindowEquations:
+        """Return each window's equations there, its start eliminated, by wide central differences."""
+        return self.linearize_widely(at.point, at.starts).equations
+
+    def advance(self, at: WindowsIterate, about: Linearized, step: NDArray[np.float64]) -> WindowsIterate:
+        """Return the iterate a step (p,) on, its starts settled anew."""
+        ahead = at.starts + about.response @ step
+        return self._settled(at, at.point + step, np.stack([ahead, ahead + about.shift]))
+
+    def renew(self, at: WindowsIterate, *, seed: int) -> WindowsIterate:
+        """Return the same point with the best start of each window, after settling from random ones as well."""
+        about = _differences(self.coordinates, at.point, at.weights, _NARROW, starts_alone=True)
+        pieces = [
+            (
+                about,
+                at.starts[k],
+                at.residuals[k],
+                at.slopes.values[k, -_STATES:],
+                at.others[:, k],
+                seed,
+                k,
+            )
+            for k in self._rows
+        ]
+        found = np.concatenate(self.executor(_renewed_piece, self._work, pieces), axis=1)
+        return self._settled(replace(at, starts=found[0], others=found[1:]), at.point)
+
+    @cached_property
+    def _work(self) -> Work:
+        return Work(predictor=replace(self.predictor, threads=1), windows=self.windows)
+
+    @property
+    def _rows(self) -> list[NDArray[np.int64]]:
+        """The windows' numbers, piece by piece; the cut is fixed, as it decides the last bits of a start."""
+        count = len(self.windows)
+        return [np.arange(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE)]
+
+    def _at(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> WindowsIterate:
+        """Return what is predicted at a point (p,) with starts (w, 10), without slopes."""
+        values = self.coordinates.physical(point[None])
+        pieces = [(values, starts[None, k], k) for k in self._rows]
+        parts = self.executor(_residuals_piece, self._work, pieces)
+        none = np.zeros((0, *starts.shape))
+        residuals = np.concatenate(parts, axis=1)[0]
+        unknown = np.zeros(len(starts), dtype=bool)
+        slopes = _Slopes(values=none, starts=starts, residuals=residuals, known=unknown)
+        return self._weighed(point, starts, residuals, slopes=slopes, ties=0.0, others=none)
+
+    def _settled(
+        self,
+        near: WindowsIterate,
+        point: NDArray[np.float64],
+        offered: NDArray[np.float64] | None = None,
+    ) -> WindowsIterate:
+        """Return what is predicted at a point (p,) from the best starts near those there were or offered (n, w, 10)."""
+        about = _differences(self.coordinates, point, near.weights, _NARROW)
+        starts = near.starts[None] if offered is None else np.concatenate([near.starts[None], offered])
+        pieces = [(about, starts[:, k], near.others[:, k], k) for k in self._rows]
+        found = self.executor(_settled_piece, self._work, pieces)
+        lanes, ties, others = zip(*found, strict=True)
+        names = ("values", "starts", "residuals", "known")
+        slopes = _Slopes(
+            **{name: np.concatenate([getattr(one.slopes, name) for one in lanes]) for name in names}
+        )
+        return self._weighed(
+            point,
+            np.concatenate([one.starts for one in lanes]),
+            np.concatenate([one.residuals for one in lanes]),
+            slopes=slopes,
+            ties=np.concatenate(ties),
+            others=np.concatenate(others, axis=1),
+        )
+
+    def _weighed(
+        self,
+        point: NDArray[np.float64],
+        starts: NDArray[np.float64],
+        residuals: NDArray[np.float64],
+        *,
+        slopes: _Slopes,
+        ties: NDArray[np.float64] | float,
+        others: NDArray[np.float64],
+    ) -> WindowsIterate:
+        squares = (residuals**2).sum(axis=(0, 1))
+        by_state = self.cost.weights(squares, self.compared)
+        weights = np.tile(np.where(self.counted, by_state, 0.0), (residuals.shape[1], 1))
+        weights[0] = by_state  # a state that does not count still ties its start, or nothing would
+        return WindowsIterate(
+            point=point,
+            starts=starts,
+            residuals=residuals,
+            weights=weights,
+            cost=float(self.cost(squares)),
+            slopes=slopes,
+            ties=ties,
+            others=others,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Differences:
+    """What slopes are differences of: n points ahead, then n or one behind."""
+
+    values: NDArray[np.float64]  #: (n + n or 1, p), SI units
+    shifts: NDArray[np.float64]  #: (n + n or 1, 10), of the starts
+    distance: NDArray[np.float64]  #: (n,), between the two of each, scaled
+    weights: NDArray[np.float64]  #: (1 + k, 10)
+
+    @property
+    def parameters(self) -> int:
+        """How many of the n points move a parameter, m."""
+        return len(self.distance) - (_STATES - _ON_FLOOR)
+
+
+def _differences(
+    coordinates: Coordinates,
+    point: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    widths: tuple[float, float],
+    *,
+    central: bool = False,
+    starts_alone: bool = False,
+) -> _Differences:
+    """Return differences about a point (p,) by these widths of parameters, unless of starts alone, and starts."""
+    free = coordinates.free
+    places = np.flatnonzero(np.zeros_like(free) if starts_alone else free)
+    width = widths[0] * np.eye(len(point))[places]
+    ahead, behind = point + width, np.clip(point - width, 0.0, 1.0)
+    if central:
+        ahead = np.clip(ahead, 0.0, 1.0)
+    else:
+        ahead, behind = np.where((ahead > 1.0).any(axis=1, keepdims=True), behind, ahead), point[None]
+    moves = np.diag(widths[1] / weights[0])[_ON_FLOOR:]
+    held, still = np.tile(point, (len(moves), 1)), np.zeros((len(places), _STATES))
+    points = [ahead, held, behind, held] if central else [ahead, held, behind]
+    shifts = [still, moves, still, -moves] if central else [still, moves, np.zeros((1, _STATES))]
+    return _Differences(
+        values=coordinates.physical(np.concatenate(points)),
+        shifts=np.concatenate(shifts),
+        distance=np.concatenate([(ahead - behind).sum(axis=1), (1 + central) * moves.sum(axis=1)]),
+        weights=weights,
+    )
+
+
+@dataclass(kw_only=True, eq=False)
+class _Lanes:
+    """Starts that settle side by side, each of a window; changed in place."""
+
+    rows: NDArray[np.int64]  #: (n,), the windows
+    starts: NDArray[np.float64]  #: (n, 10)
+    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), from the starts
+    slopes: _Slopes
+
+
+def _lanes(
+    work: Work,
+    about: _Differences,
+    starts: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    residuals: NDArray[np.float64] | None = None,
+) -> _Lanes:
+    """Return starts (n, 10) of windows with their slopes by the starts, and residuals (n, 1 + k, 10) if not given."""
+    m, here = about.parameters, residuals
+    if here is None:
+        here = work.residuals(about.values[-1:], starts[None], rows)[0]
+    values = np.zeros((len(rows), m + _STATES, *here.shape[1:]))
+    values[:, m + _ON_FLOOR :] = _differences_of(work, about, starts, rows, slice(m, None), here)
+    for state in range(_ON_FLOOR):
+        values[:, m + state, :, state] = 1.0
+    unknown = np.zeros(len(rows), dtype=bool)
+    slopes = _Slopes(values=values, starts=starts.copy(), residuals=here.copy(), known=unknown)
+    return _Lanes(rows=rows, starts=starts.copy(), residuals=here, slopes=slopes)
+
+
+def _differences_of(
+    work: Work,
+    about: _Differences,
+    starts: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    which: slice,
+    behind: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Return slopes (rows, n, 1 + k, 10) by some of the n points, zero where a prediction has no value.
+
+    `behind` are the residuals (rows, 1 + k, 10) behind all of them, where differences are not central.
+    """
+    n = len(about.distance)
+    ahead = work.residuals(about.values[:n][which], starts + about.shifts[:n][which][:, None], rows)
+    if behind is None:
+        behind = work.residuals(about.values[n:][which], starts + about.shifts[n:][which][:, None], rows)
+    with np.errstate(invalid="ignore"):
+        slopes = ((ahead - behind) / about.distance[which][:, None, None, None]).transpose(1, 0, 2, 3)
+    return np.where(np.isfinite(slopes), slopes, 0.0)
+
+
+def _complete(work: Work, about: _Differences, lanes: _Lanes, places: NDArray[np.int64]) -> None:
+    """Take the slopes by parameters of lanes that lack them."""
+    slopes, m = lanes.slopes, about.parameters
+    places = places[~slopes.known[places]]
+    if m and len(places):
+        slopes.values[places, :m] = _differences_of(
+            work, about, slopes.starts[places], lanes.rows[places], slice(m), slopes.residuals[places]
+        )
+        slopes.known[places] = True
+
+
+def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return weighted residuals or slopes (..., (1 + k) 10) of those in SI units (..., 1 + k, 10)."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        flat = (values * weights).reshape(*values.shape[:-2], -1)
+    if flat.size and flat.max() < _LOST and flat.min() > -_LOST:  # as nearly always, and cheaper
+        return flat
+    return np.where(np.abs(flat) < _LOST, flat, _LOST)
+
+
+def _residuals_piece(
+    work: Work, piece: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
+) -> NDArray[np.float64]:
+    return work.residuals(*piece)
+
+
+def _squares_piece(
+    work: Work, piece: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
+) -> NDArray[np.float64]:
+    """Return each window's squares (sets, rows, 10)."""
+    return (work.residuals(*piece) ** 2).sum(axis=2)
+
+
+def _wide_piece(
+    work: Work, piece: tuple[_Differences, NDArray[np.float64], NDArray[np.int64]]
+) -> NDArray[np.float64]:
+    """Return slopes (rows, m + 10, 1 + k, 10) by central differences."""
+    about, starts, rows = piece
+    found = _differences_of(work, about, starts, rows, slice(None))
+    m = about.parameters
+    slopes = np.zeros((len(rows), m + _STATES, *found.shape[2:]))
+    slopes[:, :m], slopes[:, m + _ON_FLOOR :] = found[:, :m], found[:, m:]
+    for state in range(_ON_FLOOR):
+        slopes[:, m + state, :, state] = 1.0
+    return slopes
+
+
+def _by_parameters_piece(
+    work: Work, piece: tuple[_Differences, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
+) -> NDArray[np.float64]:
+    about, starts, residuals, rows = piece
+    return _differences_of(work, about, starts, rows, slice(about.parameters), residuals)
+
+
+def _settled_piece(
+    work: Work,
+    piece: tuple[_Differences, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
+) -> tuple[_Lanes, NDArray[np.float64], NDArray[np.float64]]:
+    """Return each window's best start near the best of those offered, its ties, and others."""
+    about, own, others, rows = piece
+    offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
+    starts, residuals = offered[0], None
+    if len(offered) > 1:
+        found = work.residuals(np.tile(about.values[-1:], (len(offered), 1)), offered, rows)
+        squares = (_flat(found, about.weights) ** 2).sum(axis=-1)
+        chosen = squares.argmin(axis=0)
+        starts, residuals = offered[chosen, each], found[chosen, each]
+        left = np.flatnonzero(chosen >= len(own))
+        others[chosen[left] - len(own), left] = own[0, left]
+    lanes = _lanes(work, about, starts, rows, residuals)
+    return lanes, _settle(work, about, lanes), others
+
+
+#: a start has settled where a step promises less, in squares of a residual's deviation; steps at most
+_SETTLED, _ROUNDS = 1e-3, 5
+#: a step along one side's slopes holds if it gains this share of what they promise, and needs no new slopes with that
+_HOLDS, _STRAIGHT = 0.5, 0.9
+#: weight of a tie, over that of the residuals along its normal
+_TIE = 1e6
+
+
+def _settle(work: Work, about: _Differences, lanes: _Lanes) -> NDArray[np.float64]:
+    """Bring each lane to the least cost over its start; return its ties (n, m + 10, m + 10)."""
+    m, W = about.parameters, about.weights
+    ties = np.zeros((len(lanes.rows), m + _STATES, m + _STATES))
+    active = np.arange(len(lanes.rows))
+    for _ in range(_ROUNDS):
+        S, r = _flat(lanes.slopes.values[active, m:], W), _flat(lanes.residuals[active], W)
+        A, a = S @ S.transpose(0, 2, 1), (S @ r[..., None])[..., 0]
+        own, A = A, A + ties[active][:, m:, m:]
+        shift: NDArray[np.float64] = np.negative(np.linalg.solve(A, a[..., None])[..., 0], dtype=np.float64)
+        promised = -(a * shift).sum(axis=1)
+        unsettled = promised > _SETTLED
+        if not unsettled.any():
+            break
+        active, shift, promised = active[unsettled], shift[unsettled], promised[unsettled]
+        ahead = lanes.starts[active] + shift
+        residuals = work.residuals(about.values[-1:], ahead[None], lanes.rows[active])[0]
+        before = (r[unsettled] ** 2).sum(axis=1)
+        straight = before - (_flat(residuals, W) ** 2).sum(axis=1) > _STRAIGHT * promised
+        passed = active[straight]
+        lanes.starts[passed], lanes.residuals[passed] = ahead[straight], residuals[straight]
+        if straight.all():
+            continue
+        turned = np.flatnonzero(unsettled)[~straight]
+        active, shift, promised, before = (
+            active[~straight],
+            shift[~straight],
+            promised[~straight],
+            before[~straight],
+        )
+        r, own, A, a = r[turned], own[turned], A[turned], a[turned]
+        ahead = _lanes(work, about, lanes.starts[active] + shift, lanes.rows[active])
+        _complete(work, about, lanes, active)
+        _complete(work, about, ahead, np.arange(len(active)))
+        Z, Z_ahead = _flat(lanes.slopes.values[active], W), _flat(ahead.slopes.values, W)
+        r_ahead = _flat(ahead.residuals, W)
+        normal, distance = _kink(Z, Z_ahead, r_ahead - r, shift)
+        n = normal[:, m:]
+        free = (n * np.linalg.solve(own, n[..., None])[..., 0]).sum(axis=1, keepdims=True)
+        weight = _TIE / np.maximum(free, 1e-300)
+        tied = (weight * n)[:, :, None] * n[:, None]
+        onto = -np.linalg.solve(A + tied, (a - weight * distance[:, None] * n)[..., None])[..., 0]
+        on_kink = lanes.starts[active] + onto
+        residuals = work.residuals(about.values[-1:], on_kink[None], lanes.rows[active])[0]
+        gain = before - (r_ahead**2).sum(axis=1)
+        gain_on_kink = before - (_flat(residuals, W) ** 2).sum(axis=1)
+        holds = (gain > _HOLDS * promised) | (gain > np.maximum(gain_on_kink, 0.0))
+        passed, kept = active[holds], active[~holds]
+        lanes.starts[passed], lanes.residuals[passed] = ahead.starts[holds], ahead.residuals[holds]
+        lanes.slopes.put(passed, ahead.slopes, holds)
+        ties[passed] = 0.0
+        # the ties before this one were of the right kinks only if it led to what was expected
+        expected = -(2.0 * a * onto).sum(axis=1) - (onto * (own @ onto[..., None])[..., 0]).sum(axis=1)
+        right = np.abs(gain_on_kink - expected) < 0.2 * np.abs(expected) + _SETTLED
+        ties[active[~holds & ~right]] = 0.0
+        ties[kept] += ((weight * normal)[:, :, None] * normal[:, None])[~holds]
+        nearer = ~holds & (gain_on_kink > 0.0)
+        lanes.starts[active[nearer]], lanes.residuals[active[nearer]] = on_kink[nearer], residuals[nearer]
+    return ties
+
+
+def _kink(
+    Z: NDArray[np.float64],
+    ahead: NDArray[np.float64],
+    change: NDArray[np.float64],
+    shift: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where slopes jump between starts: the normals (n, m + 10), 1 long by the start, and the distances (n,).
+
+    Parameters
+    ----------
+    Z, ahead : ndarray (n, m + 10, K)
+        Weighted slopes at the starts and after the shifts (n, 10).
+    change : ndarray (n, K)
+        Of the weighted residuals.
+    """
+    m = Z.shape[1] - _STATES
+    lengths = np.maximum(np.sqrt((Z**2).sum(axis=2)), 1e-9)
+    jump = (ahead - Z) / lengths[:, :, None]
+    vectors = np.linalg.eigh(jump @ jump.transpose(0, 2, 1))[1][..., -1]
+    u, normal = (vectors[:, None] @ jump)[:, 0], vectors * lengths
+    size = np.maximum(np.linalg.norm(normal[:, m:], axis=1), 1e-300)[:, None]
+    along = (normal[:, m:] * shift).sum(axis=1, keepdims=True)
+    size = np.where(along < 0.0, -size, size)
+    normal, u, along = normal / size, u * size, along / size
+    unexplained = change - (shift[:, None] @ Z[:, m:])[:, 0]
+    share = (unexplained * u).sum(axis=1, keepdims=True) / np.maximum(
+        (u**2).sum(axis=1, keepdims=True), 1e-300
+    )
+    return normal, np.clip(along - share, 0.0, along)[:, 0]
+
+
+#: random starts of each window, from so many times to so many the deviations that its residuals leave, and how many of
+#: those that lie in other basins settle
+_DRAWN, _SPREADS, _RENEWED = 48, (0.5, 3.0), 3
+#: starts in other basins that go along with each window, which may become the better ones
+_OTHERS = 2
+#: they lie there if their cost, starts eliminated, differs by more, in squares; above the most they cannot be better
+_APART, _FAR, _BETTER = 0.02, 60.0, 0.01
+
+
+def _renewed_piece(
+    work: Work,
+    piece: tuple[
+        _Differences,
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        int,
+        NDArray[np.int64],
+    ],
+) -> NDArray[np.float64]:
+    """Return the best starts (1 + n, rows, 10), of the own one and those that settle from measured and random ones."""
+    about, starts, residuals, slopes, others, seed, rows = piece
+    S, r = _flat(slopes, about.weights), _flat(residuals, about.weights)
+    A = S @ S.transpose(0, 2, 1)
+    spread = np.linalg.inv(np.linalg.cholesky(A)).transpose(0, 2, 1)
+    drawn = np.random.default_rng([seed, int(rows[0])]).standard_normal((_DRAWN, *starts.shape, 1))
+    drawn *= np.linspace(*_SPREADS, _DRAWN)[:, None, None, None]
+    random = starts + (spread @ drawn)[..., 0]
+    offered = np.concatenate([work.windows.initial[rows][None], others, random])
+    found = work.residuals(np.tile(about.values[-1:], (len(offered), 1)), offered, rows)
+
+    def eliminated(r: NDArray[np.float64]) -> NDArray[np.float64]:
+        a = (S @ r[..., None])[..., 0]
+        return (r**2).sum(axis=-1) - (a * np.linalg.solve(A, a[..., None])[..., 0]).sum(axis=-1)
+
+    there, here = eliminated(_flat(found, about.weights)), eliminated(r)
+    apart = np.where((np.abs(there - here) > _APART) & (there < here + _FAR), there, np.inf)
+    chosen = np.argsort(apart, axis=0, kind="stable")[:_RENEWED]
+    sets, places = np.nonzero(np.isfinite(np.take_along_axis(apart, chosen, axis=0)))
+    best = [
+        [(float(squares) - _BETTER, start)] for squares, start in zip((r**2).sum(axis=1), starts, strict=True)
+    ]
+    if len(places):
+        which = chosen[sets, places]
+        lanes = _lanes(work, about, offered[which, places], rows[places], found[which, places])
+        _settle(work, about, lanes)
+        squares = (_flat(lanes.residuals, about.weights) ** 2).sum(axis=1)
+        for place, one, start in zip(places, squares, lanes.starts, strict=True):
+            if all(abs(one - known) > _APART for known, _ in best[place]):
+                best[place].append((float(one), start))
+    kept = [sorted(ones, key=lambda one: one[0])[: 1 + _OTHERS] for ones in best]
+    filled = [[start for _, start in ones] + [ones[0][1]] * (1 + _OTHERS - len(ones)) for ones in kept]
+    return np.array(filled).transpose(1, 0, 2)
