@@ -13,7 +13,6 @@ from ballbot.identification.excitation import heading_findings, share_shown
 from ballbot.identification.prediction import Predictor, windows_for
 from ballbot.identification.quantities import FRICTION as FRICTION_NAMES
 from ballbot.identification.quantities import (
-    NOT_IDENTIFIED,
     OF_WHEELS,
     QUANTITIES,
     TERMS,
@@ -46,11 +45,10 @@ def residuals(log: Log, extra: dict[str, list[float]], *, back_emf: float = 0.0)
     return predictor.residuals(values[None], windows, every=1)[0]
 
 
-def test_every_term_of_friction_is_identified_or_listed_as_not() -> None:
+def test_every_term_of_friction_is_identified() -> None:
     """Coulomb friction by direction is identified as a torque offset."""
     identified = {*FRICTION_NAMES, *TERMS, "coulomb_asymmetry"}
-    assert identified.isdisjoint(NOT_IDENTIFIED)
-    assert identified | {*NOT_IDENTIFIED} == {one.name for one in fields(Friction)}
+    assert identified | {"law", "own"} == {one.name for one in fields(Friction)}
 
 
 def log_of(states: list[np.ndarray], torques: np.ndarray) -> Log:

@@ -209,10 +209,6 @@ class TestTermsByDirectionAndLoad:
         unloaded = self.in_direction(np.sign(torque), 0.0)
         np.testing.assert_allclose(self.law.steady_friction(at), unloaded.steady_friction(at), rtol=1e-14)
 
-    def test_asymmetry_beyond_the_friction_is_refused(self):
-        with pytest.raises(InputError, match=r"asymmetries are 0\.2 and 0"):
-            Classical(viscous=0.01, coulomb=0.1, terms=WheelTerms(coulomb_asymmetry=0.2))
-
 
 @pytest.mark.parametrize(
     ("values", "word"),

@@ -491,8 +491,7 @@ def _result(
     values, uncertainty, varied, said = _uncertainty(
         experiment, estimate, scale_errors, options=options, run=run
     )
-    bounds = np.stack([coordinates.lower, coordinates.upper], axis=1)
-    errors = uncertainty.standard_errors
+    bounds, errors = np.stack([coordinates.lower, coordinates.upper], axis=1), uncertainty.standard_errors
     covariance = uncertainty.correlation * np.outer(errors, errors)
     robot = found_robot(
         predictor.robot,
@@ -506,6 +505,15 @@ def _result(
         log_count=len(fitted),
         asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
     )
+    coulomb = coulomb_equivalent(
+        layout,
+        values,
+        covariance=covariance,
+        wheel_speeds=wheel_speeds(experiment),
+        law=robot.friction.own_law,
+    )
+    source = "the balancing logs"
+    balancing = StageEstimate(source=source, labels=layout.labels, values=values, covariance=covariance)
     held_out = window_errors(predictor, prepared.held_out, values)
     findings = [
         *_log_findings(predictor, fitted, options.excluded_states),
@@ -513,12 +521,7 @@ def _result(
         *_parameter_findings(coordinates, estimate, values, uncertainty),
         *prediction_findings(held_out.with_over_without),
         *said,
-        *file_findings(
-            predictor.robot,
-            StageEstimate(
-                source="the balancing logs", labels=layout.labels, values=values, covariance=covariance
-            ),
-        ),
+        *file_findings(predictor.robot, balancing),
     ]
     return Identification(
         robot=robot.annotated(identified_from=[row for log in fitted for row in fingerprint(log)]),
@@ -530,13 +533,7 @@ def _result(
         intervals=dict(uncertainty.intervals),
         variation=varied,
         correlation=uncertainty.correlation,
-        coulomb=coulomb_equivalent(
-            layout,
-            values,
-            covariance=covariance,
-            wheel_speeds=wheel_speeds(experiment),
-            law=predictor.robot.friction.own_law,
-        ),
+        coulomb=coulomb,
         fit=window_errors(predictor, experiment.windows, values),
         held_out=held_out,
         fit_windows=experiment.windows.spans,

@@ -331,8 +331,6 @@ FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_expone
 TERMS = ("stribeck_asymmetry", "load")
 #: of the wheels, in the same order: without the floor's
 OF_WHEELS = tuple(name for name in FRICTION if name != "rolling")
-#: fields of `Friction` that no quantity stands for; the robot's own are used
-NOT_IDENTIFIED: tuple[str, ...] = ()
 #: names that stand for several
 GROUPS = MappingProxyType(
     {
@@ -426,9 +424,9 @@ class Layout:
     def robot_of(self, robot: Robot, values: NDArray[np.float64], *, asymmetric: bool = False) -> Robot:
         """Return the robot with friction and rigid body out of parameters (p,).
 
-        Terms of friction that are not among them become absent; those in `NOT_IDENTIFIED` stay as they are. A torque
-        that acts where none is logged stands, if `asymmetric`, for Coulomb friction that is as much smaller forward as
-        backward is larger: as far as it is no more than c, beyond which it is no friction. Likewise s by direction.
+        Terms of friction that are not among them become absent. A torque that acts where none is logged stands, if
+        `asymmetric`, for Coulomb friction that is as much smaller forward as backward is larger: as far as it is no
+        more than c, beyond which it is no friction. Likewise s by direction.
         """
         b, c, s, (v_s,), (delta,), (C_rr,) = (values[self._columns[name]].tolist() for name in FRICTION)
         offset = self.part("torque_offset", values) if asymmetric else None

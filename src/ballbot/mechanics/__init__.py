@@ -25,7 +25,7 @@ at rest            a limit: `mechanics/stick_slip.py` and `mechanics/engine/conv
 linearisation      `Model.linearize` in `mechanics/model.py`
 control            `control/parts/compensation.py`, `control/file.py`, and `control/overcompensation.py` for the
                    cautious friction
-identification     `identification/quantities.py`: a `Quantity`, or the name in `NOT_IDENTIFIED`;
+identification     `identification/quantities.py`: a `Quantity`;
                    `identification/prediction.py` writes it into the packed row, `identification/result.py` into the
                    robot
 twin               `twin/mjcf.py` or `twin/driveline.py`, and the name in `SIMULATED_FRICTION`

@@ -347,8 +347,9 @@ SIMULATED_FRICTION = (
 
 
 def _check_friction(friction: Friction) -> None:
+    friction.check_classical("The twin")
     for one in fields(friction):
-        if one.name not in SIMULATED_FRICTION and np.any(getattr(friction, one.name)):
+        if one.name not in (*SIMULATED_FRICTION, "law") and np.any(getattr(friction, one.name)):
             raise InputError(
                 f"The twin does not simulate friction.{one.name}; set it to zero in the scenario."
             )

@@ -143,7 +143,8 @@ def _lines(values: Mapping[str, object], place: str) -> Iterator[str]:
     """Yield a line for each key that is not empty."""
     stated = {one.name: one for one in parameters_of(Scenario)}
     for key, value in values.items():
-        if value != ():
+        # a scenario's friction is by the classical law, which no key states
+        if value != () and f"{place}{key}" != "friction.law":
             one = stated[f"{place}{key}"]
             unit = f" [{one.unit}]" if one.unit != DIMENSIONLESS else ""
             yield toml_line(key, value, f"{one.meaning}{unit}")
