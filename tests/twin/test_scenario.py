@@ -1,13 +1,13 @@
 """Scenarios and their files: read, written, refused."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.robot import Friction, Robot
-from ballbot.twin import Scenario, mjcf
+from ballbot.robot import Robot
+from ballbot.twin import Scenario
 from ballbot.twin.faults import (
     Compliance,
 )
@@ -69,17 +69,6 @@ def test_refuses_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> No
     assert sentence in said
     assert str(tmp_path / "mine.toml") in said
     assert "\n" not in said
-
-
-@pytest.mark.parametrize("term", [one.name for one in fields(Friction)])
-def test_a_friction_term_that_the_twin_does_not_simulate_is_refused(term: str, monkeypatch) -> None:
-    """Each field in turn is taken for one that the twin does not know: a field to come is refused likewise."""
-    directed = {"coulomb_asymmetry": (0.01,) * 3, "stribeck_asymmetry": (0.01,) * 3, "load": (0.1,) * 3}
-    scenario = replace(NOMINAL, friction=replace(NOMINAL.friction, **directed))
-    simulated = tuple(one for one in mjcf.SIMULATED_FRICTION if one != term)
-    monkeypatch.setattr(mjcf, "SIMULATED_FRICTION", simulated)
-    with pytest.raises(InputError, match=rf"The twin does not simulate friction\.{term}; set it to zero"):
-        mjcf.twin_mjcf(ALTEN, scenario)
 
 
 def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:

@@ -505,13 +505,8 @@ def _result(
         log_count=len(fitted),
         asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
     )
-    coulomb = coulomb_equivalent(
-        layout,
-        values,
-        covariance=covariance,
-        wheel_speeds=wheel_speeds(experiment),
-        law=robot.friction.own_law,
-    )
+    driven, own = wheel_speeds(experiment), robot.friction.own_law
+    coulomb = coulomb_equivalent(layout, values, covariance=covariance, wheel_speeds=driven, law=own)
     source = "the balancing logs"
     balancing = StageEstimate(source=source, labels=layout.labels, values=values, covariance=covariance)
     held_out = window_errors(predictor, prepared.held_out, values)

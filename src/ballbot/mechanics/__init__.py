@@ -28,6 +28,6 @@ control            `control/parts/compensation.py`, `control/file.py`, and `cont
 identification     `identification/quantities.py`: a `Quantity`;
                    `identification/prediction.py` writes it into the packed row, `identification/result.py` into the
                    robot
-twin               `twin/mjcf.py` or `twin/driveline.py`, and the name in `SIMULATED_FRICTION`
+twin               `twin/mjcf.py` or `twin/driveline.py`
 reports            `report/identification.py` and `robot/derived.py`
 """

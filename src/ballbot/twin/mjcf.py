@@ -42,7 +42,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -50,7 +50,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
 from ballbot.twin.engine import Engine
 from ballbot.twin.faults import Compliance, Payload, Softness
 from ballbot.twin.parts import BodyParts, WheelParts, split_robot, wheel_frames
@@ -246,7 +246,7 @@ def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor")
         If the scenario does not fit the robot, or the robot's wheels do not fit its body.
     """
     check_scenario(scenario, robot)
-    _check_friction(scenario.friction)
+    scenario.friction.check_classical("The twin")
     root = _document(robot, scenario, mounting)
     if mounting != "stand":
         add_roller_contacts(root, scenario)
@@ -328,31 +328,6 @@ def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mountin
         size=ball.radius,
         rgba="0.2 0.3 0.7 1",
     )
-
-
-#: terms of a scenario's friction that the twin simulates: wheels' here and in `driveline.py`, the floor's below
-SIMULATED_FRICTION = (
-    "viscous",
-    "coulomb",
-    "stribeck",
-    "stribeck_speed",
-    "stribeck_exponent",
-    "rolling",
-    "coulomb_asymmetry",
-    "stribeck_asymmetry",
-    "load",
-    "law",
-    "own",
-)
-
-
-def _check_friction(friction: Friction) -> None:
-    friction.check_classical("The twin")
-    for one in fields(friction):
-        if one.name not in (*SIMULATED_FRICTION, "law") and np.any(getattr(friction, one.name)):
-            raise InputError(
-                f"The twin does not simulate friction.{one.name}; set it to zero in the scenario."
-            )
 
 
 def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
