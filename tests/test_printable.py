@@ -105,7 +105,7 @@ def test_results_are_json_whatever_the_names(text):
 
 
 def test_a_page_escapes_names(tmp_path):
-    from ballbot.report.blocks import Bullets, Paragraph, Report, Sheet, section
+    from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
     from ballbot.report.page import page_of
     from ballbot.report.provenance import Provenance, SourceFile
 
@@ -118,7 +118,7 @@ def test_a_page_escapes_names(tmp_path):
     )
     blocks = (Paragraph(text=bad), Bullets(items=[bad]), Sheet(headings=(bad,), rows=[(bad,)], caption=bad))
     page = page_of(
-        Report(
+        Result(
             title=bad,
             lead=bad,
             verdict=[(bad, bad)],

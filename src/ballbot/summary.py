@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,11 +133,16 @@ def plotted(value: object) -> Figure:
 
 def report_summary(value: object) -> Summary:
     """Return the summary of a value whose report has its sentences, as `plotted` returns its figure."""
-    return import_module("ballbot.report.plots").SUMMARIES[type(value).__name__](value)
+    return _result(value).summary()
 
 
 def written_results(value: object) -> dict[str, object]:
-    """Return what results.json holds of a value, as `ballbot.report.plots` finds it."""
+    """Return what results.json holds of a value whose report knows it."""
+    return _result(value).to_dict()
+
+
+def _result(value: object) -> Any:
+    """Return the `ballbot.report.blocks.Result` of a value."""
     return import_module("ballbot.report.plots").RESULTS[type(value).__name__](value)
 
 

@@ -22,7 +22,7 @@ from ballbot.report.blocks import (
     Cell,
     Paragraph,
     Picture,
-    Report,
+    Result,
     Sheet,
     Verbatim,
     details,
@@ -49,7 +49,7 @@ def page(*blocks, **more) -> str:
         "verdict": [("It", "works.")],
         "undecided": ["everything else"],
     }
-    return page_of(Report(**(given | more), sections=[section("A section", *blocks)], made=MADE))
+    return page_of(Result(**(given | more), sections=[section("A section", *blocks)], made=MADE))
 
 
 def series(t, *columns, **more) -> TimeSeries:
@@ -221,7 +221,7 @@ def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
     shown = Sheet(
         headings=("state", "RMSE"), groups=(("", 1), ("with", 1)), rows=[("y", "21.25")], caption="One."
     )
-    report = Report(
+    report = Result(
         title="a title",
         lead="a lead",
         verdict=[("It", "works."), ("", "Indeed.")],
@@ -258,7 +258,7 @@ def printed(parts) -> list[str]:
 
 def test_a_page_folds_details_states_the_next_step_and_has_the_data_of_figures():
     figure = drawn_picture("one", _line, "a figure")
-    report = Report(
+    report = Result(
         title="a title",
         lead="a lead",
         verdict=[("It", "works.")],

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from ballbot.report.blocks import Cell, Paragraph, Report, Sheet, Verbatim, details, section
+from ballbot.report.blocks import Cell, Paragraph, Result, Sheet, Verbatim, details, section
 from ballbot.report.page import page_of
 from ballbot.report.provenance import Provenance, SourceFile
 from ballbot.report.series import Line, Panel, TimeSeries
@@ -64,7 +64,7 @@ def path(tmp_path_factory):
         seed=0,
         versions={"numpy": "2"},
     )
-    report = Report(
+    report = Result(
         title="a_name_without_a_space_that_is_longer_than_a_telephone_is_wide: friction",
         lead="A study.",
         verdict=[("Where the gain comes from", "From everything."), ("", "A sentence.")],

@@ -9,7 +9,7 @@ from ballbot.cli.findings import Accept, check_input
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.collection import named_files
-from ballbot.report.alignment import alignment_report, alignment_results
+from ballbot.report.alignment import alignment_report
 from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
 
@@ -51,6 +51,5 @@ def align(
             lead=f"{logs_words({name: run})}, beside the motion capture in {mocap.name}.",
             log_findings=findings,
         )
-        results = alignment_results(alignment, log_findings=findings)
         step = f"`ballbot identify-geometry ROBOT --balancing {log} --motion-capture {mocap} --out geometry`"
-        result.write(results, page, files={"aligned.csv": alignment.log.write}, next_step=step)
+        result.write(page, files={"aligned.csv": alignment.log.write}, next_step=step)

@@ -30,7 +30,6 @@ from ballbot.report.log_check import (
     CheckedLog,
     log_check_report,
     proposal_report,
-    proposal_results,
 )
 from ballbot.robot import Robot
 
@@ -131,7 +130,7 @@ def _check(
     printed = [page.lead, *page.parts(), *map(finding_line, checked.findings)]
     errors = [finding for finding in checked.findings if finding.severity == "error"]
     step = "" if errors else _command_for(checked, source=source, mapping=mapping)
-    result.write(checked.to_dict(), page, printed=printed, next_step=step)
+    result.write(page, printed=printed, next_step=step)
     if errors:
         more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
         raise InputError(f"{file}: {errors[0].text}{more}")
@@ -169,11 +168,10 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
     printed = [Text(line) for one in evaluated for line in answer_lines(one)]
     texts: dict[str, Content] = {"mapping.toml": found.text}
     files = texts if found.log is None else texts | {"log.csv": found.log.write}
-    results: dict[str, object] = {"files": [proposal_results(one) for one in evaluated]}
     if result.folder is None:
-        results["mapping_file"] = found.text
         printed.append(Text("\n" + found.text))
-    result.write(results, proposal_report(found, robot), files=files, printed=printed, named=[*files])
+    page = proposal_report(found, evaluated, robot, kept=result.folder is not None)
+    result.write(page, files=files, printed=printed, named=[*files])
     for other, words in contradictions([one.proposal for one in evaluated], found.proposal):
         raise InputError(
             f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."

@@ -22,7 +22,7 @@ from ballbot.report.comparison import league_report
 from ballbot.summary import counted
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import PlantName, choose_courses
-from ballbot.workflows.league import kept_runs, league_identity, league_results, run_league
+from ballbot.workflows.league import kept_runs, league_identity, run_league
 
 
 def compare(
@@ -100,4 +100,4 @@ def compare(
         page = league_report(league)
         words = robot_words(robot, change)
         step = f"`ballbot limits {words} CONTROLLER --out limits`, with the controller that you choose."
-        result.write(league_results(league), page, next_step=step)
+        result.write(page, next_step=step)

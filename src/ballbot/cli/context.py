@@ -2,7 +2,7 @@
 
     with open_result(out, command="align", doing="aligning", inputs=[robot, log, mapping]) as result:
         found = align_log(run, film, progress=result.report)
-        result.write(found.to_dict(), align_report(found), findings=findings)
+        result.write(align_report(found))
 
 The provenance of a result is the command line itself (`main` records it), without the options that do not change the
 result. Logs and lists of seeds are read here, too, and a Dask cluster is found.
@@ -22,18 +22,17 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter, Token
 from rich.console import Console, RenderableType
 
-from ballbot.cli import ARGV, OUTPUT
+from ballbot.cli import ARGV
 from ballbot.cli.app import OUTPUT_OPTIONS
-from ballbot.cli.output import WRITING, print_parts, progress_bar, standard_output, suggest_page
+from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError, either
-from ballbot.file_formats import results_text
 from ballbot.files import write_bytes, write_text
-from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Executor, Threads
 from ballbot.log.collection import named_files
 from ballbot.log.formats import WRITTEN_FORMATS, is_bag_folder
 from ballbot.printable import shell_line
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.report.blocks import PAGE, RESULTS
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
@@ -42,14 +41,10 @@ if TYPE_CHECKING:
     from ballbot.fitting.cluster import Cluster
     from ballbot.fitting.sweep import Workers
     from ballbot.log import Log
-    from ballbot.report.blocks import Report
+    from ballbot.report.blocks import Result
 
 #: the robot file beside a log
 ROBOT_BESIDE = "robot.toml"
-#: the page that every result has
-PAGE = "report.html"
-#: what programs read of every result
-RESULTS = "results.json"
 
 _MAX_SEEDS = 100_000
 #: options that do not change a result, with the number of tokens that follow each
@@ -184,10 +179,8 @@ class CommandResult:
 
     def write(
         self,
-        results: Mapping[str, object],
-        page: Report,
+        found: Result,
         *,
-        findings: Collection[Finding] | None = None,  # part of results.json, if they are given
         files: Mapping[str, Content] = MappingProxyType({}),
         printed: Iterable[RenderableType] | None = None,  # what a terminal shows, if not the page's parts
         named: Sequence[str] = (),  # files whose places are printed before the page's
@@ -196,26 +189,20 @@ class CommandResult:
     ) -> None:
         """Write results.json, report.html and other files by their names, all of them or none; then print the page.
 
-        Of a result in a folder, a terminal shows `Report.parts` in brief; of another, everything.
+        Of a result in a folder, a terminal shows `Result.parts` in brief; of another, everything.
         """
-        page, whole = replace(page, made=self.origin, next_step=next_step), dict(results)
-        if findings is not None:
-            whole["findings"] = finding_results(findings)
-        whole.setdefault("provenance", self.origin)
-        text = results_text(whole)
+        found = replace(found, made=self.origin, next_step=next_step)
         if self.folder is not None:
             self.report(Progress(stage=WRITING))
-            written = {RESULTS: text, **files}
-            if paged:
-                # with templates and scripts, which a refusal does without
-                from ballbot.report.page import page_of
+            # with templates and scripts, which a refusal does without
+            from ballbot.report.page import render
 
-                written[PAGE] = page_of(page)
             with self.folder.replaced() as new:
-                for name, content in written.items():
+                render(found, new, paged=paged)
+                for name, content in files.items():
                     _write(new / name, content)
-        OUTPUT.get().results = text
-        parts = page.parts(brief=self.folder is not None) if printed is None else printed
+        emit(found.to_dict())
+        parts = found.parts(brief=self.folder is not None) if printed is None else printed
         print_parts(parts, self.console)
         if self.folder is not None:
             print_parts(map(self.path, (*named, PAGE if paged else RESULTS)), self.console)

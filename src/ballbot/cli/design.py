@@ -23,7 +23,6 @@ from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.controller import Compensation
 from ballbot.control.file import controller_text
-from ballbot.control.lqr import frictionless_model
 from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.findings import Finding
@@ -33,7 +32,6 @@ from ballbot.report.design import (
     robust_design_report,
     search_comment,
 )
-from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_design import (
@@ -43,7 +41,6 @@ from ballbot.workflows.controller_design import (
     PartOptions,
     design_controller,
 )
-from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, robust_design
 
 _WRITTEN = ("controller.toml",)
@@ -169,7 +166,7 @@ def design(
         found = design_controller(described, gain=gain, parts=parts)
         page = controller_design_report(found, findings)
         files = {"controller.toml": controller_text(found.controller)}
-        result.write(found.to_dict(), page, files=files, named=_WRITTEN, next_step=_next(words, result))
+        result.write(page, files=files, named=_WRITTEN, next_step=_next(words, result))
     warn_of_idle_compensation({"controller.toml": found.controller})
 
 
@@ -204,20 +201,10 @@ def _search(
             effort=effort,
             run=Run(seed=search.seed, progress=result.report),
         )
-        results = {
-            "robot": robot.name,
-            "sample_time": found.controller.sample_time,
-            "compensation": compensation,
-            "gain": found.controller.gain,
-            "poles": found.design.poles,
-            "loop_margins": found.loop_margins.to_dict(),
-            "linearization": linearization_results(frictionless_model(robot)),
-            **to_results(found),
-        }
         page = robust_design_report(found, findings)
         text = search_comment(found, result.origin.command) + controller_text(found.controller)
         files = {"controller.toml": text}
-        result.write(results, page, files=files, named=_WRITTEN, next_step=_next(words, result))
+        result.write(page, files=files, named=_WRITTEN, next_step=_next(words, result))
 
 
 def _next(words: str, result: CommandResult) -> str:

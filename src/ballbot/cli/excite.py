@@ -117,4 +117,4 @@ def excite(
             f"`ballbot run PORT --reference {result.path('reference.csv')} --controller "
             f"{result.path('controller.toml')} --robot {named} --out run`, then `ballbot identify {named} run/log.csv`"
         )
-        result.write(found.to_dict(), page, files=files, named=["reference.csv"], next_step=step)
+        result.write(page, files=files, named=["reference.csv"], next_step=step)

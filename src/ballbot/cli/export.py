@@ -10,7 +10,6 @@ from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.file import read_controller
 from ballbot.firmware.export import check_belongs, export_controller, exported_names
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
-from ballbot.firmware.records import FIRMWARE
 from ballbot.progress import Progress
 from ballbot.report.export import export_report
 
@@ -66,18 +65,8 @@ def export(
         if not to_install:
             result.report(Progress(stage="counting instructions"))
         load = None if to_install else measure_load(read, exported, clock=clock)
-        results = {
-            "robot": described.name,
-            "estimator": read.estimator,
-            "sample_time": read.sample_time,
-            "safety": exported.limits,
-            "schema": FIRMWARE.digest,
-            "parameter_bytes": exported.parameter_bytes,
-            "state_bytes": exported.state_bytes,
-            "processor": None if load is None else load.to_dict(),
-        }
         page = export_report(exported, read, load, to_install=to_install, findings=findings)
         named = "ROBOT" if change else robot  # `run` takes a file, in which the changes must stand
         step = f"build it as {result.path('README.md')} says; on the robot, `ballbot run wiring PORT --robot {named}`"
-        result.write(results, page, files=exported.files, named=["README.md"], next_step=step)
+        result.write(page, files=exported.files, named=["README.md"], next_step=step)
     warn_of_idle_compensation({controller.name: read})

@@ -32,7 +32,6 @@ from ballbot.identification import (
 )
 from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import identify_by_law
-from ballbot.identification.laws import law_results
 from ballbot.identification.stages import IdentificationOptions, Search
 from ballbot.identification.sweep import read_sweep
 from ballbot.identification.windows import common_back_emf
@@ -157,11 +156,6 @@ def identify(
             cross_validate(found, one.log, name=name, starts=one.starts(described))
             for name, one in others.items()
         ]
-        results = found.to_dict()
-        if selection:
-            results["ladder"] = law_results(selection)
-        if holdouts:
-            results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
         page = identification_report(
             found,
             checked.logs,
@@ -171,7 +165,7 @@ def identify(
         )
         files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
-        result.write(results, page, files=files, named=[*files], next_step=step if files else "")
+        result.write(page, files=files, named=[*files], next_step=step if files else "")
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
 

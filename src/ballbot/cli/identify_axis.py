@@ -73,4 +73,4 @@ def identify_axis(
             if not against
             else ""
         )
-        result.write(found.to_dict(), page, findings=[*findings, *found.findings], next_step=step)
+        result.write(page, next_step=step)

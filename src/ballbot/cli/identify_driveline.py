@@ -14,7 +14,7 @@ from ballbot.identification.driveline import fit_drivelines, robot_with_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping import dead_band_findings
-from ballbot.report.driveline import driveline_report, driveline_results
+from ballbot.report.driveline import driveline_report
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 
@@ -67,4 +67,4 @@ def identify_driveline(
         files = {"robot.toml": robot_text(identified)}
         sweep = result.path("results.json")
         step = f"`ballbot identify {robot} LOG --sweep {sweep} --out found`, with logs of balancing"
-        result.write(driveline_results(fits, findings), page, files=files, next_step=step)
+        result.write(page, files=files, next_step=step)

@@ -99,4 +99,4 @@ def identify_geometry(
             if files
             else ""
         )
-        result.write(found.to_dict(), page, findings=[*findings, *of_geometry], files=files, next_step=step)
+        result.write(page, files=files, next_step=step)

@@ -70,14 +70,11 @@ def identify_upside_down(
         )
         page = upside_down_report(found, described, named, findings=findings)
         files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
-        all_findings = [*findings, *found.findings]
         step = (
             f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
             if files
             else ""
         )
-        result.write(
-            found.to_dict(), page, findings=all_findings, files=files, named=[*files], next_step=step
-        )
+        result.write(page, files=files, named=[*files], next_step=step)
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")

@@ -11,7 +11,6 @@ from ballbot.errors import InputError
 from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, limits_report
-from ballbot.results import to_results
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, twin_limits
@@ -79,19 +78,11 @@ def limits(
             models[name] = find_limits(loop, run=run)
             if twin:
                 twins[name] = twin_limits(loop, models[name], directions=_ON_TWIN, run=run)
-        results = {
-            "robot": described.name,
-            "grip": grip,
-            "scenario": truth.name,
-            "controllers": {
-                name: to_results(one) | {"twin": twins.get(name, ())} for name, one in models.items()
-            },
-        }
         page = limits_report(described, models, twins, grip=grip, scenario=truth.name)
         step = (
             "`ballbot export CONTROLLER --robot ROBOT --lean RADIANS --out firmware`, below the tilt found."
         )
-        result.write(results, page, next_step=step)
+        result.write(page, next_step=step)
 
 
 def _law(name: str, controller: object) -> Controller:

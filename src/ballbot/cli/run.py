@@ -40,13 +40,11 @@ from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.report.console import finding_line
 from ballbot.report.live import (
     alternation_report,
-    alternation_results,
     bench_line,
     counts_line,
     live_run_report,
     sample_line,
     wiring_report,
-    wiring_results,
 )
 from ballbot.results import to_results
 from ballbot.robot import Robot
@@ -173,7 +171,7 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
         page = wiring_report(check, about=connection.words)
         printed = [*page.parts(), *map(finding_line, check.findings)]
         with open_result(out, command="run wiring", inputs=[link.robot, link.scenario]) as result:
-            result.write(wiring_results(check), page, findings=check.findings, printed=printed)
+            result.write(page, printed=printed)
         if check.passed:
             robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
@@ -356,11 +354,7 @@ def compare(
         ]
         verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
         found, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
-        page = alternation_report(found, logs, controllers=compared, about=connection.words)
-        results = alternation_results(found) | {
-            "controllers": dict(zip(("before", "after"), compared, strict=True)),
-            "provenance": about,
-        }
+        page = alternation_report(found, logs, controllers=compared, about=connection.words, origin=about)
         written: dict[str, Content] = {
             f"{name}.csv": log.write for name, log in zip(names, logs, strict=True)
         }
@@ -369,7 +363,7 @@ def compare(
             "weaken": "`ballbot design ROBOT --compensation-gain 0.8 --out weaker`",
             "revert": f"go back to {files[0]}.",
         }[found.recommendation]
-        result.write(results, page, files=written, next_step=step)
+        result.write(page, files=written, next_step=step)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
 
@@ -414,9 +408,10 @@ def _record(
             held=held,
             ending=made.ending.text,
             about=connection.words,
+            data=results,
         )
         step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`"
-        result.write(results, page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
+        result.write(page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
         recording.unlink(missing_ok=True)
     _finish(connection, made)
 

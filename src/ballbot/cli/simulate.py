@@ -30,7 +30,6 @@ from ballbot.robot.file import robot_text
 from ballbot.simulation.run import simulate as run
 from ballbot.twin.imperfections import left_out
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.metrics import run_results
 
 _WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), ROBOT_BESIDE)
 
@@ -127,4 +126,4 @@ def simulate(
         files: dict[str, Content] = {f"log.{format}": log.write, ROBOT_BESIDE: robot_text(described)}
         name = f"log.{format}"
         step = f"`ballbot view {result.path(name)}`"
-        result.write(run_results(log), page, files=files, named=[name], next_step=step)
+        result.write(page, files=files, named=[name], next_step=step)

@@ -14,7 +14,7 @@ from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.report.spin import spin_report, spin_results
+from ballbot.report.spin import spin_report
 from ballbot.robot import Robot
 from ballbot.vision.seam import seam_named
 from ballbot.vision.spin import (
@@ -129,11 +129,10 @@ def spin(
             picture=picture,
             log_findings=findings,
         )
-        results = spin_results(found, comparison, log_findings=findings)
         step = f"`ballbot identify-upside-down {robot} {result.path('log.csv')} --out found`"
         if run is None:
             step = "give the log of the run with --log and --robot."
-        result.write(results, page, files=files, named=["spin.csv"], next_step=step)
+        result.write(page, files=files, named=["spin.csv"], next_step=step)
 
 
 def _colour(text: str) -> tuple[int, int, int]:

@@ -30,7 +30,7 @@ from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
 from ballbot.report.study import next_step, study_report
-from ballbot.report.study_files import STUDY_FILES, study_results, study_texts
+from ballbot.report.study_files import STUDY_FILES, study_texts
 from ballbot.summary import counted
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_prediction import MIN_RUNS
@@ -137,7 +137,6 @@ def study(
             run=Run(seed=seed, executor=made_by, progress=result.report),
         )
         result.write(
-            study_results(found),
             study_report(found),
             files=study_texts(found, result.folder.path),
             next_step=next_step(found, result.path),

@@ -26,10 +26,9 @@ from ballbot.log.formats import is_log_file
 from ballbot.report.prediction import (
     next_steps,
     prediction_report,
-    prediction_results,
 )
 from ballbot.report.run import over_time
-from ballbot.report.validation import validation_report, validation_results
+from ballbot.report.validation import validation_report
 from ballbot.report.words import logs_words
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, join_validations, validate_logs
@@ -67,16 +66,16 @@ def _validate_prediction(
     except InputError as error:
         raise InputError(f"{log_path}: {error}") from None
     steps = next_steps(verdict, prediction, results=results, robot=Path(source), controller=controller)
-    stated = prediction_results(verdict, prediction, steps)
     page = prediction_report(
         verdict,
         prediction,
         title=f"{log_path}: the controller against its prediction",
         series=over_time(log, robot),
         findings=found,
+        steps=steps,
     )
     with open_result(out, command="validate", inputs=[results, log_path, controller, mapping]) as result:
-        result.write({"prediction": stated}, page, findings=found, next_step=" ".join(steps))
+        result.write(page, next_step=" ".join(steps))
     show_findings(found)
 
 
@@ -180,14 +179,13 @@ def validate(
         run = Run(seed=seed, progress=result.report)
         parts = validate_logs(models, named, controller=driver, run=run)
         validation = replace(join_validations(tuple(parts.values())), log_findings=found)
-        results = validation_results(validation)
-        results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
         first, second = models.names
         title = f"{described.name}: the models {first} and {second} against its logs"
         page = validation_report(
             validation,
             title=title,
             lead=f"Validated on {logs_words(named)}.",
+            by_log=parts,
         )
         step = f"`ballbot design {robot} --kind precise --out designed`"
-        result.write({"validation": results}, page, findings=found, next_step=step)
+        result.write(page, next_step=step)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.findings import Finding, finding_results
 from ballbot.identification.turning import ANGLE_NAMES
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Report, Sheet, section
+from ballbot.report.blocks import Bullets, Result, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.words import signed_with_error, state_mark, with_error, with_symbols
 from ballbot.rounding import digits
@@ -20,7 +20,7 @@ from ballbot.validation.alignment import POSITIONS, PREFIX, Alignment, SensorErr
 
 def alignment_report(
     alignment: Alignment, *, title: str, lead: str, log_findings: Sequence[Finding]
-) -> Report:
+) -> Result:
     """Return the page of an alignment."""
     verdict, *others = (finding.text for finding in alignment_findings(alignment))
     sensors = alignment.sensors
@@ -55,13 +55,14 @@ def alignment_report(
         else:
             seen = _seen_series(alignment.log, POSITIONS)
             sections.append(section("Position", seen, errors_series(alignment, sensors, POSITIONS)))
-    return Report(
+    return Result(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
         sections=sections,
         undecided=undecided,
         findings=log_findings,
+        data=_data(alignment, log_findings),
     )
 
 
@@ -167,7 +168,7 @@ def _error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
     return rows
 
 
-def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] = ()) -> dict[str, object]:
+def _data(alignment: Alignment, log_findings: Sequence[Finding]) -> dict[str, object]:
     """Return what results.json holds: SI units, quaternions wxyz, half widths of 95 %."""
     motion, frame, sensors = alignment.motion, alignment.frame, alignment.sensors
     position = sensors and sensors.position

@@ -8,12 +8,12 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from ballbot.findings import Finding, texts
+from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.identify import AxisEstimate, open_loop_error
 from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
 from ballbot.identification.axis.motion import motion_of
-from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Bullets, Paragraph, Result, Section, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
@@ -106,7 +106,7 @@ def laws_figure(found: AxisIdentification) -> Figure:
     return figure
 
 
-def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequence[Finding] = ()) -> Report:
+def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequence[Finding] = ()) -> Result:
     """Return the page."""
     count, shown = len(found.records), found.findings[:_IN_VERDICT]
     records = "" if count == 1 else f"{count} records fitted together, the first of "
@@ -114,7 +114,7 @@ def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequenc
     if count == 1:
         text = "How much parameters differ from record to record: there is one (--also adds records)."
         undecided.insert(0, text)
-    return Report(
+    return Result(
         title=f"{', '.join(found.records)}: mass and friction",
         lead=f"{records}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
         f"{found.best.law}, fitted over windows of {found.window:.3g} s.",
@@ -126,6 +126,7 @@ def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequenc
         sections=list(_sections(found, record)),
         undecided=undecided,
         findings=findings,
+        data=found.to_dict() | {"findings": finding_results([*findings, *found.findings])},
     )
 
 

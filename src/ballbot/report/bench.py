@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from ballbot.findings import Finding, texts
+from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.driveline import QUANTITIES
 from ballbot.identification.geometry import Geometry, GeometryQuantity
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
     MEASURED,
@@ -114,7 +114,7 @@ def upside_down_report(
     logs: Mapping[str, Log],
     *,
     findings: Sequence[Finding],
-) -> Report:
+) -> Result:
     """Return the page of friction identified upside down."""
     verdict = [("Verdict", found.verdict.sentence)]
     if found.verdict.usable:
@@ -124,7 +124,7 @@ def upside_down_report(
             f"{digits(float(dry.max()), 2)} N m and a part that grows with speed."
         )
         verdict.append(("Friction", text))
-    return Report(
+    return Result(
         title=f"{described.name}: friction with the ball on its wheels",
         lead=f"The robot clamped upside down, {logs_words(logs)}. Predictions over windows of {found.window:g} s.",
         verdict=verdict,
@@ -148,6 +148,7 @@ def upside_down_report(
             "floor.",
         ],
         findings=findings,
+        data=found.to_dict() | {"findings": finding_results([*findings, *found.findings])},
     )
 
 
@@ -202,12 +203,12 @@ def geometry_report(
     *,
     robot: Robot,
     log_findings: Sequence[Finding],
-) -> Report:
+) -> Result:
     """Return the page of a geometry identified from logs."""
     (first, *others), count = texts(findings), len([*found.measured, *found.wheel_ratios])
     rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *found.others)]
     headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
-    return Report(
+    return Result(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
         verdict=[("", f"{count} lengths, ratios and angles were identified. {first}")],
@@ -223,6 +224,7 @@ def geometry_report(
             "The shape of single rollers, and a ball that is not round.",
         ],
         findings=log_findings,
+        data=found.to_dict() | {"findings": finding_results([*log_findings, *findings])},
     )
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.log import Log
-from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Cell, Paragraph, Result, Section, Sheet, section
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import (
@@ -38,6 +38,7 @@ from ballbot.workflows.league import (
     RATIOS,
     League,
     Standing,
+    league_results,
     overall,
     standing,
 )
@@ -208,7 +209,7 @@ def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)
 
 
-def league_report(league: League) -> Report:
+def league_report(league: League) -> Result:
     """Return the page of a league."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
     first, courses = league.controllers[0], counted(len(league.courses), "course")
@@ -219,7 +220,7 @@ def league_report(league: League) -> Report:
     beyond = (
         "How the controllers compare on a real robot: these are simulated runs of the robot as described."
     )
-    return Report(
+    return Result(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
         verdict=[("", _verdict(league))],
@@ -231,6 +232,7 @@ def league_report(league: League) -> Report:
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
         undecided=[beyond],
+        data=league_results(league),
     )
 
 

@@ -12,14 +12,16 @@ from ballbot.control.lqr import frictionless_model
 from ballbot.control.overcompensation import has_friction
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, details, section
+from ballbot.report.blocks import Block, Bullets, Paragraph, Result, Sheet, details, section
 from ballbot.report.loop import linear_section, loop_section
 from ballbot.report.style import STATE_UNITS
 from ballbot.report.words import NO_FRICTION, capital, state_mark
+from ballbot.results import to_results
 from ballbot.robot import Friction
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
+from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import RobustDesign
 
 
@@ -61,7 +63,7 @@ def _certain_fractions(stated: Friction, certain: Friction) -> str:
     )
 
 
-def controller_design_report(found: ControllerDesign, findings: Sequence[Finding]) -> Report:
+def controller_design_report(found: ControllerDesign, findings: Sequence[Finding]) -> Result:
     """Return the page of a design without a search."""
     controller = found.controller
     robot = controller.robot
@@ -88,7 +90,7 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
     ]
     if not found.uncertainty.parts:
         undecided.append("How uncertain the gain is: no value in the robot file has a standard_deviation.")
-    return Report(
+    return Result(
         title=f"{robot.name}: a controller",
         lead=lead,
         verdict=verdict,
@@ -100,6 +102,7 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
         ],
         undecided=undecided,
         findings=findings,
+        data=found.to_dict(),
     )
 
 
@@ -147,7 +150,7 @@ def gain_sheet(
     return Sheet(headings=("state", *wheels), rows=rows, caption=caption)
 
 
-def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Report:
+def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Result:
     """Return the page of a design by search."""
     headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
     rows = [
@@ -163,9 +166,10 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
         "the nominal weights; a fall costs 10 to 20. The worst tenth is the mean of the largest tenth."
     )
     spread = {name: getattr(found.spread, name) for name in ("mass", "height", "friction")}
+    controller = found.controller
     ranges = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in spread.items())
-    return Report(
-        title=f"{found.controller.robot.name}: a robust controller",
+    return Result(
+        title=f"{controller.robot.name}: a robust controller",
         lead=f"Perturbed robots: {ranges}; --perturb changes a range.",
         verdict=robust_verdict(found),
         sections=[
@@ -182,6 +186,16 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
             f"The cost's tail beyond {found.fresh} robots: rarer ones may fall.",
         ],
         findings=findings,
+        data={
+            "robot": controller.robot.name,
+            "sample_time": controller.sample_time,
+            "compensation": controller.compensation,
+            "gain": controller.gain,
+            "poles": found.design.poles,
+            "loop_margins": found.loop_margins.to_dict(),
+            "linearization": linearization_results(frictionless_model(controller.robot)),
+            **to_results(found),
+        },
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
-from ballbot.report.blocks import Cell, Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Cell, Paragraph, Result, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import REFERENCE, WITH_FRICTION, WITHOUT_FRICTION, LineStyle, drawn_picture, thinned
@@ -106,7 +106,7 @@ def driveline_report(
     sweeps: Sequence[Sweep],
     fits: Sequence[DrivelineFit],
     findings: Sequence[Finding] = (),
-) -> Report:
+) -> Result:
     """Return the page."""
     seconds = sweeps[0].t[-1] - sweeps[0].t[0]
     largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
@@ -120,7 +120,7 @@ def driveline_report(
         for name, unit, *cells in parameter_rows(fits)
         for parted in [[cell.removesuffix(")").partition(" (") for cell in cells]]
     ]
-    return Report(
+    return Result(
         title=f"{robot}: friction of the drivelines",
         lead=f"Wheels free, {seconds:.0f} s, up to {largest:.3g} N m and {sweeps[0].limit:.4g} rad/s.",
         verdict=[(f"Wheel {fit.wheel}", _sentence(fit)) for fit in fits],
@@ -165,6 +165,7 @@ def driveline_report(
         ],
         undecided=[*texts([one for fit in fits for one in fit.findings]), _CLOSING],
         findings=findings,
+        data=_data(fits, findings),
     )
 
 
@@ -197,7 +198,7 @@ def _written(fit: DrivelineFit, place: int) -> str:
     return "unknown" if value else "0, at its bound"
 
 
-def driveline_results(fits: Sequence[DrivelineFit], findings: Sequence[Finding] = ()) -> dict[str, object]:
+def _data(fits: Sequence[DrivelineFit], findings: Sequence[Finding]) -> dict[str, object]:
     """Return what results.json holds."""
 
     def table(numbers: Sequence[NDArray[np.float64]]) -> dict[str, list[float]]:

@@ -24,13 +24,13 @@ from ballbot.fitting.intervals import Interval
 from ballbot.fitting.model_selection import Gain, ModelSelection
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
-from ballbot.identification.laws import law_named
+from ballbot.identification.laws import law_named, law_results
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
 from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import Log
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
-from ballbot.report.blocks import Block, Bullets, Report, Sheet, details, section
+from ballbot.report.blocks import Block, Bullets, Result, Sheet, details, section
 from ballbot.report.palette import BLUE, MUTED
 from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.validation_figures import correlation_figure
@@ -46,12 +46,12 @@ def identification_report(
     findings: Sequence[Finding],
     selection: ModelSelection[Identification] | None,
     holdouts: Sequence[HoldoutResult],
-) -> Report:
+) -> Result:
     """Return the page; `selection` compares laws, if several were fitted."""
     undecided = texts((*found.findings, *(finding for one in holdouts for finding in one.findings)))
     if found.variation.logs == 1:
         undecided.append("How much the estimate differs from log to log: there is one log.")
-    return Report(
+    return Result(
         title=f"{found.robot.name}: friction from balancing logs",
         lead=f"Identified from {logs_words(logs)}, with predictions over windows of {found.window:g} s.",
         verdict=[("Verdict", found.verdict.sentence), ("Friction", friction_sentence(found))],
@@ -66,6 +66,11 @@ def identification_report(
         ],
         undecided=[*undecided, "The friction at speeds, loads and temperatures that the logs do not have."],
         findings=findings,
+        data={
+            **found.to_dict(),
+            **({"ladder": law_results(selection)} if selection else {}),
+            **({"judged_on": {one.name: one.to_dict() for one in holdouts}} if holdouts else {}),
+        },
     )
 
 

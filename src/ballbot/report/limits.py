@@ -12,10 +12,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ballbot.control.overcompensation import has_friction
-from ballbot.report.blocks import Report, Sheet, section
+from ballbot.report.blocks import Result, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
 from ballbot.report.style import drawn_picture, label_of
 from ballbot.report.words import NO_FRICTION
+from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.limits import RobotLimits, TwinLimit
@@ -134,7 +135,7 @@ def limits_report(
     *,
     grip: float,
     scenario: str,
-) -> Report:
+) -> Result:
     """Return the page."""
     verdict = []
     for name, one in found.items():
@@ -151,7 +152,7 @@ def limits_report(
         "The tilts and tilt rates that each controller recovers from, in its worst direction. Strong: no wheel slips; "
         "faint: only if wheels never slip. Without an outline, an area continues beyond what was tried."
     )
-    return Report(
+    return Result(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
         lead=(
             f"{counted(len(found), 'controller')}, friction coefficient of the wheels on the ball {grip:g}, sensors, "
@@ -167,6 +168,14 @@ def limits_report(
             section("Tilt and tilt rate", drawn_picture("planes", partial(planes_figure, found), planes)),
         ],
         undecided=_undecided(on_twin),
+        data={
+            "robot": robot.name,
+            "grip": grip,
+            "scenario": scenario,
+            "controllers": {
+                name: to_results(one) | {"twin": on_twin.get(name, ())} for name, one in found.items()
+            },
+        },
     )
 
 

@@ -17,7 +17,7 @@ from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
-from ballbot.report.blocks import Report, Sheet, Verbatim, section
+from ballbot.report.blocks import Result, Sheet, Verbatim, section
 from ballbot.report.run import over_time
 from ballbot.robot import Robot
 from ballbot.summary import counted
@@ -137,13 +137,13 @@ def _wheel_table(wheels: WheelAgreement) -> Sheet:
     return Sheet(headings=headings, rows=rows, caption="Wheels, compared with the robot's kinematics.")
 
 
-def log_check_report(checked: CheckedLog, robot: Robot | None) -> Report:
+def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
     """Return the page of a checked log."""
     log, findings = checked.log, checked.findings
     rate = f" at {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
     wheels = _wheel_table(checked.wheels) if checked.wheels else None
     robotless = "Whether wheels, signs and units are a robot's: name it with --robot."
-    return Report(
+    return Result(
         title=f"{checked.file.name}: what the log shows",
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
         verdict=[("", _log_verdict(findings, checked.uses))],
@@ -158,6 +158,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Report:
         ],
         findings=findings,
         accepted=False,
+        data=checked.to_dict(),
     )
 
 
@@ -174,12 +175,14 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
     return f"A good log{use}." if use else "No problems were found."
 
 
-def proposal_report(found: Evaluation, robot: Robot) -> Report:
-    """Return the page of a mapping proposed for a foreign file."""
+def proposal_report(
+    found: Evaluation, evaluated: Sequence[Evaluation], robot: Robot, *, kept: bool
+) -> Result:
+    """Return the page of a mapping proposed for foreign files, by the surest of them; `kept`: it has a file."""
     file, proposal = found.proposal.file, found.proposal
     verdict = found.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     said = Verbatim(text="\n".join(answer_lines(found)))
-    return Report(
+    return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", f"{verdict[0].upper()}{verdict[1:]}")],
@@ -191,6 +194,10 @@ def proposal_report(found: Evaluation, robot: Robot) -> Report:
         undecided=[f"{one.text[0].upper()}{one.text[1:]}." for one in proposal.questions],
         findings=found.findings,
         accepted=False,
+        data={
+            "files": [_proposal_data(one) for one in evaluated],
+            **({} if kept else {"mapping_file": found.text}),
+        },
     )
 
 
@@ -212,7 +219,7 @@ def _placement_table(proposal: Proposal) -> Sheet:
     return Sheet(headings=headings, rows=rows, caption="Wheel orders, by the response of the lean")
 
 
-def proposal_results(found: Evaluation) -> dict[str, object]:
+def _proposal_data(found: Evaluation) -> dict[str, object]:
     """Return the entries of results.json for the mapping proposed for a foreign file."""
     proposal, tested = found.proposal, found.proposal.tested
     return {

@@ -1,8 +1,8 @@
-"""Figures of results by themselves, as `.plot()` of a log, a controller, a design or a study returns them."""
+"""What was found by its class: the `Result` that `summary()` and `to_dict()` are of, and the figure of `plot()`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,8 @@ from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
-from ballbot.report.comparison import (
-    OVERALL_HEADINGS,
-    course_figure,
-    league_report,
-    overall_rows,
-    paths_figure,
-)
+from ballbot.report.blocks import Result
+from ballbot.report.comparison import course_figure, league_report, paths_figure
 from ballbot.report.design import robust_verdict
 from ballbot.report.driveline import curve_figure
 from ballbot.report.identification import friction_figure
@@ -30,14 +25,11 @@ from ballbot.report.limits import limit_words, planes_figure
 from ballbot.report.loop import bode_figure, poles_figure
 from ballbot.report.run import over_time
 from ballbot.report.series import IN_TURN, TimeSeries
-from ballbot.report.study import summary
-from ballbot.report.study_files import study_results
+from ballbot.report.study import study_report
 from ballbot.report.style import LOOKS, thinned
-from ballbot.report.validation import validation_results
+from ballbot.report.validation import validation_report
 from ballbot.report.validation_figures import horizon_figure
 from ballbot.robot.figure import robot_figure
-from ballbot.summary import Summary
-from ballbot.workflows.league import League
 
 #: wheel speeds shown reach this many Stribeck speeds
 _SHOWN_SPEEDS = 8.0
@@ -90,34 +82,24 @@ def upside_down_figure(found: UpsideDown) -> Figure:
     return figure
 
 
-def league_summary(league: League) -> Summary:
-    """Return the most accurate controller, and each one's ratios to the first."""
-    report = league_report(league)
-    rows = [(name, tuple(cells)) for name, *cells in (OVERALL_HEADINGS, *overall_rows(league))]
-    return Summary(title=report.title, rows=tuple(rows), sentences=tuple(text for _, text in report.verdict))
+def _verdict(title: str, verdict: Sequence[tuple[str, str]]) -> Result:
+    """Return what was found in sentences alone, whose page needs more."""
+    return Result(title=title, lead="", verdict=verdict, sections=(), undecided=())
 
 
-#: what sums a value up, by its class
-SUMMARIES: Mapping[str, Callable[[Any], Summary]] = {
-    "League": league_summary,
-    "RobotLimits": lambda limits: Summary(
-        title="The largest tilt and impulse in every direction", sentences=(limit_words(limits),)
+#: what was found, by the name of its class: its `summary()`, `repr` and `to_dict()` are those of its page
+RESULTS: Mapping[str, Callable[[Any], Result]] = {
+    "League": league_report,
+    "RobotLimits": lambda limits: _verdict(
+        "The largest tilt and impulse in every direction", [("", limit_words(limits))]
     ),
-    "RobustDesign": lambda design: Summary(
-        title=f"Robust LQR gain, compared on {design.fresh} perturbed robots",
-        rows=tuple(robust_verdict(design)),
+    "RobustDesign": lambda design: _verdict(
+        f"Robust LQR gain, compared on {design.fresh} perturbed robots", robust_verdict(design)
     ),
-    "Study": lambda study: Summary(
-        title=f"Study of the robot {study.robot.name}", rows=tuple(summary(study))
-    ),
+    "Study": study_report,
+    "Validation": validation_report,
 }
-
-#: what draws a value, by its class
-#: what results.json holds of a result whose own package does not know it, by the name of its class
-RESULTS: Mapping[str, Callable[[Any], dict[str, object]]] = {
-    "Study": study_results,
-    "Validation": validation_results,
-}
+#: what draws a value, by the name of its class
 FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "AxisIdentification": laws_figure,
     "Controller": controller_figure,

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.findings import Finding
+from ballbot.findings import Finding, finding_results
 from ballbot.printable import shell_line
-from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Result, Sheet, section
 from ballbot.results import to_results
 from ballbot.rounding import unit_heading
 from ballbot.workflows.controller_choice import CANDIDATES
@@ -25,15 +25,6 @@ from ballbot.workflows.controller_prediction import (
 _WEAKER = 0.8
 
 
-def prediction_results(
-    verdict: ControllerVerdict, prediction: Prediction, steps: Sequence[str]
-) -> dict[str, object]:
-    """Return what results.json holds of a verdict."""
-    quantities = {one.name: to_results(one) | to_results(one.predicted) for one in verdict.quantities}
-    own = {"next_steps": steps, "course": prediction.course, "controller": prediction.controller}
-    return to_results(verdict) | {"quantities": quantities} | own
-
-
 def prediction_report(
     verdict: ControllerVerdict,
     prediction: Prediction,
@@ -41,10 +32,13 @@ def prediction_report(
     title: str,
     series: Sequence[Block],
     findings: Sequence[Finding],
-) -> Report:
+    steps: Sequence[str],
+) -> Result:
     """Return the page of a verdict; `series` shows the run over time."""
     course, differences = prediction.course, verdict.differences
-    return Report(
+    quantities = {one.name: to_results(one) | to_results(one.predicted) for one in verdict.quantities}
+    own = {"next_steps": steps, "course": course, "controller": prediction.controller}
+    return Result(
         title=title,
         lead=(
             f"The course {course.name}, {course.duration:g} s, with the controller {prediction.controller} of a "
@@ -64,6 +58,10 @@ def prediction_report(
             "What caused a difference: several faults move one number alike, and several may act at once.",
         ],
         findings=findings,
+        data={
+            "prediction": to_results(verdict) | {"quantities": quantities} | own,
+            "findings": finding_results(findings),
+        },
     )
 
 

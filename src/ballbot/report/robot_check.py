@@ -13,7 +13,7 @@ from ballbot.report.blocks import (
     Bullets,
     Paragraph,
     Picture,
-    Report,
+    Result,
     Section,
     Sheet,
     Verbatim,
@@ -38,18 +38,19 @@ from ballbot.workflows.robot_check import (
 )
 
 
-def robot_check_report(checked: CheckedRobot) -> Report:
+def robot_check_report(checked: CheckedRobot) -> Result:
     """Return the page."""
     robot = checked.robot
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    return Report(
+    return Result(
         title=f"{robot.name}: check of the robot file",
         lead=f"A robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}.",
         verdict=_verdict(checked),
         sections=list(_sections(checked)),
         undecided=_undecided(checked),
         findings=checked.findings,
+        data=checked.to_dict(),
     )
 
 

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from ballbot.findings import Finding, finding_results
-from ballbot.report.blocks import Bullets, Picture, Report, Sheet, section
+from ballbot.report.blocks import Bullets, Picture, Result, Sheet, section
 from ballbot.report.page import picture_data
 from ballbot.report.series import Line, Panel, TimeSeries, true_spans
 from ballbot.report.words import signed_with_error, with_error
@@ -20,8 +20,8 @@ from ballbot.vision.spin import Spin, WheelComparison, spin_findings
 _AXES = ("x", "y", "z")
 
 
-def spin_results(
-    spin: Spin, comparison: WheelComparison | None, *, log_findings: Sequence[Finding] = ()
+def _data(
+    spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
 ) -> dict[str, object]:
     """Return what results.json holds of a video's ball."""
     view, errors, colour = spin.view, spin.calibration.errors, spin.colour
@@ -83,7 +83,7 @@ def spin_report(
     video: str,
     picture: bytes,
     log_findings: Sequence[Finding],
-) -> Report:
+) -> Result:
     """Return the page; `picture` is the overlay as PNG."""
     verdict, *others = (finding.text for finding in spin_findings(spin, comparison))
     overlay = "Frames of the video with their times, the ball's outline (green) and the seam that was found (magenta)."
@@ -94,7 +94,7 @@ def spin_report(
         )
     if not spin.known.all():
         undecided.append("The velocity where the seam was lost, which is shaded.")
-    return Report(
+    return Result(
         title=f"{video}: the ball's angular velocity",
         lead=f"{len(spin.t)} frames in {spin.t[-1] - spin.t[0]:.1f} s. Shape of the seam: {spin.seam.name}.",
         verdict=[("", verdict)],
@@ -110,6 +110,7 @@ def spin_report(
         ],
         undecided=undecided,
         findings=log_findings if comparison else None,
+        data=_data(spin, comparison, log_findings),
     )
 
 

@@ -19,7 +19,7 @@ from ballbot.report.blocks import (
     Film,
     Paragraph,
     Picture,
-    Report,
+    Result,
     Section,
     Sheet,
     details,
@@ -30,6 +30,7 @@ from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_rows
+from ballbot.report.study_files import study_results
 from ballbot.report.style import drawn_picture, plain_log_ticks
 from ballbot.report.validation import undecided_by, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
@@ -191,9 +192,9 @@ def interval_words(estimate: MedianEstimate) -> str:
     return f"95 % interval {bounds}" if estimate.runs >= MIN_RUNS else f"{bounds} in {estimate.runs} draws"
 
 
-def study_report(study: Study) -> Report:
+def study_report(study: Study) -> Result:
     """Return the page of a study."""
-    return Report(
+    return Result(
         title=f"{study.robot.name}: friction, model and controller",
         lead=f"{capital(logs_words({one.name: one.log for one in study.logs}))}.",
         verdict=summary(study),
@@ -207,6 +208,7 @@ def study_report(study: Study) -> Report:
         ],
         undecided=[*texts(study.found.findings), *undecided_by(study.validation), _PREDICTION],
         findings=study.log_findings,
+        data=study_results(study),
     )
 
 

@@ -28,10 +28,8 @@ from ballbot.workflows.twin_confirmation import Confirmation
 def study_results(study: Study) -> dict[str, object]:
     """Return what a study's results.json holds; the controller's kind is None if every candidate falls."""
     identification = study.found.to_dict()
-    validation = validation_results(study.validation)
-    validation["by_log"] = {
-        one.name: validation_results(part) for one, part in zip(study.logs, study.by_log, strict=True)
-    }
+    by_log = {one.name: part for one, part in zip(study.logs, study.by_log, strict=True)}
+    validation = validation_results(study.validation, by_log)
     validation["held_out"] = {one.name: one.held_out for one in study.logs}
     chosen = study.choice.controller
     return {

@@ -6,8 +6,9 @@ In results.json a model's numbers stand under its name, with_friction and withou
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from ballbot.findings import finding_results
 from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Section, Sheet, details, section
+from ballbot.report.blocks import Block, Bullets, Paragraph, Result, Section, Sheet, details, section
 from ballbot.report.series import Line, TimeSeries
 from ballbot.report.style import STATE_UNITS, drawn_picture, state_panels
 from ballbot.report.validation_figures import (
@@ -36,8 +37,10 @@ from ballbot.validation.result import model_findings, whole_log_verdict
 from ballbot.validation.whole_log import QUANTITIES, RUNS, WholeLog
 
 
-def validation_results(validation: Validation) -> dict[str, object]:
-    """Return what results.json holds of one validation."""
+def validation_results(
+    validation: Validation, by_log: Mapping[str, Validation] = MappingProxyType({})
+) -> dict[str, object]:
+    """Return what results.json holds of one validation, and of its logs if there are several."""
     loop, closed, models = validation.open_loop, validation.closed_loop, validation.models
     return {
         "models": [
@@ -64,6 +67,7 @@ def validation_results(validation: Validation) -> dict[str, object]:
         "prediction": _prediction_results(validation.prediction, validation.residuals, models),
         "horizon": _horizon_results(validation.horizon, models),
         "recovered_gain": validation.recovered,
+        **({"by_log": {name: validation_results(one) for name, one in by_log.items()}} if by_log else {}),
     }
 
 
@@ -159,20 +163,30 @@ def _prediction_results(
     }
 
 
-def validation_report(validation: Validation, *, title: str, lead: str) -> Report:
+def validation_report(
+    validation: Validation,
+    *,
+    title: str = "Validation",
+    lead: str = "",
+    by_log: Mapping[str, Validation] = MappingProxyType({}),
+) -> Result:
     """Return a validation's own page."""
     verdict, *others = (finding.text for finding in model_findings(validation))
     sections = validation_sections(validation)
     if others:
         found = details("What else was found", Bullets(items=[with_symbols(one) for one in others]))
         sections.insert(1, found)
-    return Report(
+    return Result(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
         sections=sections,
         undecided=undecided_by(validation),
         findings=validation.log_findings,
+        data={
+            "validation": validation_results(validation, by_log),
+            "findings": finding_results(validation.log_findings),
+        },
     )
 
 
