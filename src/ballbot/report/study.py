@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -16,6 +16,7 @@ from ballbot.findings import texts
 from ballbot.report.blocks import (
     Block,
     Bullets,
+    Column,
     Film,
     Paragraph,
     Picture,
@@ -24,13 +25,14 @@ from ballbot.report.blocks import (
     Sheet,
     details,
     section,
+    sheet_of,
 )
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
 from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_rows
-from ballbot.report.study_files import study_results
+from ballbot.report.study_files import CANDIDATE_NAMES, TRIAL_COLUMNS, study_results
 from ballbot.report.style import drawn_picture, plain_log_ticks
 from ballbot.report.validation import undecided_by, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
@@ -40,21 +42,13 @@ from ballbot.twin.imperfections import left_out
 from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
 from ballbot.workflows.comparison import MedianEstimate
-from ballbot.workflows.controller_choice import ControllerChoice, Step, Trial
+from ballbot.workflows.controller_choice import ControllerChoice, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
 from ballbot.workflows.twin_confirmation import Confirmation
 
-#: candidates in words
-_CANDIDATE_NAMES = {
-    "none": "soft gain",
-    "full": "soft gain, full compensation",
-    "partial": "soft gain, partial compensation",
-    "precise": "precise",
-    "precise_without_compensation": "precise without compensation",
-}
 #: the status of a result that is not measured yet
 _PREDICTION = "This is a prediction until a log of the robot confirms it."
 
@@ -120,14 +114,14 @@ def controller_sentence(choice: ControllerChoice) -> str:
     if chosen != "none" and gain.runs:
         compared = f", {digits(gain.median)} times smaller ({interval_words(gain)})"
     peak = millimetres(choice.trials[chosen].peak.median)
-    return f"{capital(_CANDIDATE_NAMES[chosen])}: {peak} mm{compared}, on {robots}."
+    return f"{capital(CANDIDATE_NAMES[chosen])}: {peak} mm{compared}, on {robots}."
 
 
 def _falls_words(choice: ControllerChoice) -> str:
     runs = len(choice.plants)
     return every(
         [
-            f"{_CANDIDATE_NAMES[name]} in {one.falls} of {runs}"
+            f"{CANDIDATE_NAMES[name]} in {one.falls} of {runs}"
             for name, one in choice.trials.items()
             if one.falls
         ]
@@ -147,14 +141,14 @@ def _reasons(study: Study) -> list[str]:
     ]
     if any(one.falls for one in choice.trials.values()):
         sentences.append(f"Excluded because they fall: {_falls_words(choice)} runs.")
-    if others := [_CANDIDATE_NAMES[one] for one in choice.equals if one != choice.chosen]:
+    if others := [CANDIDATE_NAMES[one] for one in choice.equals if one != choice.chosen]:
         sentences.append(f"These count as equal: {', '.join(others)}.")
     if count < MIN_RUNS:
         sentences.append(f"{too_few(count)} how certain this choice is.")
     chosen = choice.controller
     if chosen is not None and choice.compensated is not None and chosen.compensation == "none":
         sentences.append(
-            f"The best that compensates friction, {_CANDIDATE_NAMES[choice.compensated]}, is "
+            f"The best that compensates friction, {CANDIDATE_NAMES[choice.compensated]}, is "
             "compensated_controller.toml."
         )
     return [*sentences, confirmation_sentence(study.confirmation)]
@@ -165,7 +159,7 @@ def confirmation_sentence(confirmation: Confirmation | None) -> str:
     if confirmation is None:
         return "The choice was not confirmed on the physics-engine twin."
     words = [
-        f"{_CANDIDATE_NAMES[name]} {_reached(twin)} ({_reached(confirmation.on_loop[name])} on the compiled loop)"
+        f"{CANDIDATE_NAMES[name]} {_reached(twin)} ({_reached(confirmation.on_loop[name])} on the compiled loop)"
         for name, twin in confirmation.on_twin.items()
     ]
     runs = counted(len(next(iter(confirmation.on_twin.values())).scores), "run")
@@ -200,7 +194,7 @@ def study_report(study: Study) -> Result:
         verdict=summary(study),
         sections=[
             section("The controllers", *_comparison_blocks(study)),
-            details("Why this controller", Bullets(items=_reasons(study)), *_gain_blocks(study)),
+            details("Why this controller", Bullets(items=_reasons(study)), *_gain_blocks(study.choice)),
             *_stiffness_sections(study.stiffness),
             details("What the next log should show", *_prediction_blocks(study)),
             details("Friction found", *parameter_blocks(study.found, [one.log for one in study.logs])),
@@ -223,11 +217,8 @@ def _comparison_blocks(study: Study) -> Iterator[Block]:
         yield film
 
 
-def _gain_blocks(study: Study) -> Iterator[Block]:
-    """Yield where the gain comes from, and the gain itself."""
-    choice = study.choice
-    if study.steps:
-        yield _step_sheet(study.steps, choice.course.name)
+def _gain_blocks(choice: ControllerChoice) -> Iterator[Block]:
+    """Yield the gain of the chosen controller, or of the soft one if none is chosen."""
     controller = choice.controller or choice.trials["none"].controller
     yield gain_sheet(controller.gain)
     yield Paragraph(text=f"Torque limit of each wheel: {torque_limit_words(controller)}.")
@@ -267,47 +258,16 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
 
 def _candidate_sheet(choice: ControllerChoice) -> Sheet:
     first = choice.trials["none"]
-    rows = [
-        (
-            _CANDIDATE_NAMES[name],
-            millimetres(trial.peak.median),
-            f"{millimetres(trial.peak.low)} – {millimetres(trial.peak.high)}",
-            "–" if name == "none" else f"{digits(first.ratio_to(trial).median)} ×",
-            *(digits(trial.roughness.median), f"{trial.falls} of {len(trial.scores)}"),
-        )
-        for name, trial in choice.trials.items()
-    ]
+    ratio: Column[tuple[str, Trial]] = Column(
+        "smaller by",
+        lambda row: first.ratio_to(row[1]).median,
+        lambda found: "–" if found == 1.0 else f"{digits(found)} ×",
+    )
     caption = (
         f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
         "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
     )
-    headings = ("controller", "peak [mm]", "95 % interval", "smaller by", "roughness [N m]", "falls")
-    return Sheet(headings=headings, rows=rows, caption=caption)
-
-
-def _step_sheet(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> Sheet:
-    """Return what each step from the soft gain to the precise controller does; the candidates ran on `course`."""
-    rows = []
-    for step, (before, after) in steps.items():
-        ratio = before.ratio_to(after)
-        interval = f" ({digits(ratio.low)} – {digits(ratio.high)})" if ratio.runs >= MIN_RUNS else ""
-        rows.append(
-            (
-                *(step.adds, step.to, step.course.name if step.course else course),
-                *(millimetres(one.peak.median) for one in (before, after)),
-                f"{digits(ratio.median)}{interval}",
-                f"{digits(before.roughness.median)} and {digits(after.roughness.median)}",
-                f"{before.falls} and {after.falls} of {len(before.scores)}",
-            )
-        )
-    headings = (
-        *("added", "to", "course", "before [mm]", "after [mm]", "before / after", "roughness [N m]", "falls"),
-    )
-    caption = (
-        "Each row compares two controllers that differ in one thing; what it gains depends on what else the controller "
-        "has. Medians over the simulated robots, and of the ratio of the peak errors with its 95 % interval."
-    )
-    return Sheet(headings=headings, rows=rows, caption=caption)
+    return sheet_of(choice.trials.items(), (*TRIAL_COLUMNS, ratio), caption=caption)
 
 
 def _replay(study: Study) -> Film | None:

@@ -17,12 +17,23 @@ from ballbot.control.file import controller_text
 from ballbot.errors import InputError
 from ballbot.file_formats import without_format
 from ballbot.files import LARGEST_SETTINGS, read_text
+from ballbot.report.blocks import Column, entries_of
 from ballbot.report.validation import validation_results
+from ballbot.report.words import millimetres
 from ballbot.robot.file import robot_text
 from ballbot.workflows.controller_choice import Trial
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness
 from ballbot.workflows.study import Study
 from ballbot.workflows.twin_confirmation import Confirmation
+
+#: candidates in words
+CANDIDATE_NAMES = {
+    "none": "soft gain",
+    "full": "soft gain, full compensation",
+    "partial": "soft gain, partial compensation",
+    "precise": "precise",
+    "precise_without_compensation": "precise without compensation",
+}
 
 
 def study_results(study: Study) -> dict[str, object]:
@@ -53,6 +64,29 @@ def study_results(study: Study) -> dict[str, object]:
     }
 
 
+#: what a study says of each controller's runs: the columns of its table, and the entries of results.json [m, N m]
+TRIAL_COLUMNS: tuple[Column[tuple[str, Trial]], ...] = (
+    Column("controller", lambda row: CANDIDATE_NAMES[row[0]]),
+    Column("peak [mm]", lambda row: row[1].peak.median, millimetres, key="peak_position_error"),
+    Column(
+        "95 % interval",
+        lambda row: [row[1].peak.low, row[1].peak.high],
+        lambda ends: " – ".join(map(millimetres, ends)),
+        key="peak_position_error_interval",
+    ),
+    Column(None, lambda row: float(np.fmax.reduce(row[1].peaks)), key="worst_position_error"),
+    Column(None, lambda row: row[1].rms.median, key="rms_position_error"),
+    Column("roughness [N m]", lambda row: row[1].roughness.median, key="rms_torque_change"),
+    Column("falls", lambda row: row[1].falls, key="falls"),
+    Column("runs", lambda row: len(row[1].scores), key="runs"),
+    Column(None, lambda row: row[1].controller.estimator, key="estimator"),
+)
+
+
+def _trial(trial: Trial) -> dict[str, object]:
+    return entries_of(("", trial), TRIAL_COLUMNS)
+
+
 def _comparison(study: Study) -> dict[str, object]:
     choice = study.choice
     return {
@@ -65,17 +99,6 @@ def _comparison(study: Study) -> dict[str, object]:
         "counted_as_equal": choice.equals,
         "gain": choice.gain,
         "compensated": choice.compensated,
-        "steps": [
-            {
-                "adds": step.adds,
-                "to": step.to,
-                "course": step.course or choice.course,
-                "before": {"controller": step.before, **_trial(before)},
-                "after": {"controller": step.after, **_trial(after)},
-                "ratio": before.ratio_to(after),
-            }
-            for step, (before, after) in study.steps.items()
-        ],
         "stiffness": study.stiffness and _stiffness(study.stiffness),
     }
 
@@ -114,21 +137,6 @@ def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
         if not plain.compensation
     ]
     return {"course": found.course, "gains": gains, "verdicts": verdicts}
-
-
-def _trial(trial: Trial) -> dict[str, object]:
-    """Return a controller's errors [m] and roughness [N m]: medians over the plants with 95 % intervals."""
-    peaks = trial.peaks[np.isfinite(trial.peaks)]
-    return {
-        "estimator": trial.controller.estimator,
-        "peak_position_error": trial.peak.median,
-        "peak_position_error_interval": [trial.peak.low, trial.peak.high],
-        "worst_position_error": float(peaks.max()) if len(peaks) else np.nan,
-        "rms_position_error": trial.rms.median,
-        "rms_torque_change": trial.roughness.median,
-        "falls": trial.falls,
-        "runs": len(trial.scores),
-    }
 
 
 #: the files of a study besides results.json and its page
