@@ -8,7 +8,7 @@ import pytest
 
 from ballbot import InputError
 from ballbot.files import write_text
-from ballbot.result_folder import MANIFEST, RUNS, STAGED, read_manifest, result_folder
+from ballbot.result_folder import MANIFEST, RUNS, STAGED, result_folder
 from tests.support.processes import Child
 
 NAMES = ("report.html", "results.json", "robot.toml", "figures/one.svg", "figures/two.svg")
@@ -38,21 +38,6 @@ def test_a_new_result_replaces_the_old_one_as_a_whole(tmp_path):
     leave(tmp_path, NEW)
     assert shown(tmp_path) == NEW | {"notes.txt": "mine"}
     assert {path.name for path in tmp_path.iterdir() if path.name.startswith(".")} == {MANIFEST}
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, OSError])
-def test_interrupted_run_leaves_the_old_result(tmp_path, error):
-    leave(tmp_path, OLD)
-
-    def stop() -> None:
-        with result_folder(tmp_path, command="study", names=NAMES) as held, held.replaced() as new:
-            write_text(new / "results.json", "new")
-            raise error
-
-    with pytest.raises(error):
-        stop()
-    assert shown(tmp_path) == OLD
-    leave(tmp_path, NEW)
 
 
 def test_unwritable_file_is_named_by_its_given_path(tmp_path):
@@ -179,33 +164,6 @@ def test_folder_is_locked_by_one_process(tmp_path):
         holder.kill()
     leave(tmp_path, NEW)
     assert shown(tmp_path) == NEW
-
-
-def test_leftovers_of_a_killed_process_are_removed(tmp_path):
-    leave(tmp_path, OLD)
-    (tmp_path / STAGED).mkdir()
-    (tmp_path / STAGED / "results.json").write_text("half")
-    leave(tmp_path, NEW)
-    assert shown(tmp_path) == NEW
-    assert not (tmp_path / STAGED).exists()
-    manifest = read_manifest(tmp_path)
-    assert manifest is not None
-    assert set(manifest.files) == set(NEW)
-
-
-@pytest.mark.parametrize("kind", ["file", "pipe", "loop", "device"])
-def test_only_folders_are_written_into(tmp_path, kind):
-    out = tmp_path / "out"
-    if kind == "file":
-        out.touch()
-    elif kind == "pipe":
-        os.mkfifo(out)
-    elif kind == "loop":
-        out.symlink_to(out)
-    else:
-        out = Path("/dev/full")
-    with pytest.raises(InputError):
-        leave(out, NEW)
 
 
 @pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])

@@ -1,7 +1,5 @@
 """Results on one screen: their `repr`, what a notebook shows of them, and their figures."""
 
-import copy
-import pickle
 import re
 from dataclasses import asdict, replace
 
@@ -14,7 +12,6 @@ from matplotlib.figure import Figure
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import nominal_controller
-from ballbot.errors import InputError
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.sweep import digest
@@ -200,19 +197,6 @@ def test_first_findings_are_the_most_serious_ones():
         warning("d", "Second."),
     ]
     assert first_texts(findings) == ("Error.", "First.", "Second.", "1 more finding")
-
-
-def test_log_without_known_columns_is_not_plotted():
-    with pytest.raises(InputError, match="to plot"):
-        Log({"t": [0.0, 1.0], "other": [1.0, 2.0]}).plot()
-
-
-def test_summary_leaves_equality_hash_and_pickles_as_they_are():
-    robot = alten(FRICTION)
-    assert pickle.loads(pickle.dumps(robot)) == robot
-    assert hash(robot.friction) == hash(copy.deepcopy(robot).friction)
-    log = smooth_log(rows=5)
-    assert pickle.loads(pickle.dumps(log)).names == log.names
 
 
 def test_robots_of_one_summary_have_different_digests():
