@@ -15,8 +15,7 @@ from ballbot.cli.main import main
 from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.printable import printable, printable_line
-from ballbot.report.blocks import Sheet
-from ballbot.report.console import PlainConsole
+from ballbot.report.blocks import PlainConsole, Sheet
 from ballbot.report.style import drawn, label_of
 
 #: what a terminal obeys, markup, mathematics, what is no Unicode, and what is to be left as it is
@@ -80,9 +79,8 @@ def test_a_nasty_name_can_be_drawn(name, tmp_path):
 
 
 def test_a_page_escapes_names(tmp_path):
-    from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
+    from ballbot.report.blocks import Bullets, Paragraph, Provenance, Result, Sheet, SourceFile, section
     from ballbot.report.page import page_of
-    from ballbot.report.provenance import Provenance, SourceFile
 
     bad = "\udcff<b>`<i>`\x1b"
     made = Provenance(

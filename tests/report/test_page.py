@@ -21,16 +21,16 @@ from ballbot.report.blocks import (
     Bullets,
     Paragraph,
     Picture,
+    PlainConsole,
+    Provenance,
     Result,
     Sheet,
     Verbatim,
     details,
     section,
 )
-from ballbot.report.console import PlainConsole
 from ballbot.report.page import page_of
 from ballbot.report.palette import BLUE, INK, themed
-from ballbot.report.provenance import Provenance
 from ballbot.report.series import Line, Panel, TimeSeries, together
 from ballbot.report.style import drawn_picture
 from tests.support.packing import unpacked

@@ -12,9 +12,18 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from ballbot.report.blocks import Cell, Paragraph, Result, Sheet, Verbatim, details, section
+from ballbot.report.blocks import (
+    Cell,
+    Paragraph,
+    Provenance,
+    Result,
+    Sheet,
+    SourceFile,
+    Verbatim,
+    details,
+    section,
+)
 from ballbot.report.page import page_of
-from ballbot.report.provenance import Provenance, SourceFile
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
 from tests.support.browser import headless_browser, new_tab

@@ -30,8 +30,8 @@ from tests.support.report_pages import LARGEST_PAGE, figure_count
 pytest.importorskip("mujoco")
 
 from ballbot.file_formats import results_text
+from ballbot.report.blocks import provenance
 from ballbot.report.page import page_of
-from ballbot.report.provenance import provenance
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.thesis.reproduce import figures, mistakes
 from ballbot.thesis.reproduce.bench import Bench, linear_run

@@ -22,7 +22,7 @@ from ballbot.files import write_text
 from ballbot.findings import warning
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.report.study_files import previous_controller_text
+from ballbot.report.study import previous_controller_text
 from ballbot.results import as_json
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.file import write_robot

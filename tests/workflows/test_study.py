@@ -26,10 +26,15 @@ from ballbot.identification import Bounds, identify
 from ballbot.identification.stages import IdentificationOptions, holdout_intervals
 from ballbot.log import STATE_NAMES, Log
 from ballbot.progress import Progress, ProgressCallback
+from ballbot.report.blocks import Provenance, provenance
 from ballbot.report.page import page_of
-from ballbot.report.provenance import Provenance, provenance
-from ballbot.report.study import compensation_sentence, controller_sentence, study_report
-from ballbot.report.study_files import study_results, study_texts
+from ballbot.report.study import (
+    compensation_sentence,
+    controller_sentence,
+    study_report,
+    study_results,
+    study_texts,
+)
 from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot

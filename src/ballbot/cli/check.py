@@ -16,8 +16,7 @@ from ballbot.cli.context import RobotName, open_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import check_codes
-from ballbot.report.blocks import RESULTS
-from ballbot.report.console import finding_line
+from ballbot.report.blocks import RESULTS, finding_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import robot_findings
 

@@ -25,7 +25,7 @@ from ballbot.log.mapping_search.proposal import (
     surest,
 )
 from ballbot.printable import shell_line
-from ballbot.report.console import finding_line
+from ballbot.report.blocks import finding_line
 from ballbot.report.log_check import (
     CheckedLog,
     log_check_report,

@@ -32,8 +32,7 @@ from ballbot.log.collection import named_files
 from ballbot.log.formats import WRITTEN_FORMATS, is_bag_folder
 from ballbot.printable import shell_line
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
-from ballbot.report.blocks import PAGE, RESULTS
-from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.blocks import PAGE, RESULTS, Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
 

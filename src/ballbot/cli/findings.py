@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from ballbot.cli.output import notice_output
 from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
-from ballbot.report.console import finding_line
+from ballbot.report.blocks import finding_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import robot_findings
 

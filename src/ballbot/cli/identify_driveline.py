@@ -14,7 +14,7 @@ from ballbot.identification.driveline import fit_drivelines, robot_with_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping import dead_band_findings
-from ballbot.report.driveline import driveline_report
+from ballbot.report.bench import driveline_report
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 

@@ -30,9 +30,8 @@ from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
 from ballbot.printable import shell_line
 from ballbot.progress import Progress, in_stage
-from ballbot.report.blocks import verdict_lines
+from ballbot.report.blocks import provenance, verdict_lines
 from ballbot.report.page import page_of
-from ballbot.report.provenance import provenance
 from ballbot.report.twin import recording_report, seeds_report
 from ballbot.results import to_results
 from ballbot.simulation.run import sample_count

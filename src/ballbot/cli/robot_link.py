@@ -30,7 +30,7 @@ from ballbot.link.messages import State
 from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
-from ballbot.report.console import PlainConsole
+from ballbot.report.blocks import PlainConsole
 from ballbot.report.live import state_line
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import Hold

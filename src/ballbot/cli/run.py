@@ -37,7 +37,7 @@ from ballbot.link.live import (
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
-from ballbot.report.console import finding_line
+from ballbot.report.blocks import finding_line
 from ballbot.report.live import (
     alternation_report,
     bench_line,

@@ -29,8 +29,7 @@ from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
-from ballbot.report.study import next_step, study_report
-from ballbot.report.study_files import STUDY_FILES, study_texts
+from ballbot.report.study import STUDY_FILES, next_step, study_report, study_texts
 from ballbot.summary import counted
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_prediction import MIN_RUNS

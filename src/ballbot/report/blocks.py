@@ -25,17 +25,25 @@ and a `Film` bring markup of their own, which Ballbot made.
 
 from __future__ import annotations
 
+import platform
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, ClassVar, Generic, TypeVar
 
+import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from ballbot.errors import InputError
+from ballbot.files import check_regular, sha256_of
 from ballbot.findings import Finding
 from ballbot.printable import printable, printable_line
 from ballbot.report.series import TimeSeries
@@ -43,8 +51,9 @@ from ballbot.rounding import digits
 from ballbot.summary import Summary
 
 if TYPE_CHECKING:
-    from ballbot.report.provenance import Provenance
+    from ballbot.report.blocks import Provenance
     from ballbot.viewer.page import ReplayPart
+
 
 #: what people read of every result, and what programs read
 PAGE, RESULTS = "report.html", "results.json"
@@ -280,3 +289,84 @@ def section(heading: str, *blocks: Block | None) -> Section:
 def details(heading: str, *blocks: Block | None) -> Section:
     """Return a section that is folded: what a reader looks up."""
     return replace(section(heading, *blocks), folded=True)
+
+
+PLAIN_WIDTH = 100  #: columns if no terminal states its width
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+
+
+class PlainConsole(Console):
+    """A console that shows text as it is: what looks like markup, emoji or an escape sequence is not obeyed."""
+
+    def __init__(self, *, file: IO[str] | None = None, width: int | None = None) -> None:
+        """Print to a file, standard output by default; the width is the terminal's by default."""
+        super().__init__(file=file, width=width, highlight=False, markup=False, emoji=False)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Render as rich does, what a terminal would obey in texts escaped."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+
+def matrix_text(name: str, matrix: NDArray[np.float64]) -> str:
+    """Return a matrix as lines of four decimals, its name before the middle row."""
+    # rounding first and adding zero keeps a minus sign off what prints as nothing
+    cells = [[f"{value:.4f}" for value in row] for row in np.round(matrix, 4) + 0.0]
+    width = max(len(cell) for row in cells for cell in row)
+    middle = (len(cells) - 1) // 2
+    lines = []
+    for index, row in enumerate(cells):
+        label = f"{name} =" if index == middle else ""
+        lines.append(f"{label:<{len(name) + 3}}[ {'  '.join(f'{cell:>{width}}' for cell in row)} ]")
+    return "\n".join(lines)
+
+
+def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
+    """Return a finding as a line: its severity, whether an error is accepted, the file, the sentence and the code."""
+    file = f"{finding.where.file}: " if finding.where.file else ""
+    word = f"{finding.severity}{' (accepted)' if accepted and finding.severity == 'error' else ''}"
+    return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")
+
+
+_PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceFile:
+    """A file that a result was made from."""
+
+    name: str  #: as it was given
+    sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """What a result was made from and with."""
+
+    command: str  #: that makes it again
+    files: tuple[SourceFile, ...]
+    seed: int | str  #: or several, as 1-20
+    versions: dict[str, str]  #: Python's and the packages' that the numbers depend on
+
+
+def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Provenance:
+    """Return the provenance of a result made from `files`; InputError if one cannot be read."""
+    sources = []
+    for path in _single_files(files):
+        check_regular(path)  # reading a pipe would never end
+        try:
+            sources.append(SourceFile(name=str(path), sha256=sha256_of(path)))
+        except OSError as error:
+            raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    return Provenance(
+        command=command,
+        files=tuple(sources),
+        seed=seed,
+        versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+    )
+
+
+def _single_files(paths: Sequence[Path]) -> Iterator[Path]:
+    """Yield the files, and in place of a ROS 2 bag's folder those that it consists of."""
+    for path in paths:
+        yield from sorted(path.iterdir()) if path.is_dir() else (path,)

@@ -20,10 +20,10 @@ from ballbot.identification.stages import IdentificationOptions
 from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.mechanics.friction import wheel_friction
+from ballbot.report.blocks import provenance
 from ballbot.report.demo_runs import ROBOT, SOFT, robot_of_runs
 from ballbot.report.identification import friction_curve, identification_report
 from ballbot.report.page import page_of
-from ballbot.report.provenance import provenance
 from ballbot.robot import Robot
 from ballbot.rounding import digits
 from ballbot.viewer.page import ResultState

@@ -33,7 +33,7 @@ from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
 from ballbot.report.blocks import Block, Bullets, Result, Sheet, details, section
 from ballbot.report.palette import BLUE, MUTED
 from ballbot.report.style import STATE_UNITS, drawn_picture
-from ballbot.report.validation_figures import correlation_figure
+from ballbot.report.validation import correlation_figure
 from ballbot.report.words import driveline_symbols, interval_text, logs_words, state_mark
 from ballbot.robot import Friction
 from ballbot.rounding import digits, unit_heading, value_and_error

@@ -16,19 +16,17 @@ from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
+from ballbot.report.bench import curve_figure
 from ballbot.report.blocks import Result
 from ballbot.report.comparison import course_figure, league_report, paths_figure
-from ballbot.report.design import robust_verdict
-from ballbot.report.driveline import curve_figure
+from ballbot.report.design import bode_figure, poles_figure, robust_verdict
 from ballbot.report.identification import friction_figure
 from ballbot.report.limits import limit_words, planes_figure
-from ballbot.report.loop import bode_figure, poles_figure
 from ballbot.report.run import over_time
 from ballbot.report.series import IN_TURN, TimeSeries
 from ballbot.report.study import study_report
 from ballbot.report.style import LOOKS, thinned
-from ballbot.report.validation import validation_report
-from ballbot.report.validation_figures import horizon_figure
+from ballbot.report.validation import horizon_figure, validation_report
 from ballbot.robot.figure import robot_figure
 
 #: wheel speeds shown reach this many Stribeck speeds

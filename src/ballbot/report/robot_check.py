@@ -18,10 +18,10 @@ from ballbot.report.blocks import (
     Sheet,
     Verbatim,
     details,
+    matrix_text,
     section,
 )
-from ballbot.report.console import matrix_text
-from ballbot.report.loop import linear_section, loop_section
+from ballbot.report.design import linear_section, loop_section
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn
 from ballbot.report.words import capital

@@ -10,8 +10,7 @@ import numpy as np
 
 from ballbot.control.references import is_reference_file
 from ballbot.file_formats import read_results
-from ballbot.report.blocks import Result, Sheet, section
-from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.blocks import Provenance, Result, Sheet, provenance, section
 from ballbot.report.run import run_report
 from ballbot.report.words import millimetres
 from ballbot.twin.recording import Recording

@@ -22,12 +22,11 @@ from ballbot.identification.swing import Pivot, inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
-from ballbot.report.bench import swing_figure
+from ballbot.report.bench import measured_figure, swing_figure, torque_speed_figure
 from ballbot.report.comparison import paths_figure, position_error_series
-from ballbot.report.driveline import measured_figure, torque_speed_figure
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
 from ballbot.report.style import STATE_UNITS
-from ballbot.report.validation_figures import correlation_figure, symbols
+from ballbot.report.validation import correlation_figure, symbols
 from ballbot.report.words import state_mark
 from ballbot.thesis.reproduce.bench import BASIC, FIRST_LEAN, STEPS, Bench
 from ballbot.thesis.reproduce.item import RUNS, Check, Item, Rows, check, over_runs
