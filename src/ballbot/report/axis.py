@@ -16,7 +16,7 @@ from ballbot.identification.axis.motion import motion_of
 from ballbot.report.blocks import Bullets, Paragraph, Result, Section, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED
 from ballbot.report.series import Line, Look, Panel, TimeSeries
-from ballbot.report.style import drawn_picture
+from ballbot.report.style import drawn_picture, one_panel
 from ballbot.report.words import with_error
 from ballbot.rounding import DASH, digits, unit_heading
 
@@ -41,8 +41,8 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     friction, fastest = record.force - others, float(np.abs(motion.speed).max())
     moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)
     moving = moving[:: max(1, len(moving) // _MOST_POINTS)]
-    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
-    axes = figure.subplots()
+    across, up = unit_heading("speed", f"{found.unit}/s"), unit_heading("friction", record.force_unit)
+    figure, axes = one_panel(across, up)
     dots = {"color": MUTED, "markersize": 1.6, "alpha": 0.5}
     axes.plot(motion.speed[moving], friction[moving], ".", label="record", **dots)
     side = np.linspace(1e-4, 1.0, 200) * fastest
@@ -52,8 +52,6 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
         axes.plot(speed, curve, color=color, linestyle=dash, linewidth=1.4, label=estimate.law)
     middle = float(np.quantile(np.abs(friction[moving]), 0.99))
     axes.set_ylim(-1.3 * middle, 1.3 * middle)
-    axes.set_xlabel(unit_heading("speed", f"{found.unit}/s"))
-    axes.set_ylabel(unit_heading("friction", record.force_unit))
     axes.legend(loc="upper left", markerscale=5.0)
     return figure
 
@@ -90,8 +88,7 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
 def laws_figure(found: AxisIdentification) -> Figure:
     """Return each law's gain on held-out blocks over the simpler law, with its 95 % interval."""
     compared = [(name, one.gain) for name, one in found.by_law.items() if one.gain]
-    figure = Figure(figsize=(7.4, 0.6 + 0.42 * len(compared)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = one_panel("less error on held-out blocks [%]", "", height=0.6 + 0.42 * len(compared))
     ends = np.array([(100.0 * gain.lower, 100.0 * gain.upper) for _, gain in compared])
     left = max(_LEAST_GAIN, min(-5.0, 1.1 * float(ends.min())))
     for place, (_, gain) in enumerate(reversed(compared)):
@@ -102,7 +99,6 @@ def laws_figure(found: AxisIdentification) -> Figure:
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(compared)), [f"{name} over {LAWS[name][1]}" for name, _ in reversed(compared)])
     axes.set_xlim(left, max(5.0, 1.1 * float(ends.max())))
-    axes.set_xlabel("less error on held-out blocks [%]")
     return figure
 
 

@@ -7,7 +7,8 @@ fitted to it, and the residual.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -25,12 +26,12 @@ from ballbot.report.blocks import Bullets, Cell, Paragraph, Result, Sheet, secti
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
-    MEASURED,
     REFERENCE,
     WITH_FRICTION,
     WITHOUT_FRICTION,
     LineStyle,
     drawn_picture,
+    one_panel,
     thinned,
 )
 from ballbot.report.words import driveline_symbols, logs_words
@@ -43,23 +44,20 @@ from ballbot.summary import counted
 _WINDOWS_SHOWN = 8
 
 
-def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
-    """Return the recording, called by `label`, with the fitted pendulum, and below it their difference."""
-    swing, in_degrees = fit.swing, float(np.degrees(1.0))
-    unit = "deg" if swing.kind == "angle" else "deg/s"
-    t, measured, predicted = thinned(
-        swing.t - swing.t[0], swing.values - fit.values[5], fit.predicted - fit.values[5]
+def swing_series(fit: SwingFit, *, label: str = "measured") -> TimeSeries:
+    """Return the recording, called by `label`, with the pendulum fitted to it, and their difference."""
+    what, unit = ("angle", "deg") if fit.swing.kind == "angle" else ("rate", "deg/s")
+    measured, fitted = (np.degrees(one - fit.values[5]) for one in (fit.swing.values, fit.predicted))
+    lines = (Line(label, measured, "measured"), Line("pendulum fitted", fitted, "second"))
+    difference = (Line("difference", measured - fitted, "first"),)
+    return TimeSeries(
+        t=fit.swing.t - fit.swing.t[0],
+        panels=(
+            Panel(label=unit_heading(what, unit), lines=lines),
+            Panel(label=unit_heading("measured less fitted", unit), lines=difference),
+        ),
+        caption="The swing as recorded, and the pendulum with friction that was fitted to it.",
     )
-    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    upper.plot(t, in_degrees * measured, label=label, **MEASURED)
-    upper.plot(t, in_degrees * predicted, label="pendulum fitted", **WITHOUT_FRICTION)
-    upper.set_ylabel(unit_heading("angle" if swing.kind == "angle" else "rate", unit))
-    figure.legend(loc="outside upper center", ncols=2)
-    lower.plot(t, in_degrees * (measured - predicted), color=MEASURED["color"], linewidth=0.8)
-    lower.set_ylabel(f"difference\n[{unit}]")
-    lower.set_xlabel("time [s]")
-    return figure
 
 
 _COMPARISON = (
@@ -251,13 +249,10 @@ _MEASURED: LineStyle = {**REFERENCE, "linewidth": 3.2}
 
 def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
     """Return the thesis's Figure 3.1: torque over measured wheel speed."""
-    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = one_panel("wheel speed [rad/s]", "torque [N m]")
     for sweep, (color, dash) in zip(sweeps, _WHEELS, strict=False):
         speed, torque = thinned(sweep.speed, sweep.torque)
         axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.1, label=f"wheel {sweep.wheel}")
-    axes.set_xlabel("wheel speed [rad/s]")
-    axes.set_ylabel("torque [N m]")
     axes.legend(loc="upper left")
     return figure
 
@@ -286,29 +281,38 @@ def comparison_series(sweep: Sweep, fit: DrivelineFit) -> TimeSeries:
 
 def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:
     """Return the thesis's Figure 3.2 as a torque-speed characteristic."""
-    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = one_panel(f"speed of wheel {sweep.wheel} [rad/s]", "torque [N m]")
     torque, measured, found, without = thinned(sweep.torque, sweep.speed, fit.predicted, fit.without)
     axes.plot(measured, torque, label="measured", **_MEASURED)
     axes.plot(without, torque, label="without friction", **WITHOUT_FRICTION)
     axes.plot(found, torque, label="with friction", **WITH_FRICTION)
-    axes.set_xlabel(f"speed of wheel {sweep.wheel} [rad/s]")
-    axes.set_ylabel("torque [N m]")
     axes.legend(loc="upper left")
     return figure
 
 
-def curve_figure(fits: Sequence[DrivelineFit], limit: float) -> Figure:
-    """Return each wheel's friction over speed with its 95 % band; the right panel looks at low speeds."""
+@dataclass(frozen=True)
+class Curve:
+    """Friction [N m] over speeds (k,) above zero [rad/s], and its standard error if it is known."""
+
+    torque: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    error: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.zeros_like
+
+
+def driveline_curves(fits: Sequence[DrivelineFit]) -> dict[str, Curve]:
+    """Return the friction of each wheel by name."""
+    return {f"wheel {fit.wheel}": Curve(fit.law.steady_friction, partial(curve_error, fit)) for fit in fits}
+
+
+def curve_figure(curves: Mapping[str, Curve], fastest: float) -> Figure:
+    """Return friction over speed with its 95 % band; the right panel looks at low speeds."""
     figure = Figure(figsize=(7.4, 3.2), layout="constrained")
     panels = figure.subplots(1, 2)
-    for axes, fastest in zip(panels, (limit, 4.0), strict=True):
-        speed = np.geomspace(1e-3, 1.0, 200) * fastest
-        for fit, (color, dash) in zip(fits, _WHEELS, strict=False):
-            torque = fit.law.steady_friction(speed)
-            half = 1.96 * curve_error(fit, speed)
+    for axes, end in zip(panels, (fastest, min(fastest, 4.0)), strict=True):
+        speed = np.geomspace(1e-3, 1.0, 200) * end
+        for (name, curve), (color, dash) in zip(curves.items(), _WHEELS, strict=False):
+            torque, half = curve.torque(speed), 1.96 * curve.error(speed)
             axes.fill_between(speed, torque - half, torque + half, color=color, alpha=0.2, linewidth=0)
-            axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.3, label=f"wheel {fit.wheel}")
+            axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.3, label=name)
         axes.set_xlabel("wheel speed [rad/s]")
         axes.set_ylim(bottom=0.0)
     panels[0].set_ylabel("friction torque [N m]")
@@ -366,7 +370,7 @@ def driveline_report(
                 ),
                 drawn_picture(
                     "curve",
-                    partial(curve_figure, fits, sweeps[0].limit),
+                    partial(curve_figure, driveline_curves(fits), sweeps[0].limit),
                     "Friction over speed with its 95 % band, up to the speed limit and at low speeds.",
                 ),
             ),

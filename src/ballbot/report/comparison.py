@@ -25,6 +25,7 @@ from ballbot.report.style import (
     LineStyle,
     drawn_picture,
     label_of,
+    one_panel,
     thinned,
 )
 from ballbot.report.words import capital
@@ -156,8 +157,7 @@ _TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth",
 
 def course_figure(league: League, course: Course) -> Figure:
     """Draw each controller's path over the floor, of one run each, with the first seed."""
-    figure = Figure(figsize=(5.2, 3.4), layout="constrained")
-    floor = figure.subplots()
+    figure, floor = one_panel("$x$ [m]", "$y$ [m]", width=5.2)
     asked = _asked(course, np.arange(0.0, course.duration, 0.1))
     floor.plot(asked[:, 0], asked[:, 1], marker="o" if np.ptp(asked) == 0.0 else None, **REFERENCE)
     for index, name in enumerate(league.controllers):
@@ -165,7 +165,6 @@ def course_figure(league: League, course: Course) -> Figure:
         label = label_of(name) + (" (fell)" if track.ended else "")
         floor.plot(track.x, track.y, label=label, **line_of(index))
     floor.set_aspect("equal", adjustable="datalim")
-    floor.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
     figure.legend(*floor.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
 

@@ -33,7 +33,7 @@ from ballbot.report.blocks import (
 )
 from ballbot.report.palette import BLUE, MUTED, SHADE
 from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
-from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture
+from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture, one_panel
 from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.results import to_results
 from ballbot.robot import Friction
@@ -244,8 +244,7 @@ def poles_figure(poles: NDArray[np.complex128]) -> Figure:
 
     To the left is fast; on the real line nothing oscillates.
     """
-    figure = Figure(figsize=(4.6, 2.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = one_panel("real part [rad/s]", "imaginary part [rad/s]", width=4.6, height=2.6)
     axes.plot(poles.real, poles.imag, "o", color=BLUE, markersize=4.5, mfc="none")
     axes.axvspan(0.0, 1e3, color=SHADE)
     axes.axvline(0.0, color=MUTED, linewidth=0.8)
@@ -253,8 +252,6 @@ def poles_figure(poles: NDArray[np.complex128]) -> Figure:
     height = max(1.0, 1.25 * float(np.abs(poles.imag).max()))
     left, right = min(-1.0, 1.12 * float(poles.real.min())), max(1.0, 1.5 * float(poles.real.max()))
     axes.set(xlim=(left, right), ylim=(-height, height))
-    axes.set_xlabel("real part [rad/s]")
-    axes.set_ylabel("imaginary part [rad/s]")
     return figure
 
 

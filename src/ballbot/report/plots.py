@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
@@ -16,16 +18,16 @@ from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
-from ballbot.report.bench import curve_figure
+from ballbot.report.bench import Curve, curve_figure, driveline_curves
 from ballbot.report.blocks import Result
 from ballbot.report.comparison import course_figure, league_report, paths_figure
 from ballbot.report.design import bode_figure, poles_figure, robust_verdict
 from ballbot.report.identification import friction_figure
 from ballbot.report.limits import limit_words, planes_figure
 from ballbot.report.run import over_time
-from ballbot.report.series import IN_TURN, TimeSeries
+from ballbot.report.series import TimeSeries
 from ballbot.report.study import study_report
-from ballbot.report.style import LOOKS, thinned
+from ballbot.report.style import series_figure
 from ballbot.report.validation import horizon_figure, validation_report
 from ballbot.robot.figure import robot_figure
 
@@ -40,17 +42,7 @@ def log_figure(log: Log) -> Figure:
     series = next((one for one in over_time(log, None) if isinstance(one, TimeSeries)), None)
     if series is None:
         raise InputError("The log has no position, lean, heading, torques or wheel speeds to plot.")
-    figure = Figure(figsize=(7.4, 0.6 + 1.4 * len(series.panels)), layout="constrained")
-    rows = figure.subplots(len(series.panels), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, panel in zip(rows, series.panels, strict=True):
-        for line in panel.lines:
-            axes.plot(*thinned(log.t, line.values), label=line.name, **LOOKS[line.look])
-        axes.set_ylabel(panel.label)
-        axes.margins(x=0.01)
-        if len(panel.lines) > 1:
-            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(panel.lines), borderpad=0.0)
-    rows[-1].set_xlabel("time [s]")
-    return figure
+    return series_figure(series)
 
 
 def controller_figure(controller: Controller) -> Figure:
@@ -67,17 +59,12 @@ def controller_figure(controller: Controller) -> Figure:
 def upside_down_figure(found: UpsideDown) -> Figure:
     """Return each wheel's friction over its speed."""
     friction, n = found.robot.friction, found.robot.wheel_count
-    speed = np.geomspace(1e-3, 1.0, 160) * _SHOWN_SPEEDS * friction.stribeck_speed
-    torques = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)
-    figure = Figure(figsize=(7.4, 2.8), layout="constrained")
-    axes = figure.subplots()
-    for wheel, (torque, look) in enumerate(zip(torques.T, IN_TURN, strict=False), start=1):
-        axes.plot(speed, torque, label=f"wheel {wheel}", **LOOKS[look])
-    axes.set_xlabel("wheel speed [rad/s]")
-    axes.set_ylabel("friction torque [N m]")
-    axes.set_ylim(bottom=0.0)
-    axes.legend(loc="lower right")
-    return figure
+
+    def of_wheel(wheel: int, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+        return wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
+
+    curves = {f"wheel {wheel + 1}": Curve(partial(of_wheel, wheel)) for wheel in range(n)}
+    return curve_figure(curves, _SHOWN_SPEEDS * friction.stribeck_speed)
 
 
 def _verdict(title: str, verdict: Sequence[tuple[str, str]]) -> Result:
@@ -102,7 +89,9 @@ FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "AxisIdentification": laws_figure,
     "Controller": controller_figure,
     "ControllerDesign": lambda design: bode_figure(design.loop_margins),
-    "DrivelineFit": lambda fit: curve_figure([fit], float(np.nanmax(np.abs(fit.predicted), initial=1.0))),
+    "DrivelineFit": lambda fit: curve_figure(
+        driveline_curves([fit]), float(np.nanmax(np.abs(fit.predicted), initial=1.0))
+    ),
     "Identification": friction_figure,
     "League": lambda league: course_figure(league, league.courses[0]),
     "Log": log_figure,

@@ -37,7 +37,7 @@ from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_rows
-from ballbot.report.style import drawn_picture, plain_log_ticks
+from ballbot.report.style import drawn_picture, one_panel, plain_log_ticks
 from ballbot.report.validation import undecided_by, validation_results, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
 from ballbot.robot.file import robot_text
@@ -350,8 +350,7 @@ def _stiffness_picture(found: FrictionByStiffness) -> Picture:
 
 def stiffness_figure(found: FrictionByStiffness) -> Figure:
     """Draw the peak error over the position gain, a line and a band for each variant."""
-    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = one_panel("position gain [N m/m]", "peak error [mm]")
     for variant in VARIANTS:
         _draw(axes, found, variant)
     axes.set(xscale="log", yscale="log")
@@ -361,8 +360,6 @@ def stiffness_figure(found: FrictionByStiffness) -> Figure:
         axes.text(gain, 0.99, f" {name}", transform=place, va="top", color=INK, fontsize=7)
     for axis in (axes.xaxis, axes.yaxis):
         plain_log_ticks(axis)
-    axes.set_xlabel("position gain [N m/m]")
-    axes.set_ylabel("peak error [mm]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
 

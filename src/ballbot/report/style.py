@@ -18,6 +18,7 @@ from urllib.parse import quote
 import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -29,7 +30,7 @@ from ballbot.log.columns import unit_of
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
 from ballbot.report.palette import AXIS, BLUE, GREEN, GRID, INK, MUTED, ORANGE, PALE, VIOLET, YELLOW
-from ballbot.report.series import Line, Look, Panel
+from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.words import state_mark
 from ballbot.rounding import unit_heading
 
@@ -196,6 +197,29 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
     """Return a figure for a page; see `drawn`."""
     return Picture(markup=partial(_markup, draw, name), caption=caption)
+
+
+def one_panel(across: str, up: str, *, height: float = 3.4, width: float = 7.4) -> tuple[Figure, Axes]:
+    """Return a figure [in] of one panel, with the labels of its axes."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots()
+    axes.set(xlabel=across, ylabel=up)
+    return figure, axes
+
+
+def series_figure(series: TimeSeries) -> Figure:
+    """Return time series as a figure."""
+    figure = Figure(figsize=(7.4, 0.6 + 1.4 * len(series.panels)), layout="constrained")
+    rows = figure.subplots(len(series.panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, panel in zip(rows, series.panels, strict=True):
+        for line in panel.lines:
+            axes.plot(*thinned(series.t, line.values), label=line.name, **LOOKS[line.look])
+        axes.set_ylabel(panel.label)
+        axes.margins(x=0.01)
+        if len(panel.lines) > 1:
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(panel.lines), borderpad=0.0)
+    rows[-1].set_xlabel(series.across)
+    return figure
 
 
 def _svg(figure: Figure) -> str:

@@ -32,6 +32,7 @@ from ballbot.report.style import (
     WITHOUT_FRICTION,
     drawn_picture,
     label_of,
+    one_panel,
     state_panels,
 )
 from ballbot.report.words import state_mark, with_symbols
@@ -387,8 +388,7 @@ def correlation_figure(
         inches = max(_SMALLEST, inches * len(known) / len(labels))
         labels, correlation = [labels[place] for place in known], correlation[among]
         marked = None if marked is None else marked[among]
-    figure = Figure(figsize=(inches, inches), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = one_panel("", "", width=inches, height=inches)
     for (row, column), value in np.ndenumerate(correlation[::-1]):
         if not np.isfinite(value):
             continue
@@ -433,13 +433,10 @@ def symbols(labels: Sequence[str]) -> list[str]:
 
 def wheels_figure(by_speed: Sequence[SpeedEffect]) -> Figure:
     """Return the wheels' residual torques against their speed."""
-    figure = Figure(figsize=(7.4, 2.7), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = one_panel("wheel speed [rad/s]", "residual torque [N m]", height=2.7)
     axes.axhline(0.0, color=INK, linewidth=0.8)
     for wheel, (effect, look, mark) in enumerate(zip(by_speed, IN_TURN, MARKS, strict=False), start=1):
         axes.errorbar(effect.speeds, effect.torques, yerr=effect.half_widths, fmt=mark, color=LOOKS[look]["color"],
                       markersize=3.2, linewidth=0.9, label=f"wheel {wheel}")  # fmt: skip
-    axes.set_xlabel("wheel speed [rad/s]")
-    axes.set_ylabel("residual torque [N m]")
     figure.legend(loc="outside upper left", ncols=len(by_speed))
     return figure

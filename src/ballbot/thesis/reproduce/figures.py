@@ -22,7 +22,7 @@ from ballbot.identification.swing import Pivot, inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
-from ballbot.report.bench import measured_figure, swing_figure, torque_speed_figure
+from ballbot.report.bench import measured_figure, swing_series, torque_speed_figure
 from ballbot.report.comparison import paths_figure, position_error_series
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
 from ballbot.report.style import STATE_UNITS
@@ -709,7 +709,7 @@ def figure_iii_1(bench: Bench) -> Item:
         f"first to ± {half:.1g}, and {own.value:.3f} about the centre of mass. That tests the method, not the "
         "thesis's number.",
         checks=(check(claim, "found from the swing, its difference from that", off, "%", highest=0.1),),
-        figure=lambda: swing_figure(fit, label="simulated, with the tracking's error"),
+        series=lambda: swing_series(fit, label="simulated, with the tracking's error"),
     )
 
 
