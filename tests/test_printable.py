@@ -109,7 +109,7 @@ def test_a_page_escapes_names(tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("name", ["[/x]", "\x1b[31m\n", os.fsdecode(b"\xff\xfe"), "-x"])
+@pytest.mark.parametrize("name", ["\x1b[31m\n[/x]", os.fsdecode(b"\xff\xfe")])
 def test_file_names_are_never_interpreted_as_options_or_markup(tmp_path, monkeypatch, capfd, name):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mine", "--out", f"./{name}.toml"]) == 0

@@ -33,19 +33,6 @@ def test_values_are_replaced_by_dotted_name():
     assert changed.sources["ball.mass"] == ROBOT.sources["ball.mass"]
 
 
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
-        ({"body.mas": 9.0}, "did you mean 'body.mass'"),
-        ({"body.mass": -9.0}, "body.mass is -9 kg; it cannot be negative"),
-        ({"friction.coulomb": [0.1, 0.2]}, "coulomb"),
-    ],
-)
-def test_values_that_a_robot_cannot_have_are_refused(values, sentence):
-    with pytest.raises(InputError, match=sentence):
-        ROBOT.replace(values)
-
-
 def test_a_function_is_a_controller():
     nominal = nominal_controller(ROBOT)
     by_function = simulate(Model(ROBOT), nominal.update, "hold", duration=1.0, seed=3)
@@ -100,9 +87,7 @@ def test_lqr_called_as_python_control_s_says_what_is_expected():
         ballbot.lqr(linear.A, linear.B, np.eye(10), np.eye(3))
 
 
-@pytest.mark.parametrize(
-    "name", ["batch", "gain", "controller design", "limits", "robust design", "driveline"]
-)
+@pytest.mark.parametrize("name", ["batch", "gain", "controller design", "limits", "driveline"])
 def test_results_are_dictionaries_that_json_holds(name):
     found = RESULTS[name]().to_dict()
     assert found

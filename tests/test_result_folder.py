@@ -1,7 +1,6 @@
 """A folder belongs to one result: held by one process, its files replaced together, the user's own left alone."""
 
 import os
-import re
 from pathlib import Path
 
 import pytest
@@ -38,18 +37,6 @@ def test_a_new_result_replaces_the_old_one_as_a_whole(tmp_path):
     leave(tmp_path, NEW)
     assert shown(tmp_path) == NEW | {"notes.txt": "mine"}
     assert {path.name for path in tmp_path.iterdir() if path.name.startswith(".")} == {MANIFEST}
-
-
-def test_unwritable_file_is_named_by_its_given_path(tmp_path):
-    def fill() -> None:
-        with result_folder(tmp_path, command="study", names=NAMES) as held, held.replaced() as new:
-            (new / "robot.toml").mkdir()
-            write_text(new / "robot.toml", "new")
-
-    leave(tmp_path, OLD)
-    with pytest.raises(InputError, match=rf"^{re.escape(str(tmp_path / 'robot.toml'))} is a folder"):
-        fill()
-    assert shown(tmp_path) == OLD
 
 
 class KilledError(BaseException):
@@ -131,14 +118,7 @@ def test_an_unfinished_run_is_not_mixed_with(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "",
-        "[]",
-        "{}",
-        '{"format": "ballbot result 1"}',
-        '{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}',
-        "[" * 100_000,
-    ],
+    ["", "{}", '{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}'],
 )
 def test_a_damaged_manifest_is_refused(tmp_path, text):
     leave(tmp_path, OLD)

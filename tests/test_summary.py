@@ -29,7 +29,6 @@ from ballbot.twin.scenario_file import EXAMPLES, scenario_of
 from ballbot.workflows.controller_design import design_controller
 from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
 from ballbot.workflows.recovery_region import Region
-from ballbot.workflows.robust_design import ComparedDesign, CostUnits, PerturbationRanges, RobustDesign
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.screen import assert_fits_a_screen
@@ -41,33 +40,6 @@ LQR = LqrDesign(
     cost=np.eye(10),
     sample_time=5e-3,
 )
-
-
-def robust() -> RobustDesign:
-    compared = {
-        name: ComparedDesign(
-            gain=GAIN,
-            worst_tenth=1.5,
-            mean=1.0,
-            worst_error=0.02,
-            worst_roughness=0.1,
-            falls=0,
-            costs=np.linspace(1.0, 2.0, 20),
-        )
-        for name in ("robust", "nominal")
-    }
-    return RobustDesign(
-        design=LQR,
-        controller=Controller(alten(), GAIN),
-        state_weights=(1234.5678,) * 10,
-        torque_weight=30.0,
-        units=CostUnits(error=0.01, roughness=0.1),
-        history=(2.0, 1.5),
-        compared=compared,
-        fresh=20,
-        spread=PerturbationRanges(),
-        scenario="nominal",
-    )
 
 
 def upside_down() -> UpsideDown:
@@ -158,7 +130,6 @@ RESULTS = {
     "controller with every part": lambda: everything(alten(FRICTION)),
     "gain": lambda: LQR,
     "gain with integral": lambda: replace(LQR, integral_gain=GAIN[:, :3]),
-    "robust design": robust,
     "controller design": lambda: design_controller(alten(FRICTION)),
     "upside down": upside_down,
     "driveline": driveline,
@@ -174,7 +145,7 @@ def test_result_fits_a_screen(name):
 @pytest.mark.parametrize(
     "name",
     [
-        "robot", "log", "controller", "gain with integral", "robust design", "upside down", "driveline", "limits",
+        "robot", "log", "controller", "gain with integral", "upside down", "driveline", "limits",
     ],
 )  # fmt: skip
 def test_plot_returns_a_figure_that_a_notebook_shows(name):

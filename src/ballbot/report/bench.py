@@ -22,7 +22,7 @@ from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
 from ballbot.mechanics.friction import stribeck_gradient
-from ballbot.report.blocks import Bullets, Cell, Paragraph, Result, Sheet, section
+from ballbot.report.blocks import Bullets, Cell, Column, Paragraph, Result, Sheet, section, sheet_of
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
@@ -98,13 +98,22 @@ def _error_table(found: UpsideDown) -> Sheet:
 _SHOWN_IN = {"rad": (math.degrees(1.0), "deg"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
-def _row(one: GeometryQuantity) -> list[str]:
-    scale, unit = _SHOWN_IN.get(one.unit, (1.0, one.unit))
-    off = f"{round(one.deviation, 1) + 0.0:+.1f} s.e."  # adding zero keeps a minus sign off what prints as nothing
-    error = scale * one.standard_error
-    decimals = max(0, 1 - math.floor(math.log10(error)))
-    numbers = (f"{number:.{decimals}f}" for number in (scale * one.value, error, scale * one.in_file))
-    return [_quantity(one), *numbers, unit, off, one.kind]
+def _number(one: GeometryQuantity, value: float) -> str:
+    """Return a number of a quantity in the table's unit, to the second digit of its standard error."""
+    scale, _ = _SHOWN_IN.get(one.unit, (1.0, one.unit))
+    return f"{scale * value:.{max(0, 1 - math.floor(math.log10(scale * one.standard_error)))}f}"
+
+
+_GEOMETRY: tuple[Column[GeometryQuantity], ...] = (
+    Column("quantity", lambda one: _quantity(one)),
+    Column("from the logs", lambda one: _number(one, one.value)),
+    Column("standard error", lambda one: _number(one, one.standard_error)),
+    Column("in the file", lambda one: _number(one, one.in_file)),
+    Column("unit", lambda one: _SHOWN_IN.get(one.unit, (1.0, one.unit))[1]),
+    # adding zero keeps a minus sign off what prints as nothing
+    Column("difference", lambda one: f"{round(one.deviation, 1) + 0.0:+.1f} s.e."),
+    Column("from", lambda one: one.kind),
+)
 
 
 def _quantity(one: GeometryQuantity) -> str:
@@ -212,8 +221,7 @@ def geometry_report(
 ) -> Result:
     """Return the page of a geometry identified from logs."""
     (first, *others), count = texts(findings), len([*found.measured, *found.wheel_ratios])
-    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *found.others)]
-    headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
+    rows = (*found.measured, *found.wheel_ratios, *found.others)
     return Result(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
@@ -221,7 +229,7 @@ def geometry_report(
         sections=[
             section(
                 "Geometry",
-                Sheet(headings=headings, rows=rows, caption=_GEOMETRY_CAPTION),
+                sheet_of(rows, _GEOMETRY, caption=_GEOMETRY_CAPTION),
                 Bullets(items=others) if others else None,
             )
         ],

@@ -22,6 +22,7 @@ from ballbot.mechanics.model import LinearModel
 from ballbot.report.blocks import (
     Block,
     Bullets,
+    Column,
     Paragraph,
     Result,
     Section,
@@ -30,6 +31,7 @@ from ballbot.report.blocks import (
     details,
     matrix_text,
     section,
+    sheet_of,
 )
 from ballbot.report.palette import BLUE, MUTED, SHADE
 from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
@@ -41,7 +43,7 @@ from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
 from ballbot.workflows.robot_check import linearization_results, state_order
-from ballbot.workflows.robust_design import RobustDesign
+from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
 
 
 def search_comment(found: RobustDesign, command: str) -> str:
@@ -169,16 +171,18 @@ def gain_sheet(
     return Sheet(headings=("state", *wheels), rows=rows, caption=caption)
 
 
+_DESIGNS: tuple[Column[tuple[str, ComparedDesign]], ...] = (
+    Column("design", lambda one: one[0]),
+    Column("worst tenth of J", lambda one: f"{one[1].worst_tenth:.2f}"),
+    Column("mean J", lambda one: f"{one[1].mean:.2f}"),
+    Column("worst error [mm]", lambda one: f"{1e3 * one[1].worst_error:.1f}"),
+    Column("worst roughness [N m]", lambda one: f"{one[1].worst_roughness:.3f}"),
+    Column("falls", lambda one: one[1].falls),
+)
+
+
 def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Result:
     """Return the page of a design by search."""
-    headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
-    rows = [
-        (
-            *(name, f"{one.worst_tenth:.2f}", f"{one.mean:.2f}", f"{1e3 * one.worst_error:.1f}"),
-            *(f"{one.worst_roughness:.3f}", f"{one.falls}"),
-        )
-        for name, one in found.compared.items()
-    ]
     caption = (
         f"On {found.fresh} perturbed robots that the search did not use. The cost J of a robot is its error over the "
         "nominal gain's median plus its torques' roughness over the nominal gain's median, so that J is about 2 with "
@@ -192,12 +196,10 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
         lead=f"Perturbed robots: {ranges}; --perturb changes a range.",
         verdict=robust_verdict(found),
         sections=[
-            section("Compared with other weights", Sheet(headings=headings, rows=rows, caption=caption)),
             section(
-                "Gain",
-                gain_sheet(found.controller.gain),
-                Bullets(items=[_weights(found)]),
+                "Compared with other weights", sheet_of(found.compared.items(), _DESIGNS, caption=caption)
             ),
+            section("Gain", gain_sheet(controller.gain), Bullets(items=[_weights(found)])),
             loop_section(found.loop_margins),
         ],
         undecided=[

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ballbot.control.overcompensation import has_friction
-from ballbot.report.blocks import Result, Sheet, section
+from ballbot.report.blocks import Column, Result, section, sheet_of
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
 from ballbot.report.style import drawn_picture, label_of
 from ballbot.report.words import NO_FRICTION
@@ -117,15 +117,18 @@ def limit_words(one: RobotLimits) -> str:
     return f"a tilt at rest of {leans} degrees and an impulse of {impulses} N s"
 
 
-def _twin_sheet(on_twin: Mapping[str, Sequence[TwinLimit]]) -> Sheet:
-    rows = []
-    for name, limits in on_twin.items():
-        for limit in limits:
-            unit, word = (_DEGREES, "tilt [deg]") if limit.kind == "lean" else (1.0, "impulse [N s]")
-            sizes = [f"{unit * size:.1f}" for size in (limit.lower, limit.twin, limit.upper)]
-            rows.append([name, word, f"{np.degrees(limit.direction):.0f}°", *sizes])
-    headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
-    return Sheet(headings=headings, rows=rows)
+def _on_twin(limit: TwinLimit, size: float) -> str:
+    return f"{(_DEGREES if limit.kind == 'lean' else 1.0) * size:.1f}"
+
+
+_TWIN: tuple[Column[tuple[str, TwinLimit]], ...] = (
+    Column("controller", lambda one: one[0]),
+    Column("limit", lambda one: "tilt [deg]" if one[1].kind == "lean" else "impulse [N s]"),
+    Column("towards", lambda one: f"{np.degrees(one[1].direction):.0f}°"),
+    Column("no wheel slips", lambda one: _on_twin(one[1], one[1].lower)),
+    Column("on the twin", lambda one: _on_twin(one[1], one[1].twin)),
+    Column("wheels never slip", lambda one: _on_twin(one[1], one[1].upper)),
+)
 
 
 def limits_report(
@@ -137,7 +140,7 @@ def limits_report(
     scenario: str,
 ) -> Result:
     """Return the page."""
-    verdict = []
+    verdict, twins = [], [(name, limit) for name, limits in on_twin.items() for limit in limits]
     for name, one in found.items():
         text = f"Recovers in every direction from {limit_words(one)}"
         words = "up to the first number no wheel slips, up to the second if wheels never slip"
@@ -160,7 +163,7 @@ def limits_report(
         ),
         verdict=verdict,
         sections=[
-            *([section("On the twin", _twin_sheet(on_twin))] if on_twin else []),
+            *([section("On the twin", sheet_of(twins, _TWIN))] if twins else []),
             section(
                 "Over all directions",
                 drawn_picture("directions", partial(directions_figure, found, on_twin), directions),

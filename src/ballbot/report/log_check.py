@@ -15,9 +15,10 @@ from ballbot.log import Log
 from ballbot.log.checks import check, check_uses, uses_of
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
+from ballbot.log.mapping_search.placement import Placement
 from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
-from ballbot.report.blocks import Result, Sheet, Verbatim, section
+from ballbot.report.blocks import Column, Result, Sheet, Verbatim, section, sheet_of
 from ballbot.report.run import over_time
 from ballbot.robot import Robot
 from ballbot.summary import counted
@@ -112,19 +113,18 @@ def _placed(log: Log, robot: Robot) -> Log:
         return log  # the findings name what it lacks
 
 
-def _column_table(summaries: tuple[ColumnSummary, ...]) -> Sheet:
-    rows = [
-        (
-            column.name,
-            column.unit or "?",
-            *("-" if limit is None else f"{limit + 0.0:.4g}" for limit in (column.least, column.greatest)),
-            f"{column.change_rate:.4g}",
-            str(column.missing),
-        )
-        for column in summaries
-    ]
-    headings = ("column", "unit", "from", "to", "changes per second", "missing")
-    return Sheet(headings=headings, rows=rows)
+def _limit(value: float | None) -> str:
+    return "-" if value is None else f"{value + 0.0:.4g}"
+
+
+_COLUMNS: tuple[Column[ColumnSummary], ...] = (
+    Column("column", lambda one: one.name),
+    Column("unit", lambda one: one.unit or "?"),
+    Column("from", lambda one: one.least, _limit),
+    Column("to", lambda one: one.greatest, _limit),
+    Column("changes per second", lambda one: one.change_rate, _limit),
+    Column("missing", lambda one: one.missing),
+)
 
 
 def _wheel_table(wheels: WheelAgreement) -> Sheet:
@@ -148,7 +148,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
         verdict=[("", _log_verdict(findings, checked.uses))],
         sections=[
-            section("Columns", _column_table(checked.columns), wheels),
+            section("Columns", sheet_of(checked.columns, _COLUMNS), wheels),
             section("Over time", *over_time(log, robot)),
         ],
         undecided=[
@@ -204,19 +204,16 @@ def proposal_report(
 def _placement_table(proposal: Proposal) -> Sheet:
     placements = proposal.tested.placements if proposal.tested else ()
     least = min((one.misfit for one in placements), default=1.0)
-    rows = [
-        (
-            one.description,
-            f"{math.degrees(one.phase):.1f}",
-            f"{one.gain:.2f}",
-            f"{100.0 * one.unexplained:.1f}",
-            f"{100.0 * one.together:.1f}",
-            f"{one.misfit / least:.1f}",
-        )
-        for one in sorted(placements, key=lambda one: one.misfit)
+    columns: list[Column[Placement]] = [
+        Column("wheel order", lambda one: one.description),
+        Column("phase [deg]", lambda one: f"{math.degrees(one.phase):.1f}"),
+        Column("gain", lambda one: f"{one.gain:.2f}"),
+        Column("lean unexplained [%]", lambda one: f"{100.0 * one.unexplained:.1f}"),
+        Column("wheels together [%]", lambda one: f"{100.0 * one.together:.1f}"),
+        Column("misfit", lambda one: f"{one.misfit / least:.1f}"),
     ]
-    headings = ("wheel order", "phase [deg]", "gain", "lean unexplained [%]", "wheels together [%]", "misfit")
-    return Sheet(headings=headings, rows=rows, caption="Wheel orders, by the response of the lean")
+    ordered = sorted(placements, key=lambda one: one.misfit)
+    return sheet_of(ordered, columns, caption="Wheel orders, by the response of the lean")
 
 
 def _proposal_data(found: Evaluation) -> dict[str, object]:
