@@ -59,7 +59,7 @@ def test_friction_found_is_near_the_simulated_robots_and_has_a_report(runs, tmp_
     assert state.share is None
     assert [row[0] for row in state.rows] == ["wheel 1", "wheel 2", "wheel 3"]
     assert all(float(row[1]) > 0.0 and float(row[3]) > 0.0 for row in state.rows)
-    demo.write_report(found, runs[demo_runs.SOFT], tmp_path / "report.html")
+    demo.write_report(found, runs[demo_runs.SOFT], tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert len(page) < LARGEST_PAGE
     results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))

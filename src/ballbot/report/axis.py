@@ -17,8 +17,7 @@ from ballbot.report.blocks import Bullets, Paragraph, Result, Section, Sheet, se
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture, one_panel
-from ballbot.report.words import with_error
-from ballbot.rounding import DASH, digits, unit_heading
+from ballbot.rounding import DASH, digits, plus_minus, unit_heading
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02
@@ -188,7 +187,7 @@ def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     rows = []
     for name, value in found.best.values.items():
         kind = PARAMETERS[name]
-        number = with_error(value, found.best.standard_errors[name])
+        number = plus_minus(value, found.best.standard_errors[name])
         rows.append((kind.symbol, kind.meaning, unit_for(kind, found.unit), number))
     return rows
 

@@ -14,7 +14,7 @@ from ballbot.findings import Finding, finding_results
 from ballbot.report.blocks import Bullets, Picture, Result, Sheet, section
 from ballbot.report.page import picture_data
 from ballbot.report.series import Line, Panel, TimeSeries, true_spans
-from ballbot.report.words import signed_with_error, with_error
+from ballbot.rounding import plus_minus, signed
 from ballbot.vision.spin import Spin, WheelComparison, spin_findings
 
 _AXES = ("x", "y", "z")
@@ -117,10 +117,10 @@ def spin_report(
 def _view_sheet(spin: Spin) -> Sheet:
     view, errors = spin.view, spin.calibration.errors
     rows = [
-        ("ball's centre, across", with_error(view.x, errors[0]), "pixels"),
-        ("ball's centre, down", with_error(view.y, errors[1]), "pixels"),
-        ("ball's radius", with_error(view.radius, errors[2] * view.radius), "pixels"),
-        ("distance of the lens", with_error(view.distance, errors[3] * view.distance**2), "ball radii"),
+        ("ball's centre, across", plus_minus(view.x, errors[0]), "pixels"),
+        ("ball's centre, down", plus_minus(view.y, errors[1]), "pixels"),
+        ("ball's radius", plus_minus(view.radius, errors[2] * view.radius), "pixels"),
+        ("distance of the lens", plus_minus(view.distance, errors[3] * view.distance**2), "ball radii"),
         ("frames with the seam tracked", f"{100.0 * float(np.mean(spin.track.tracked)):.1f}", "%"),
     ]
     return Sheet(
@@ -129,11 +129,11 @@ def _view_sheet(spin: Spin) -> Sheet:
 
 
 def _comparison_sheet(comparison: WheelComparison) -> Sheet:
-    clock = signed_with_error(comparison.clock.offset, comparison.offset_half_width)
+    clock = signed(plus_minus(comparison.clock.offset, comparison.offset_half_width))
     rows = [
         ("clock of the video after the log's", clock, "s"),
         *(
-            (f"gain about {axis}, video over wheels", with_error(float(gain), float(half)), "")
+            (f"gain about {axis}, video over wheels", plus_minus(float(gain), float(half)), "")
             for axis, gain, half in zip(_AXES, comparison.gain, comparison.gain_half_width, strict=True)
         ),
         ("RMS difference, of the peak", f"{100.0 * comparison.rms_share:.2g}", "%"),

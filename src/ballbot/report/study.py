@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -262,17 +262,11 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
 
 
 def _candidate_sheet(choice: ControllerChoice) -> Sheet:
-    first = choice.trials["none"]
-    ratio: Column[tuple[str, Trial]] = Column(
-        "smaller by",
-        lambda row: first.ratio_to(row[1]).median,
-        lambda found: "–" if found == 1.0 else f"{digits(found)} ×",
-    )
     caption = (
         f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
         "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
     )
-    return sheet_of(choice.trials.items(), (*TRIAL_COLUMNS, ratio), caption=caption)
+    return sheet_of(choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption)
 
 
 def _replay(study: Study) -> Film | None:
@@ -422,27 +416,31 @@ def study_results(study: Study) -> dict[str, object]:
     }
 
 
-#: what a study says of each controller's runs: the columns of its table, and the entries of results.json [m, N m]
-TRIAL_COLUMNS: tuple[Column[tuple[str, Trial]], ...] = (
-    Column("controller", lambda row: CANDIDATE_NAMES[row[0]]),
-    Column("peak [mm]", lambda row: row[1].peak.median, millimetres, key="peak_position_error"),
-    Column(
-        "95 % interval",
-        lambda row: [row[1].peak.low, row[1].peak.high],
-        lambda ends: " – ".join(map(millimetres, ends)),
-        key="peak_position_error_interval",
-    ),
-    Column(None, lambda row: float(np.fmax.reduce(row[1].peaks)), key="worst_position_error"),
-    Column(None, lambda row: row[1].rms.median, key="rms_position_error"),
-    Column("roughness [N m]", lambda row: row[1].roughness.median, key="rms_torque_change"),
-    Column("falls", lambda row: row[1].falls, key="falls"),
-    Column("runs", lambda row: len(row[1].scores), key="runs"),
-    Column(None, lambda row: row[1].controller.estimator, key="estimator"),
-)
+def _trial_columns(soft: Trial) -> Sequence[Column[tuple[str, Trial]]]:
+    """Return what is said of a controller's runs: columns of the table, and entries of results.json [m, N m]."""
+    return (
+        Column("controller", lambda row: CANDIDATE_NAMES[row[0]]),
+        Column("peak [mm]", lambda row: row[1].peak.median, millimetres, key="peak_position_error"),
+        Column(
+            "95 % interval",
+            lambda row: [row[1].peak.low, row[1].peak.high],
+            lambda ends: " – ".join(map(millimetres, ends)),
+            key="peak_position_error_interval",
+        ),
+        Column(
+            "smaller by", lambda row: "–" if row[1] is soft else f"{digits(soft.ratio_to(row[1]).median)} ×"
+        ),
+        Column(None, lambda row: float(np.fmax.reduce(row[1].peaks)), key="worst_position_error"),
+        Column(None, lambda row: row[1].rms.median, key="rms_position_error"),
+        Column("roughness [N m]", lambda row: row[1].roughness.median, key="rms_torque_change"),
+        Column("falls", lambda row: row[1].falls, key="falls"),
+        Column("runs", lambda row: len(row[1].scores), key="runs"),
+        Column(None, lambda row: row[1].controller.estimator, key="estimator"),
+    )
 
 
 def _trial(trial: Trial) -> dict[str, object]:
-    return entries_of(("", trial), TRIAL_COLUMNS)
+    return entries_of(("", trial), _trial_columns(trial))
 
 
 def _comparison(study: Study) -> dict[str, object]:
