@@ -24,7 +24,7 @@ from ballbot.control.references import named_reference
 from ballbot.processes import worker_pool
 from ballbot.report.comparison import RUN_LABELS, RUN_LOOKS
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE, SHADE
-from ballbot.report.style import LOOKS, REFERENCE, LineStyle, thinned
+from ballbot.report.style import LOOKS, LineStyle, thinned
 from ballbot.robot import Friction
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.bench import run_bench
@@ -169,7 +169,7 @@ def errors_figure(runs: Mapping[str, Log]) -> Figure:
     figure = Figure(figsize=(7.4, 3.0), layout="constrained")
     paths, errors = figure.subplots(1, 2, width_ratios=(2, 3))
     longest = max(runs.values(), key=len)
-    paths.plot(longest["ref_x"], longest["ref_y"], **REFERENCE)
+    paths.plot(longest["ref_x"], longest["ref_y"], **LOOKS["reference"])
     for name in ("none", "partial"):
         place = true_place(runs[name])
         paths.plot(*thinned(place["x"], place["y"]), **LOOKS[RUN_LOOKS[name]])

@@ -25,7 +25,7 @@ from ballbot.report.identification import (
     friction_sentence,
 )
 from ballbot.report.style import drawn
-from ballbot.report.words import state_mark, with_powers, with_symbols
+from ballbot.report.words import state_mark, with_symbols
 from ballbot.robot import Friction
 from ballbot.rounding import plus_minus
 from tests.support.validation_examples import true_robot
@@ -193,9 +193,3 @@ def test_a_figure_is_one_svg_element_whose_names_are_its_own():
     assert not ids[0] & ids[1]
     # what is referred to is there
     assert set(re.findall(r'href="#([^"]+)"', first)) <= ids[0]
-
-
-def test_powers_of_ten_are_raised():
-    assert with_powers("8.58e-06 (8.5e-06 to 1e+12) mm") == "8.58·10⁻⁶ (8.5·10⁻⁶ to 1·10¹²) mm"
-    plain = "0.5 rad, 3 e-mails, delta_2e1, wheel 2"
-    assert with_powers(plain) == plain

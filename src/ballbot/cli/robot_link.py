@@ -25,13 +25,13 @@ from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs
 from ballbot.fitting.run import check_seed
 from ballbot.link.emulated import emulated_robot
+from ballbot.link.lines import state_line
 from ballbot.link.live import LiveRobot
 from ballbot.link.messages import State
 from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
 from ballbot.report.blocks import PlainConsole
-from ballbot.report.live import state_line
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import Hold
 from ballbot.twin.scenario_file import load_scenario

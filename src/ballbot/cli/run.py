@@ -26,6 +26,7 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
+from ballbot.link.lines import bench_line, counts_line, sample_line
 from ballbot.link.live import (
     Commander,
     FollowReference,
@@ -38,14 +39,7 @@ from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.report.blocks import finding_line
-from ballbot.report.live import (
-    alternation_report,
-    bench_line,
-    counts_line,
-    live_run_report,
-    sample_line,
-    wiring_report,
-)
+from ballbot.report.live import alternation_report, live_run_report, wiring_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD

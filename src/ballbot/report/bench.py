@@ -26,10 +26,6 @@ from ballbot.report.blocks import Bullets, Cell, Column, Paragraph, Result, Shee
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
-    REFERENCE,
-    WITH_FRICTION,
-    WITHOUT_FRICTION,
-    LineStyle,
     drawn_picture,
     one_panel,
     thinned,
@@ -251,8 +247,6 @@ _GEOMETRY_CAPTION = (
 
 
 _WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
-#: a broad pale line beneath, for the model's with friction lies on it
-_MEASURED: LineStyle = {**REFERENCE, "linewidth": 3.2}
 
 
 def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
@@ -285,17 +279,6 @@ def comparison_series(sweep: Sweep, fit: DrivelineFit) -> TimeSeries:
             "anew from the measured speed."
         ),
     )
-
-
-def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:
-    """Return the thesis's Figure 3.2 as a torque-speed characteristic."""
-    figure, axes = one_panel(f"speed of wheel {sweep.wheel} [rad/s]", "torque [N m]")
-    torque, measured, found, without = thinned(sweep.torque, sweep.speed, fit.predicted, fit.without)
-    axes.plot(measured, torque, label="measured", **_MEASURED)
-    axes.plot(without, torque, label="without friction", **WITHOUT_FRICTION)
-    axes.plot(found, torque, label="with friction", **WITH_FRICTION)
-    axes.legend(loc="upper left")
-    return figure
 
 
 @dataclass(frozen=True)

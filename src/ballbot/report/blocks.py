@@ -309,16 +309,10 @@ class PlainConsole(Console):
 
 
 def matrix_text(name: str, matrix: NDArray[np.float64]) -> str:
-    """Return a matrix as lines of four decimals, its name before the middle row."""
+    """Return a matrix to four decimals below its name."""
     # rounding first and adding zero keeps a minus sign off what prints as nothing
-    cells = [[f"{value:.4f}" for value in row] for row in np.round(matrix, 4) + 0.0]
-    width = max(len(cell) for row in cells for cell in row)
-    middle = (len(cells) - 1) // 2
-    lines = []
-    for index, row in enumerate(cells):
-        label = f"{name} =" if index == middle else ""
-        lines.append(f"{label:<{len(name) + 3}}[ {'  '.join(f'{cell:>{width}}' for cell in row)} ]")
-    return "\n".join(lines)
+    rows = np.array2string(np.round(matrix, 4) + 0.0, precision=4, floatmode="fixed", max_line_width=200)
+    return f"{name} =\n{rows}"
 
 
 def finding_line(finding: Finding, *, accepted: bool = False) -> Text:

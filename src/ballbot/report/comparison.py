@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.log import Log
-from ballbot.report.blocks import Cell, Paragraph, Result, Section, Sheet, section
+from ballbot.report.blocks import Cell, Column, Paragraph, Result, Section, Sheet, section, sheet_of
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import (
     LOOKS,
-    REFERENCE,
     LineStyle,
     drawn_picture,
     label_of,
@@ -68,7 +67,7 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
     panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (name, log) in zip(panels, runs.items(), strict=True):
         place = true_place(log)
-        axes.plot(log["ref_x"], log["ref_y"], label="reference", **REFERENCE)
+        axes.plot(log["ref_x"], log["ref_y"], label="reference", **LOOKS["reference"])
         x, y = thinned(place["x"], place["y"])
         axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
         axes.plot(place["x"][:1], place["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none")
@@ -102,17 +101,26 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     )
 
 
-OVERALL_HEADINGS = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
-
-
-def overall_rows(league: League) -> list[list[str]]:
+def _overall_sheet(league: League) -> Sheet:
     """Return a row for each controller: its ratios to the first one over all courses, and its falls."""
-    rows = []
-    for name in league.controllers:
+
+    def ratio(key: str) -> Column[str]:
+        def value(name: str) -> str:
+            found = overall(league, name).ratios
+            return _estimate(found[key]) if found else "1"
+
+        return Column(METRIC_BY_KEY[key].heading, value)
+
+    def falls(name: str) -> str:
         found = overall(league, name)
-        ratios = [_estimate(found.ratios[key]) if found.ratios else "1" for key in RATIOS]
-        rows.append([name, *ratios, f"{found.falls} of {found.runs}"])
-    return rows
+        return f"{found.falls} of {found.runs}"
+
+    columns = [Column("controller", str), *map(ratio, RATIOS), Column("falls", falls)]
+    caption = (
+        f"Each number over {league.controllers[0]}'s on the same course with the same seed: geometric means over the "
+        "courses, with 95 % intervals over the seeds."
+    )
+    return sheet_of(league.controllers, columns, caption=caption)
 
 
 def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
@@ -159,7 +167,7 @@ def course_figure(league: League, course: Course) -> Figure:
     """Draw each controller's path over the floor, of one run each, with the first seed."""
     figure, floor = one_panel("$x$ [m]", "$y$ [m]", width=5.2)
     asked = _asked(course, np.arange(0.0, course.duration, 0.1))
-    floor.plot(asked[:, 0], asked[:, 1], marker="o" if np.ptp(asked) == 0.0 else None, **REFERENCE)
+    floor.plot(asked[:, 0], asked[:, 1], marker="o" if np.ptp(asked) == 0.0 else None, **LOOKS["reference"])
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
         label = label_of(name) + (" (fell)" if track.ended else "")
@@ -211,26 +219,18 @@ def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
 def league_report(league: League) -> Result:
     """Return the page of a league."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
-    first, courses = league.controllers[0], counted(len(league.courses), "course")
-    caption = (
-        f"Each number over {first}'s on the same course with the same seed: geometric means over the courses, with "
-        "95 % intervals over the seeds."
-    )
-    beyond = (
-        "How the controllers compare on a real robot: these are simulated runs of the robot as described."
-    )
+    courses = counted(len(league.courses), "course")
     return Result(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
         verdict=[("", _verdict(league))],
         sections=[
-            section(
-                "Over all courses",
-                Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption),
-            ),
+            section("Over all courses", _overall_sheet(league)),
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
-        undecided=[beyond],
+        undecided=[
+            "How the controllers compare on a real robot: these are simulated runs of the robot as described."
+        ],
         data=league_results(league),
     )
 

@@ -62,8 +62,6 @@ LOOKS: Mapping[Look, LineStyle] = MappingProxyType(
 )
 #: marks of looks `IN_TURN`
 MARKS = ("o", "s", "^", "D", "v", "P")
-MEASURED, REFERENCE = LOOKS["measured"], LOOKS["reference"]
-WITH_FRICTION, WITHOUT_FRICTION = LOOKS["first"], LOOKS["second"]
 
 T = TypeVar("T")
 

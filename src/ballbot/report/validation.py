@@ -28,8 +28,6 @@ from ballbot.report.style import (
     MARKS,
     STATE_SYMBOLS,
     STATE_UNITS,
-    WITH_FRICTION,
-    WITHOUT_FRICTION,
     drawn_picture,
     label_of,
     one_panel,
@@ -347,8 +345,8 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
     first_model, second_model = np.maximum(errors.rmse, FINEST)
     for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
         first = first_model[:, index]
-        axes.loglog(ahead, first, label=label_of(names[0]), **WITH_FRICTION)
-        axes.loglog(ahead, second_model[:, index], label=label_of(names[1]), **WITHOUT_FRICTION)
+        axes.loglog(ahead, first, label=label_of(names[0]), **LOOKS["first"])
+        axes.loglog(ahead, second_model[:, index], label=label_of(names[1]), **LOOKS["second"])
         axes.loglog(
             ahead, horizon.noise_floor[:, index], label="noise of the start alone", color=MUTED, linestyle=":"
         )

@@ -21,7 +21,6 @@ NO_FRICTION = (
     "The robot file has no friction, so there is none to compensate; `ballbot identify` finds it from logs."
 )
 
-_EXPONENT = re.compile(r"\b(\d[.\d]*)e([-+]?\d+)\b")
 
 STATE_MARKS = {
     "x": "x",
@@ -64,11 +63,6 @@ def millimetres(metres: float) -> str:
 
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def with_powers(words: str) -> str:
-    """Return words with the powers of ten of their numbers raised: 8.58·10⁻⁶ for 8.58e-06."""
-    return _EXPONENT.sub(lambda found: f"{found[1]}·10{str(int(found[2])).translate(RAISED)}", words)
 
 
 def with_symbols(words: str) -> str:

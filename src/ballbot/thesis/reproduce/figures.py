@@ -15,17 +15,18 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ballbot.identification.driveline import Sweep
+from ballbot.identification.driveline import DrivelineFit, Sweep
 from ballbot.identification.swing import Pivot, inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
-from ballbot.report.bench import measured_figure, swing_series, torque_speed_figure
+from ballbot.report.bench import measured_figure, swing_series
 from ballbot.report.comparison import paths_figure, position_error_series
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
-from ballbot.report.style import STATE_UNITS
+from ballbot.report.style import LOOKS, STATE_UNITS, one_panel, thinned
 from ballbot.report.validation import correlation_figure, symbols
 from ballbot.report.words import state_mark
 from ballbot.thesis.reproduce.bench import BASIC, FIRST_LEAN, STEPS, Bench
@@ -847,6 +848,18 @@ def _wheels(bench: Bench) -> TimeSeries:
         fine = Panel(label=f"above {_FAST:g} Hz [mrad/s]", lines=part, ends=(-reach, reach))
         panels += [Panel(label=f"wheel {wheel + 1} [rad/s]", lines=whole), fine]
     return TimeSeries(t=t[rows], panels=panels, caption="")
+
+
+def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:
+    """Return the thesis's Figure 3.2 as a torque-speed characteristic."""
+    figure, axes = one_panel(f"speed of wheel {sweep.wheel} [rad/s]", "torque [N m]")
+    torque, measured, found, without = thinned(sweep.torque, sweep.speed, fit.predicted, fit.without)
+    # a broad pale line beneath, for the model's with friction lies on it
+    axes.plot(measured, torque, label="measured", **{**LOOKS["reference"], "linewidth": 3.2})
+    axes.plot(without, torque, label="without friction", **LOOKS["second"])
+    axes.plot(found, torque, label="with friction", **LOOKS["first"])
+    axes.legend(loc="upper left")
+    return figure
 
 
 #: in the thesis's order

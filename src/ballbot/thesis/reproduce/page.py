@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
@@ -9,7 +10,7 @@ from markupsafe import Markup
 
 from ballbot.report.blocks import Paragraph, Result, Section, Sheet, section
 from ballbot.report.style import drawn_picture
-from ballbot.report.words import with_powers, with_symbols
+from ballbot.report.words import RAISED, with_symbols
 from ballbot.thesis.reproduce.campaign import Reproduction
 from ballbot.thesis.reproduce.item import RUNS, VERDICTS, Check, Item, Mistake
 
@@ -122,3 +123,11 @@ def _item_results(item: Item) -> dict[str, object]:
         "checks": item.checks,
         "table": None if item.table is None else [item.table.headings, *item.table.rows],
     }
+
+
+_EXPONENT = re.compile(r"\b(\d[.\d]*)e([-+]?\d+)\b")
+
+
+def with_powers(words: str) -> str:
+    """Return words with the powers of ten of their numbers raised: 8.58·10⁻⁶ for 8.58e-06."""
+    return _EXPONENT.sub(lambda found: f"{found[1]}·10{str(int(found[2])).translate(RAISED)}", words)
