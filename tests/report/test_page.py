@@ -16,9 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
+from ballbot import __version__
+from ballbot.file_formats import read_results
 from ballbot.findings import Finding, Place
 from ballbot.report.blocks import (
     Bullets,
+    Column,
     Paragraph,
     Picture,
     PlainConsole,
@@ -27,9 +30,11 @@ from ballbot.report.blocks import (
     Sheet,
     Verbatim,
     details,
+    entries_of,
     section,
+    sheet_of,
 )
-from ballbot.report.page import page_of
+from ballbot.report.page import page_of, render
 from ballbot.report.palette import BLUE, INK, themed
 from ballbot.report.series import Line, Panel, TimeSeries, together
 from ballbot.report.style import drawn_picture
@@ -202,6 +207,37 @@ def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
         "- everything else",
         "It: works.",
         "Indeed.",
+    ]
+
+
+def test_a_column_is_in_the_table_and_in_results_json(tmp_path):
+    columns = [
+        Column("run", lambda row: row[0]),
+        Column("peak [mm]", lambda row: row[1], lambda peak: f"{1e3 * peak:.0f}", key="peak"),
+        Column(None, lambda row: 2.0 * row[1], key="twice"),
+    ]
+    rows = [("a", 0.25), ("b", 0.5)]
+    found = Result(
+        title="a title",
+        lead="a lead",
+        verdict=[("", "It works.")],
+        sections=[section("Runs", sheet_of(rows, columns, shaded=lambda row: row[0] == "b"))],
+        undecided=[],
+        data={name: entries_of((name, peak), columns) for name, peak in rows},
+    )
+    render(found, tmp_path)
+    assert ">500</td>" in shown_text((tmp_path / "report.html").read_text())
+    results = read_results(tmp_path / "results.json")
+    assert results == {
+        "ballbot": __version__,
+        "a": {"peak": 0.25, "twice": 0.5},
+        "b": {"peak": 0.5, "twice": 1.0},
+    }
+    assert repr(found.summary()).splitlines()[1:] == [
+        "  run  peak [mm]",
+        "  a          250",
+        "  b          500",
+        "- It works.",
     ]
 
 

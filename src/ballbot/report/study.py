@@ -36,7 +36,7 @@ from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_s
 from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.prediction import predicted_rows
+from ballbot.report.prediction import predicted_sheet
 from ballbot.report.style import drawn_picture, one_panel, plain_log_ticks
 from ballbot.report.validation import undecided_by, validation_results, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
@@ -254,11 +254,7 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
         "--prediction results.json LOG`: it says whether the prediction is confirmed, what else differs from the "
         "logs, and whether to keep the controller, weaken it, or go back to previous_controller.toml."
     )
-    yield Sheet(
-        headings=("quantity", "predicted", "95 % interval", "soft gain, no compensation"),
-        rows=predicted_rows(prediction),
-        caption="Each interval holds the value of one new run with 95 % probability.",
-    )
+    yield predicted_sheet(prediction)
 
 
 def _candidate_sheet(choice: ControllerChoice) -> Sheet:
