@@ -79,7 +79,7 @@ def test_scalar_arguments_are_checked():
 
 def test_invalid_row_indices_are_refused():
     assert index_array([1, 0], "It", count=2, length=2).dtype == np.int64
-    for wrong in ([0, 2], [-1, 0], [0.0, 1.0], [0], [[0, 1]], ["0", "1"]):
+    for wrong in ([0, 2], [-1, 0], [0.0, 1.0], [0], [[0, 1]], ["0", "1"], [[0], [1, 2]]):
         with pytest.raises(InputError, match=r"^It "):
             index_array(wrong, "It", count=2, length=2)
 

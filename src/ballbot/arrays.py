@@ -68,7 +68,10 @@ def index_array(value: ArrayLike, what: str, *, count: int, length: int) -> NDAr
 
     InputError if they are not so many whole numbers from 0 to count - 1.
     """
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        array = np.empty(0)
     if array.dtype.kind not in "iu" or array.shape != (length,):
         raise InputError(f"{what} is {_short(value)}; it must be a row of {length} whole numbers.")
     if length and not (array.min() >= 0 and array.max() < count):

@@ -167,6 +167,8 @@ def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
     """Return the sentence on mistakes at one place: several if each member of a union was tried."""
     mistake = mistakes[0]
     given, place, context = mistake.error["input"], format_place(mistake.place), mistake.context
+    count = context.get("actual_length")
+    entries = "one entry" if count == 1 else f"{count} entries"
     match mistake.error["type"]:
         case "missing":
             above = f"[{format_place(mistake.place[:-1])}]" if mistake.place[:-1] else of
@@ -178,9 +180,9 @@ def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
             tag = given.get(key) if isinstance(given, Mapping) else given
             return _choice(f"{place}.{key}", tag, keys.tags(mistake.place))
         case "too_short":
-            return f"{place} has {context['actual_length']} entries; it must have at least {context['min_length']}."
+            return f"{place} has {entries}; it must have at least {context['min_length']}."
         case "too_long":
-            return f"{place} has {context['actual_length']} entries; it must have at most {context['max_length']}."
+            return f"{place} has {entries}; it must have at most {context['max_length']}."
         case "literal_error" if len(mistakes) == 1:
             return _choice(place, given, _allowed(mistake))
     wanted = list(dict.fromkeys(one for each in mistakes for one in _wanted(each)))

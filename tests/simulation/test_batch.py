@@ -123,7 +123,7 @@ def test_inconsistent_batches_are_refused():
         simulate_batch(model, controller, lambda _: leaning(0.1), duration=1.0)
     with pytest.raises(InputError, match="not finite"):
         simulate_batch(model, controller, lambda _: np.full(10, np.nan), duration=1.0)
-    with pytest.raises(InputError, match="ten numbers"):
+    with pytest.raises(InputError, match="10 numbers"):
         simulate_batch(model, controller, lambda _: np.zeros(3), duration=1.0)
 
 

@@ -13,7 +13,6 @@ from ballbot.report.bench import swing_series
 from ballbot.report.blocks import (
     Bullets,
     Paragraph,
-    Picture,
     Result,
     Section,
     Sheet,
@@ -23,7 +22,7 @@ from ballbot.report.blocks import (
     section,
 )
 from ballbot.report.design import linear_section, loop_section
-from ballbot.report.style import drawn
+from ballbot.report.style import drawn_picture
 from ballbot.report.words import capital
 from ballbot.robot.figure import robot_figure
 from ballbot.summary import counted, pole_words
@@ -93,9 +92,10 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
     robot = checked.robot
     yield section(
         "Derived quantities",
-        Picture(
-            markup=partial(drawn, partial(robot_figure, robot), name="robot"),
-            caption="To scale, from its right and from above. The body appears as two discs with its mass and inertia.",
+        drawn_picture(
+            "robot",
+            partial(robot_figure, robot),
+            "To scale, from its right and from above. The body appears as two discs with its mass and inertia.",
         ),
         Sheet(
             headings=("quantity", "value", "unit"),

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypedDict, TypeVar, cast
+from typing import TYPE_CHECKING, TypedDict, TypeVar
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -21,7 +21,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
@@ -130,14 +129,7 @@ def _drawn(draw: Callable[[], Figure], name: str) -> tuple[str, Figure]:
     with mpl.rc_context(_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
         figure = draw()
-        try:
-            svg = _svg(figure)
-        except (ValueError, TypeError):  # what cannot be set, of a name that did not come by `label_of`
-            for one in figure.findobj(Text):
-                text = cast("Text", one)
-                text.set_parse_math(False)
-                text.set_text(printable(text.get_text()))
-            svg = _svg(figure)
+        svg = _svg(figure)
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\b(id=")', rf"\g<1>{name}-", svg)
