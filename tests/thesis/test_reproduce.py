@@ -40,7 +40,7 @@ from ballbot.thesis.reproduce.figures import ITEMS
 from ballbot.thesis.reproduce.item import Check, Item, Mistake, run_seed
 from ballbot.thesis.reproduce.item import check as check_of
 from ballbot.thesis.reproduce.mistakes import MISTAKES
-from ballbot.thesis.reproduce.page import reproduction_report, reproduction_results
+from ballbot.thesis.reproduce.page import reproduction_report
 from ballbot.thesis.reproduce.recordings import (
     CHANGE,
     ModelOnGrid,
@@ -294,7 +294,7 @@ def test_page_has_figures_beside_words(bench: Bench) -> None:
     assert not any("Figure" in one or "Table" in one for one in headings)
     assert "Figure III.1 of the thesis, reproduced." in page
     assert "Figure 5.6 of the thesis, reproduced." in page
-    results = json.loads(results_text(reproduction_results(made)))
+    results = json.loads(results_text(reproduction_report(made).to_dict()))
     assert [one["verdict"] for one in results["items"]] == ["agrees", "agrees", "does not agree"]
     assert results["mistakes"][0]["proven"] is True
     assert "(V.4)" in page
