@@ -72,13 +72,6 @@ def test_columns_names_those_of_a_file_without_a_header(folder, capsys):
     assert main(words_for(folder, "bare.txt", "--columns", "t,roll")) == 2
 
 
-def test_what_is_stated_is_for_a_foreign_file(folder, capsys):
-    assert main(["check-log", str(folder / "run.txt"), "--command", "duty"]) == 2
-    assert "--command is for a foreign table" in capsys.readouterr().err
-    assert main(words_for(folder, "run.txt", "--full-scale", "-3")) == 2
-    assert "above zero" in capsys.readouterr().err
-
-
 def test_several_logs_of_one_robot_give_one_mapping(folder):
     out = folder / "several"
     words = words_for(folder, "run.txt", str(folder / "again.txt"), "--command", "duty", "--out", str(out))

@@ -8,25 +8,14 @@ import pytest
 from scipy import stats
 
 from ballbot import Robot
-from ballbot.cli.main import main
-from ballbot.errors import InputError
 from ballbot.report.comparison import league_report
 from ballbot.report.page import page_of
-from ballbot.result_folder import RUNS
 from ballbot.robot.file import write_robot
-from ballbot.twin.scenario import Scenario
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.comparison import (
-    ComparedRun,
-    Paired,
-    RunResult,
-    fraction_with_interval,
-    mean_with_interval,
-)
 from ballbot.workflows.courses import choose_courses
-from ballbot.workflows.excite import Extent, excite
 from ballbot.workflows.league import League, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
+from ballbot.workflows.statistics import Paired, fraction_with_interval, mean_with_interval
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
 from tests.support.report_pages import LARGEST_PAGE, figure_count
@@ -48,24 +37,6 @@ settle = 2.0
 """
 
 
-def test_robot_is_taken_by_its_name() -> None:
-    robot = Robot.load("alten")
-    assert choose_courses("square", "alten", "model") == choose_courses("square", robot, "model")
-    (candidate,) = parse_candidates(["none"])
-    controller = candidate.controller("alten")
-    np.testing.assert_array_equal(controller.gain, candidate.controller(robot).gain)
-    with pytest.raises(InputError, match="alten"):
-        run_league("altn", {"none": controller}, (), seeds=(1,))
-    with pytest.raises(InputError, match="alten"):
-        excite(
-            "altn",
-            controller,
-            limits=Extent(lean=0.1, floor=2.0, torque=2.0),
-            duration=8.0,
-            scenario=Scenario.nominal(robot),
-        )
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     """Return a folder with a robot, courses and controllers of a user's own."""
@@ -82,7 +53,7 @@ def league(folder) -> League:
     words = ("none", "full", f"softer={folder}/own.py:Softer", f"limp={folder}/own.py:Limp")
     controllers = {one.name: one.controller(robot) for one in parse_candidates(words)}
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
-    return run_league(robot, controllers, courses, seeds=[4, 5], processes=1)
+    return run_league(robot, controllers, courses, seeds=[4, 5])
 
 
 @pytest.mark.slow
@@ -124,46 +95,6 @@ def test_page_names_falls_and_the_better_controller(league):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_stopped_league_on_the_twin_goes_on(folder, tmp_path, monkeypatch, capsys):
-    pytest.importorskip("mujoco")
-    courses = re.sub("duration = .*", "duration = 0.5", re.sub("settle = .*", "settle = 0.2", COURSES))
-    (tmp_path / "courses.toml").write_text(courses)
-    words = [str(folder / "robot.toml"), "none", f"own={folder}/own.py:Softer", "--plant", "twin"]
-    options = ["--scenarios", "courses.toml", "--seeds", "4", "--processes", "1"]
-
-    def run(name: str) -> int:
-        monkeypatch.chdir(tmp_path)
-        return main(["compare", *words, *options, "--out", name])
-
-    made: list[int] = []
-    whole = ComparedRun.result
-
-    def until_second(run: ComparedRun) -> RunResult:
-        if len(made) == 1:
-            raise KeyboardInterrupt
-        made.append(run.seed)
-        return whole(run)
-
-    monkeypatch.setattr(ComparedRun, "result", until_second)
-    assert run("league") == 130
-    assert "the same command goes on" in capsys.readouterr().err
-    assert [path.name for path in Path("league").iterdir()] == [RUNS]
-    assert main(["limits", "alten", "--out", "league"]) == 2
-    assert "finished runs of a command that was not finished" in capsys.readouterr().err
-
-    monkeypatch.setattr(ComparedRun, "result", lambda run: made.append(run.seed) or whole(run))
-    assert run("league") == 0
-    assert len(made) == 4  # two controllers and courses; none twice
-    assert sorted(path.name for path in Path("league").glob("[!.]*")) == ["report.html", "results.json"]
-    assert not Path("league", RUNS).exists()
-    Path("league").rename("killed")
-    assert run("league") == 0
-    for name in ("report.html", "results.json"):
-        assert Path("league", name).read_bytes() == Path("killed", name).read_bytes()
-
-
-@pytest.mark.slow
 def test_a_push_on_the_twin_is_a_course(tmp_path):
     pytest.importorskip("mujoco")
     robot = alten()
@@ -174,7 +105,7 @@ def test_a_push_on_the_twin_is_a_course(tmp_path):
     (tmp_path / "courses.toml").write_text(course.format("calm") + course.format("push") + push)
     courses = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
     controllers = {one.name: one.controller(robot) for one in parse_candidates(["none"])}
-    found = run_league(robot, controllers, courses, seeds=[1], processes=1)
+    found = run_league(robot, controllers, courses, seeds=[1])
     calm, pushed = (found.scores[name, "none"][0] for name in ("calm", "push"))
     assert pushed.peak_position_error > calm.peak_position_error + 0.1  # 8 N s on 20 kg
     assert pushed.settling_time == pytest.approx(1.5, abs=0.01)  # since the push, to the end

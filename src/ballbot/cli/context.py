@@ -4,12 +4,13 @@
         found = align_log(run, film, progress=result.report)
         result.write(found.to_dict(), align_report(found), findings=findings)
 
-The provenance of a result is the command line itself (`main` records it), without the options that do not change the
-result. Logs and lists of seeds are read here, too, and a Dask cluster is found.
+The provenance of a result is the command line itself (`main` records it). Logs and lists of seeds are read here, too,
+and a Dask cluster is found.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -23,7 +24,6 @@ from cyclopts import Parameter, Token
 from rich.console import Console, RenderableType
 
 from ballbot.cli import ARGV, OUTPUT
-from ballbot.cli.app import OUTPUT_OPTIONS
 from ballbot.cli.output import WRITING, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError, either
 from ballbot.file_formats import results_text
@@ -52,8 +52,6 @@ PAGE = "report.html"
 RESULTS = "results.json"
 
 _MAX_SEEDS = 100_000
-#: options that do not change a result, with the number of tokens that follow each
-_WITHOUT_EFFECT = {"--cluster": 1} | dict.fromkeys(OUTPUT_OPTIONS, 0)
 
 
 def _whole_number(_: type, tokens: Sequence[Token]) -> int:
@@ -108,6 +106,44 @@ def robot_words(source: str, changes: Sequence[str] | None) -> str:
     return shell_line([source, *(word for change in changes or () for word in ("--set", change))])
 
 
+def _check_positive(_: type, value: float | None) -> None:
+    if value is not None and not 0.0 < value < math.inf:
+        raise ValueError("It must be above 0.")
+
+
+#: every option that is a size, a number of things or a length of time
+Positive = Annotated[float, Parameter(validator=_check_positive)]
+Count = Annotated[int, Parameter(converter=_whole_number, validator=_check_positive)]
+
+#: the reference that a robot follows
+ReferenceName = Annotated[
+    str,
+    Parameter(
+        help="The reference motion: hold, square (at the start for 8 s), change_pose, circle, figure_eight, or a file "
+        "with t, ref_x, ref_y and ref_psi, as ballbot excite writes it."
+    ),
+]
+
+#: the scenario of simulated robots
+ScenarioName = Annotated[
+    str,
+    Parameter(
+        help="Sensors, delay, play, noise and floor of the simulated robot: a scenario of the twin, or a scenario file."
+    ),
+]
+
+#: the length of a run
+Duration = Annotated[float, Parameter(help="Length of the run [s].")]
+
+#: the tilt beyond which the firmware stops a robot
+LeanLimit = Annotated[
+    float,
+    Parameter(
+        help="Largest tilt [rad] at which the robot gives torques; beyond it the robot is stopped. `ballbot limits` "
+        "finds the largest tilt from which it recovers."
+    ),
+]
+
 #: the option --out of every command that needs a folder
 OutFolder = Annotated[Path, Parameter(help="The folder to write into.")]
 
@@ -139,19 +175,9 @@ ClusterAddress = Annotated[
 ]
 
 
-def argv() -> list[str]:
-    """Return the command line that makes the running command's result: without options that do not change it."""
-    tokens: list[str] = []
-    skip = 0
-    for word in ARGV.get():
-        name, has_value, _ = word.partition("=")
-        if skip:
-            skip -= 1
-        elif name in _WITHOUT_EFFECT:
-            skip = 0 if has_value else _WITHOUT_EFFECT[name]
-        else:
-            tokens.append(word)
-    return ["ballbot", *tokens]
+def command_line() -> str:
+    """Return the command line that makes the running command's result, for its provenance."""
+    return shell_line(["ballbot", *ARGV.get()])
 
 
 def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
@@ -242,18 +268,15 @@ def open_result(
     # the files that the result is made from, as the command line names them: see `input_files`
     inputs: Sequence[str | Path | Sequence[str | Path] | None] = (),
     seed: int | str = 0,  # for the provenance
-    keeps_runs: bool = False,  # whether the command goes on with finished runs in the folder
 ) -> Iterator[CommandResult]:
     """Hold a command's folder while the block runs, and show how far the work is.
 
     InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
     """
     files, console = input_files(*inputs), standard_output()
-    origin = provenance(command=shell_line(argv()), files=files, seed=seed)
+    origin = provenance(command=command_line(), files=files, seed=seed)
     names = {PAGE, RESULTS, *writes}
-    held = (
-        result_folder(out, command=command, names=names, inputs=files, keeps_runs=keeps_runs) if out else None
-    )
+    held = result_folder(out, command=command, names=names, inputs=files) if out else None
     bar = progress_bar(console, doing) if doing else nullcontext(ignore_progress)
     with held or nullcontext() as folder, bar as report:
         yield CommandResult(folder=folder, origin=origin, console=console, report=report)

@@ -9,7 +9,15 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import Changes, OutFolder, RobotName, changed_robot, open_result
+from ballbot.cli.context import (
+    Changes,
+    Duration,
+    OutFolder,
+    RobotName,
+    ScenarioName,
+    changed_robot,
+    open_result,
+)
 from ballbot.control.file import controller_text
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
@@ -58,8 +66,8 @@ def excite(
     /,
     *,
     within: LimitOptions = _LIMITS,
-    duration: float = 32.0,
-    scenario: str = "nominal",
+    duration: Duration = 32.0,
+    scenario: ScenarioName = "nominal",
     identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
     change: Changes = None,
@@ -79,12 +87,8 @@ def excite(
 
     Parameters
     ----------
-    duration
-        Length of the run [s].
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
-    scenario
-        Sensors, drive, play and true friction of the loop: a scenario's name or file, as in ballbot record.
     """
     described = changed_robot(robot, change)
     limits = Extent(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import Changes, OutFolder, changed_robot, open_result
+from ballbot.cli.context import Changes, LeanLimit, OutFolder, RobotName, changed_robot, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.control.file import read_controller
@@ -19,8 +19,8 @@ def export(
     controller: Path,
     /,
     *,
-    robot: str,
-    lean: float = 0.35,
+    robot: RobotName,
+    lean: LeanLimit = 0.35,
     clock: float = 72e6,
     accept: Accept = None,
     change: Changes = None,
@@ -41,11 +41,6 @@ def export(
     ----------
     controller
         A controller file.
-    robot
-        A preset's name or a robot file: the robot that the controller was designed for.
-    lean
-        Largest tilt [rad] at which the firmware gives torques; beyond it the robot is stopped. `ballbot limits` finds
-        the largest tilt from which a robot recovers.
     clock
         Clock of the processor [Hz], for the share of the period that an update takes.
     """

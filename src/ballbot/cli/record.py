@@ -13,9 +13,11 @@ from ballbot.cli.context import (
     ClusterAddress,
     LogFormatName,
     OutFolder,
+    ReferenceName,
+    RobotName,
     Seed,
-    argv,
     changed_robot,
+    command_line,
     parse_seeds,
     workers,
 )
@@ -28,7 +30,6 @@ from ballbot.file_formats import read_results
 from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
-from ballbot.printable import shell_line
 from ballbot.progress import Progress, in_stage
 from ballbot.report.blocks import verdict_lines
 from ballbot.report.page import page_of
@@ -56,9 +57,7 @@ class ExperimentOptions:
     """balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the
     wheels)."""
 
-    reference: str = "square"
-    """The reference motion of a balancing robot: hold, square, change_pose, circle, figure_eight, or a file with
-    t, ref_x, ref_y and ref_psi, as ballbot excite writes it. The square stays at the start for 8 s."""
+    reference: ReferenceName = "square"
 
     duration: float | None = None
     """Duration [s]. If not given, 40 s balancing, 125.66 s for the sweep, or 60 s upside down."""
@@ -87,7 +86,7 @@ def record(
     scenario: str,
     /,
     *,
-    robot: str = "alten",
+    robot: RobotName = "alten",
     run: ExperimentOptions = _EXPERIMENT,
     chosen: ControllerOptions = _CONTROLLER,
     estimator: EstimatorName | None = None,
@@ -98,6 +97,8 @@ def record(
 ) -> None:
     """Record logs from the twin, a MuJoCo robot with real rollers, sensors and faults.
 
+    The controller compensates the friction in the robot's file; the twin has the friction of its scenario.
+
     Example: ballbot record nominal --robot alten --reference square --duration 40 --seed 1 --out run1
 
     Example: ballbot record mine.toml --estimator kalman --seeds 1-200 --out runs
@@ -107,9 +108,6 @@ def record(
     scenario
         The twin's true properties, unknown to the controller: nominal, ideal, wide_rows, single_row, single_point,
         resonant, soft_ball, or a scenario file (ballbot twin scenario writes one to start from).
-    robot
-        A preset's name or a robot file. The controller compensates this robot's friction; the twin has the friction
-        of its scenario.
     estimator
         The state estimate that the controller feeds back and the log contains: onboard (a sum of wheel
         speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
@@ -173,7 +171,7 @@ def _next(job: RecordJob, folder: Path) -> str:
 def _many(job: RecordJob, seeds: list[int], out: Path, *, cluster: str | None) -> list[RecordOutcome]:
     console, doing = standard_output(), f"recording {counted(len(seeds), 'run')} of {job.duration:g} s"
     listed = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else str(seeds[0])
-    made = provenance(command=shell_line(argv()), files=(), seed=listed)
+    made = provenance(command=command_line(), files=(), seed=listed)
     with workers(cluster) as made_by, progress_bar(console, doing) as report:
         outcomes = record_runs(
             job,

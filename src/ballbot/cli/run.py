@@ -11,15 +11,22 @@ import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
 
-from ballbot.cli.context import CommandResult, Content, OutFolder, WholeNumber, open_result
-from ballbot.cli.output import emit, notice_output, standard_output, suggest_page
+from ballbot.cli.context import (
+    CommandResult,
+    Content,
+    LeanLimit,
+    OutFolder,
+    Positive,
+    WholeNumber,
+    open_result,
+)
+from ballbot.cli.output import emit, notice_output, standard_output
 from ballbot.cli.robot_link import (
     Connection,
     ControllerOnRobot,
     LinkOptions,
     Monitor,
     Port,
-    Seconds,
     connected,
 )
 from ballbot.control.file import read_controller
@@ -79,7 +86,7 @@ def balance(
     link: LinkOptions = _LINK,
     chosen: ControllerOnRobot = _CONTROLLER,
     reference: str = "hold",
-    duration: Seconds = 30.0,
+    duration: Positive = 30.0,
     ramp: float = 0.0,
     out: Path | None = None,
 ) -> None:
@@ -114,13 +121,6 @@ def balance(
             robot.use_parameters(export_controller(controller, lean=chosen.lean).parameters)
         check_balancing_parameters(robot.parameters)
         commander = FollowReference(driven, sample_time=robot.sample_time)
-        if out is None:
-            made = _made(connection, commander, duration=duration, ramp=ramp)
-            emit({"ended": made.ending.kind, "reason": made.ending.text})
-            _finish(connection, made)
-            standard_output().print(made.ending.text, soft_wrap=True)
-            suggest_page()
-            return
         file, then = chosen.controller, f"identify {link.name} LOG --out identified"
         if file is not None and (study := file.with_name("results.json")).exists():
             then = f"validate --prediction {study} LOG"
@@ -128,7 +128,7 @@ def balance(
 
 
 @run.command
-def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: Seconds = 60.0) -> None:
+def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: Positive = 60.0) -> None:
     """Show a robot's sensors, self-test and stops, and what it runs; nothing is driven.
 
     Example: ballbot run monitor /dev/ttyACM0
@@ -188,7 +188,7 @@ def sweep(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: Seconds = 2.0 * SWEEP_PERIOD,
+    duration: Positive = 2.0 * SWEEP_PERIOD,
     torque: float = 1.0,
     out: OutFolder,
 ) -> None:
@@ -218,7 +218,7 @@ def upside_down(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: Seconds = 60.0,
+    duration: Positive = 60.0,
     out: OutFolder,
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
@@ -265,7 +265,7 @@ def send(
     *,
     link: LinkOptions = _LINK,
     controller: Path,
-    lean: float = 0.35,
+    lean: LeanLimit = 0.35,
 ) -> None:
     """Send a controller to a disarmed robot, which keeps it until it is switched off.
 
@@ -275,8 +275,6 @@ def send(
     ----------
     controller
         A controller file.
-    lean
-        Largest tilt [rad] at which the robot gives torques.
     """
     read = ControllerOnRobot(controller=controller).read(link)
     assert read is not None
@@ -297,7 +295,7 @@ def compare(
     link: LinkOptions = _LINK,
     prediction: Path,
     rounds: WholeNumber = MIN_RUNS // 2,
-    lean: float = 0.35,
+    lean: LeanLimit = 0.35,
     out: OutFolder,
 ) -> None:
     """Compare a study's controller with the one before it on the robot: runs in turn on the same course, A B A B.
@@ -316,8 +314,6 @@ def compare(
         The results.json of a study, with controller.toml, previous_controller.toml and robot.toml beside it.
     rounds
         Runs of each controller, two or more.
-    lean
-        Largest tilt [rad] at which the robot gives torques.
     """
     if rounds < MIN_RUNS // 2:
         raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
@@ -380,16 +376,17 @@ def _record(
     *,
     duration: float,
     ramp: float = 0.0,
-    out: Path,
+    out: Path | None,
     then: str,
     controller: Path | None = None,
 ) -> None:
-    """Make a run, and write its log and results into a folder; the log until then if the link is lost.
+    """Make a run, and write its log and results into a folder if there is one; the log so far if the link is lost.
 
     `then` is the command that takes the log, LOG, next.
     """
-    recording, link = out / f"log{SUFFIX}", connection.link
-    check_no_recording(recording)
+    recording, link = None if out is None else out / f"log{SUFFIX}", connection.link
+    if recording is not None:
+        check_no_recording(recording)
     files = [link.robot, controller, link.scenario]
     with open_result(out, command="run", writes=["log.csv"], inputs=files, seed=link.seed) as result:
         made = _made(connection, commander, duration=duration, ramp=ramp, recording=recording)
@@ -415,9 +412,10 @@ def _record(
             ending=made.ending.text,
             about=connection.words,
         )
-        step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`"
+        step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`" if out else ""
         result.write(results, page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
-        recording.unlink(missing_ok=True)
+        if recording is not None:
+            recording.unlink(missing_ok=True)
     _finish(connection, made)
 
 

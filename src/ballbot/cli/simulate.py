@@ -10,8 +10,12 @@ from ballbot.cli.context import (
     ROBOT_BESIDE,
     Changes,
     Content,
+    Duration,
     LogFormatName,
     OutFolder,
+    ReferenceName,
+    RobotName,
+    ScenarioName,
     WholeNumber,
     changed_robot,
     open_result,
@@ -43,10 +47,7 @@ class PlantOptions:
     formulation: Formulation = "exact"
     """exact, or thesis (approximate equations of a published ballbot model)."""
 
-    scenario: str | None = None
-    """A scenario of the twin (name or file), whose sensors, delay, play, torque noise and floor are added to the
-    equations of motion; friction is the robot's own. The controller uses the estimator that its file names. If not
-    given, sensors are perfect."""
+    scenario: ScenarioName | None = None
 
     seed: WholeNumber = 1
     """Random seed of a scenario's noise. The same seed gives the same run."""
@@ -56,11 +57,11 @@ _CONTROLLER, _PLANT = ControllerOptions(), PlantOptions()
 
 
 def simulate(
-    robot: str,
+    robot: RobotName,
     /,
     *,
-    reference: str = "square",
-    duration: float = 32.0,
+    reference: ReferenceName = "square",
+    duration: Duration = 32.0,
     chosen: ControllerOptions = _CONTROLLER,
     simulated: PlantOptions = _PLANT,
     format: LogFormatName = "csv",
@@ -71,21 +72,12 @@ def simulate(
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
 
     Writes report.html, log.csv, results.json (position errors, torque, how the run ended) and robot.toml, the robot of
-    the log.
+    the log. A scenario is added to the equations of motion and friction of the robot's file; the controller then uses
+    the estimator that its own file names. Without a scenario, sensors are perfect.
 
     Example: ballbot simulate alten --reference square --duration 32 --out run1
 
     Example: ballbot simulate alten --controller mine.toml --scenario nominal --seed 3 --out run2
-
-    Parameters
-    ----------
-    robot
-        A preset's name or a robot file, with its friction.
-    reference
-        The reference motion: hold, square, change_pose, circle, figure_eight, or a file with t,
-        ref_x, ref_y and ref_psi, as ballbot excite writes it. The square stays at the start for 8 s.
-    duration
-        Length of the run [s].
     """
     described = changed_robot(robot, change)
     findings = check_robot(described, accept=accept)

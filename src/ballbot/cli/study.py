@@ -16,6 +16,7 @@ from ballbot.cli.context import (
     MappingFile,
     OutFolder,
     RobotName,
+    ScenarioName,
     Seed,
     WholeNumber,
     changed_robot,
@@ -43,9 +44,7 @@ from ballbot.workflows.study import study as run_study
 class StudyTrialOptions:
     """The simulated robots that the candidates run on."""
 
-    scenario: str = "nominal"
-    """Delay, play, noise, sensors and floor of the simulated robots: nominal, another scenario of the twin, or a
-    scenario file."""
+    scenario: ScenarioName = "nominal"
 
     draws: WholeNumber = StudyOptions.draws
     """Number of simulated robots; fewer than 6 are too few for 95 % intervals and for a prediction."""

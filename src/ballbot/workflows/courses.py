@@ -29,7 +29,7 @@ from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
 from ballbot.twin.twin import Twin
-from ballbot.workflows.comparison import LoopRobot
+from ballbot.workflows.grid import LoopRobot
 from ballbot.workflows.metrics import SETTLE
 
 
@@ -52,12 +52,10 @@ class ReferenceSpec:
             hint = suggest(self.name, REFERENCES, otherwise="the names are")
             raise InputError(f"There is no reference {self.name!r}; {hint}")
         make = REFERENCES[self.name]
-        known = list(inspect.signature(make).parameters)
-        unknown = [key for key, _ in self.options if key not in known]
-        if unknown:
-            raise InputError(
-                f"The reference {self.name} has no option {unknown[0]}; it has {', '.join(known)}."
-            )
+        known = inspect.signature(make).parameters
+        for key, _ in self.options:
+            if key not in known:
+                raise InputError(f"The reference {self.name} has no option {key}; it has {', '.join(known)}.")
         return make(**dict(self.options))
 
 
