@@ -26,7 +26,7 @@ from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import identify
 from ballbot.identification.result import Identification
 from ballbot.identification.stages import IdentificationOptions
-from ballbot.identification.windows import back_emf_of
+from ballbot.identification.windows import common_back_emf
 from ballbot.log import Log
 from ballbot.robot import Robot
 from campaigns.between_logs import COLUMNS, Judged, coverage_row
@@ -91,7 +91,7 @@ def mapped(name: str, folder: Path) -> tuple[Log, float]:
     ballbot(["check-log", str(path), "--robot", "rob311", "--command", "duty", "--out", str(out)])
     mapping = out / "mapping.toml"
     write_text(mapping, filled_in(mapping.read_text(encoding="utf-8"), SOURCES[name]))
-    return read_balancing_log(path, mapping, robot), back_emf_of(mapping)
+    return read_balancing_log(path, mapping, robot), common_back_emf([mapping])
 
 
 def found_in(name: str, folder: Path) -> Identification:

@@ -79,11 +79,3 @@ def test_several_logs_of_one_robot_give_one_mapping(folder):
     assert main(words) == 0
     assert len(json.loads((out / "results.json").read_text())["files"]) == 2
     assert "keep" not in (out / "mapping.toml").read_text()
-
-
-def test_commands_without_a_sign_are_asked_for_their_zero(folder, capsys):
-    columns = foreign_columns()
-    columns |= {name: np.abs(columns[name]) for name in ("u1", "u2", "u3")}
-    write_foreign(folder / "changed.txt", columns)
-    assert main(words_for(folder, "changed.txt", "--command", "duty")) == 2
-    assert "sign of the commands ([input] zero)" in capsys.readouterr().err

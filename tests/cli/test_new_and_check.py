@@ -123,18 +123,6 @@ def test_help_lists_the_commands_without_loading_them(capsys: pytest.CaptureFixt
 
 
 @pytest.mark.slow
-def test_a_reader_that_leaves_early_is_no_error() -> None:
-    script = "import sys; from ballbot.cli.main import main; sys.exit(main(['--help']))"
-    with subprocess.Popen(
-        [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.close()
-        assert process.stderr.read() == ""
-
-
-@pytest.mark.slow
 def test_a_terminal_of_ascii_gets_question_marks_instead_of_an_error(tmp_path: Path) -> None:
     words = ["new", "mine", "--out", str(tmp_path / "Kugelrobotér.toml")]
     script = f"import sys; from ballbot.cli.main import main; sys.exit(main({words}))"

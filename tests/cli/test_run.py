@@ -83,29 +83,6 @@ def test_controller_is_sent(tmp_path, capsys):
     assert "was sent" in capsys.readouterr().out
 
 
-#: takes a package away, and asks for a robot, once for each
-WITHOUT = """
-import sys
-from ballbot.cli.main import main
-for package in ("serial", "cobs", "fastcrc"):
-    mine = ("ballbot.link", "ballbot.cli.r", package)
-    for name in [one for one in sys.modules if one.startswith(mine)]:
-        del sys.modules[name]
-    sys.modules[package] = None
-    assert main(["run", "--emulated"]) == 2
-    del sys.modules[package]
-"""
-
-
-def test_missing_package_of_the_link_is_named_with_its_extra():
-    with Child("-c", WITHOUT) as child:
-        assert child.end() == 0, child.errors()
-        assert child.errors().splitlines() == [
-            f"ballbot: This needs {package}; install it with: pip install 'ballbot[link]'."
-            for package in ("serial", "cobs", "fastcrc")
-        ]
-
-
 @contextmanager
 def balancing(folder):
     """Hold a process that balances an emulated robot, from when its recording grows."""

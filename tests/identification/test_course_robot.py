@@ -34,7 +34,8 @@ def folder(shared_data, tmp_path_factory) -> Path:
         mapping = out / name / "mapping.toml"
         write_text(mapping, mapping.read_text().replace("# dead_band = 0.0", "dead_band = 0.06"))
     words = ["identify", "rob311", str(logs / f"{FITTED}.txt"), "--holdout", str(logs / f"{PREDICTED}.txt")]
-    words += ["--mapping", str(out / FITTED / "mapping.toml")]
+    for name in (FITTED, PREDICTED):
+        words += ["--mapping", str(out / name / "mapping.toml")]
     words += ["--law", "coulomb", "--exclude-states", "psi,psi_dot", "--out", str(out / "found")]
     with pytest.MonkeyPatch.context() as patch:
         # an inner step of 2.5 ms: a cost differs by 1e-4, and the work by 2.5

@@ -148,15 +148,6 @@ def test_few_seeds_have_no_interval():
     assert Paired.of([2.0, 3.0], [1.0, 2.0]).difference.sign == 1
 
 
-def test_paired_ratio_cancels_what_a_seed_does_to_both():
-    """Two controllers, one always twice as far off: the ratio is two without any width."""
-    of_seed = np.random.default_rng(9).lognormal(size=12)
-    pairs = Paired.of(2.0 * of_seed, of_seed)
-    for found in (pairs.ratio, pairs.median_ratio):
-        assert [found.low, found.high] == pytest.approx([2.0, 2.0])
-    assert pairs.ratio.mean == pairs.median_ratio.median == pytest.approx(2.0)
-
-
 def test_paired_ratio_over_courses_has_one_value_for_each_run():
     """Twice as far off on one course and half as far on the other: one in all, in each of the runs."""
     ones = np.ones((2, 5))

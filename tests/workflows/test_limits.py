@@ -8,12 +8,10 @@ import pytest
 from ballbot import Controller, Model, Robot
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import change_pose, circle, square
-from ballbot.report.limits import directions_figure, planes_figure
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
 from ballbot.workflows import limits
-from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
-from ballbot.workflows.recovery_region import Loop, Region, map_region, reach
+from ballbot.workflows.recovery_region import Loop, map_region, reach
 from ballbot.workflows.reference_check import check_reference, path_demand, reference_verdict
 from tests.support.control_examples import FRICTION, alten
 
@@ -177,27 +175,3 @@ def test_margins_name_infeasible_references_and_the_reason():
     assert jumps.can_be_followed
     far = check_reference(robot, controller, change_pose(x=20.0, ramp=0.0), duration=8.0)
     assert "falls at t = " in " ".join(reference_verdict(far))
-
-
-def test_every_controller_is_drawn_and_a_plane_by_all_its_points():
-    # recovers at one point in the middle and its neighbours: every fourth point of 33 would leave one
-    kept = np.zeros((33, 33), np.bool_)
-    kept[15:18, 15:18] = True
-    region = Region(across=np.linspace(-1.0, 1.0, 33), along=np.linspace(-1.0, 1.0, 33), kept=kept)
-    one = RobotLimits(
-        directions=np.arange(3.0),
-        heights=np.arange(9.0),
-        lean=LimitBounds(lower=np.ones(3), upper=np.ones(3)),
-        impulse=LimitBounds(lower=np.ones((9, 3)), upper=np.ones((9, 3))),
-        plane=Plane(direction=0.0, lower=region, upper=region),
-    )
-    found = dict.fromkeys("abcdef", one)
-    (named,) = directions_figure(found, {}).legends
-    assert [text.get_text() for text in named.get_texts()][:6] == list("abcdef")
-    panels = planes_figure(found).axes
-    assert [panel.get_title(loc="left") or panel.get_title() for panel in panels] == [
-        f"{letter}, towards 0°" for letter in "abcdef"
-    ]
-    edges = np.vstack([path.vertices for path in panels[0].collections[-1].get_paths()])
-    # half a point beyond the three by three: 1.5 points of 1/16 rad to each side
-    assert np.abs(edges).max() == pytest.approx(np.degrees(1.5 / 16.0), rel=1e-6)

@@ -171,24 +171,6 @@ def test_plants_are_drawn_from_the_identified_uncertainty(small: Study):
     assert drawn == pytest.approx(expected, abs=0.15)  # and clipping at zero, which takes some of it away
 
 
-def test_the_files_read_back(folder: Path, small: Study):
-    robot = Robot.load(folder / "robot.toml")
-    assert robot.friction == small.found.robot.friction
-    controller = read_controller(folder / "controller.toml", robot)
-    chosen = small.choice.controller
-    assert chosen is not None
-    np.testing.assert_array_equal(controller.packed, chosen.packed)
-    assert controller.estimator == chosen.estimator == "kalman"
-    assert {path.name for path in folder.glob("[!.]*")} == {
-        "report.html",
-        "results.json",
-        "robot.toml",
-        "controller.toml",
-        "previous_controller.toml",
-        *(["compensated_controller.toml"] if chosen.compensation == "none" else []),
-    }
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_a_controller_that_compensates_nothing_has_the_best_compensated_one_beside_it(
     small: Study, tmp_path: Path

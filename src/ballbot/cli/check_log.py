@@ -7,7 +7,8 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ballbot.cli.context import CommandResult, Content, MappingFile, Positive, open_result
+from ballbot.cli import options
+from ballbot.cli.context import CommandResult, Content, open_result
 from ballbot.cli.output import progress_bar
 from ballbot.errors import InputError
 from ballbot.log import Log
@@ -40,10 +41,10 @@ def check_log(
     /,
     *others: Path,
     robot: str | None = None,
-    mapping: MappingFile = None,
+    mapping: options.Mapping = None,
     command: InputKind | None = None,
-    full_scale: Positive | None = None,
-    counts_per_turn: Positive | None = None,
+    full_scale: options.Positive | None = None,
+    counts_per_turn: options.Positive | None = None,
     columns: str | None = None,
     out: Path | None = None,
 ) -> None:

@@ -2,18 +2,8 @@
 
 from __future__ import annotations
 
-from ballbot.cli.context import (
-    Changes,
-    ClusterAddress,
-    Count,
-    OutFolder,
-    RobotName,
-    changed_robot,
-    open_result,
-    parse_seeds,
-    robot_words,
-    workers,
-)
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result, parse_seeds, robot_words, workers
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.control.references import is_reference_file
 from ballbot.fitting.run import Run
@@ -25,16 +15,16 @@ from ballbot.workflows.league import league_results, run_league
 
 
 def compare(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *controllers: str,
     plant: PlantName = "model",
     scenarios: str = "motions",
     seeds: str = "1-3",
-    processes: Count | None = None,
-    cluster: ClusterAddress = None,
-    change: Changes = None,
-    out: OutFolder,
+    processes: options.Count | None = None,
+    cluster: options.Cluster = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
 

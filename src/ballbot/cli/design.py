@@ -8,19 +8,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
-from ballbot.cli.context import (
-    Changes,
-    OutFolder,
-    RobotName,
-    ScenarioName,
-    Seed,
-    WholeNumber,
-    changed_robot,
-    open_result,
-    robot_words,
-)
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result, robot_words
 from ballbot.cli.controllers import warn_of_idle_compensation
-from ballbot.cli.findings import Accept, check_robot
+from ballbot.cli.findings import check_robot
 from ballbot.control.file import controller_text
 from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
@@ -71,37 +62,37 @@ class RobustSearchOptions:
     """Ranges of the perturbed robots: mass=0.2,height=0.2,friction=0.2 (fractions), delay=2 (samples), tilt=1 (degrees
     of the floor). Ranges that are not named keep these values."""
 
-    scenario: ScenarioName = "nominal"
+    scenario: options.Scenario = "nominal"
 
-    robots: WholeNumber = Effort.robots
+    robots: options.WholeNumber = Effort.robots
     """Number of perturbed robots on which each candidate is tested."""
 
-    generations: WholeNumber = Effort.generations
+    generations: options.WholeNumber = Effort.generations
     """Largest number of generations of the search."""
 
-    population: WholeNumber = Effort.population
+    population: options.WholeNumber = Effort.population
     """Candidates in each generation."""
 
-    fresh: WholeNumber = Effort.fresh
+    fresh: options.WholeNumber = Effort.fresh
     """Number of other robots on which the result is compared with the nominal weights."""
 
-    seed: Seed = 0
+    seed: options.Seed = 0
 
 
 _WEIGHTS, _SEARCH = WeightOptions(), RobustSearchOptions()
 
 
 def design(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *,
     weights: WeightOptions = _WEIGHTS,
     parts: Annotated[PartOptions, Parameter(name="*", negative="")] = DEFAULT_PARTS,
     robust: Annotated[bool, Parameter(negative="")] = False,
     search: RobustSearchOptions = _SEARCH,
-    accept: Accept = None,
-    change: Changes = None,
-    out: OutFolder,
+    accept: options.Accept = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Design a controller: sampled LQR on the exact model, with friction compensation.
 

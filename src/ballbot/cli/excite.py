@@ -9,15 +9,8 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import (
-    Changes,
-    Duration,
-    OutFolder,
-    RobotName,
-    ScenarioName,
-    changed_robot,
-    open_result,
-)
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result
 from ballbot.control.file import controller_text
 from ballbot.control.presets import named_controller
 from ballbot.control.references import write_reference
@@ -62,16 +55,16 @@ _LIMITS, _IDENTIFICATION = LimitOptions(), ExciteFitOptions()
 
 
 def excite(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *,
     within: LimitOptions = _LIMITS,
-    duration: Duration = 32.0,
-    scenario: ScenarioName = "nominal",
+    duration: options.Duration = 32.0,
+    scenario: options.Scenario = "nominal",
     identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
-    change: Changes = None,
-    out: OutFolder,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Design an informative excitation within limits on lean, floor space and torque.
 

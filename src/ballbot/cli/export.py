@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import Changes, LeanLimit, OutFolder, RobotName, changed_robot, open_result
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
-from ballbot.cli.findings import Accept, check_robot
+from ballbot.cli.findings import check_robot
 from ballbot.control.file import read_controller
 from ballbot.firmware.export import check_belongs, export_controller, exported_names
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
@@ -19,12 +20,12 @@ def export(
     controller: Path,
     /,
     *,
-    robot: RobotName,
-    lean: LeanLimit = 0.35,
+    robot: options.Robot,
+    lean: options.LeanLimit = 0.35,
     clock: float = 72e6,
-    accept: Accept = None,
-    change: Changes = None,
-    out: OutFolder,
+    accept: options.Accept = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Write a controller as C99 firmware: sources, the controller's numbers, build files and examples.
 

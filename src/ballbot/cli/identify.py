@@ -9,20 +9,9 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
-from ballbot.cli.context import (
-    Changes,
-    ClusterAddress,
-    LogPath,
-    MappingFile,
-    OutFolder,
-    RobotName,
-    Seed,
-    changed_robot,
-    executor,
-    open_result,
-    read_balancing_log,
-)
-from ballbot.cli.findings import Accept, check_input
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, executor, open_result, read_balancing_log
+from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, cross_validate, read_bounds
@@ -31,7 +20,7 @@ from ballbot.identification.identify import identify_by_law
 from ballbot.identification.laws import law_results
 from ballbot.identification.stages import IdentificationOptions, Search
 from ballbot.identification.sweep import read_sweep
-from ballbot.identification.windows import back_emf_of
+from ballbot.identification.windows import common_back_emf
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
 from ballbot.log.pose import causal_states
@@ -73,23 +62,23 @@ class FitOptions:
     """How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
     thesis, which takes longer."""
 
-    seed: Seed = 0
+    seed: options.Seed = 0
 
 
 _FIT = FitOptions()
 
 
 def identify(
-    robot: RobotName,
+    robot: options.Robot,
     /,
-    *logs: LogPath,
-    change: Changes = None,
-    out: OutFolder,
+    *logs: options.Log,
+    change: options.Changes = None,
+    out: options.Out,
     fit: FitOptions = _FIT,
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
-    mapping: MappingFile = None,
-    accept: Accept = None,
-    cluster: ClusterAddress = None,
+    mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
+    accept: options.Accept = None,
+    cluster: options.Cluster = None,
 ) -> None:
     """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr. --estimate adds other
     parameters.
@@ -107,15 +96,21 @@ def identify(
         One or more logs of the robot balancing, with torques and states.
     holdout
         A log that is not fitted, on which the result is validated. May be given more than once.
+    mapping
+        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it: one for all
+        logs, or one for each, in the order of the logs and then of those of --holdout.
     """
     described = changed_robot(robot, change)
     sweep = read_sweep(fit.sweep, wheel_count=described.wheel_count) if fit.sweep else None
     named, held_out = named_files(logs), named_files(holdout) if holdout else {}
     paths = [*named.values(), *held_out.values()]
-    read = [read_balancing_log(path, mapping, described) for path in paths]
+    if len(mapping or ()) not in (0, 1, len(paths)):
+        raise InputError("Give one --mapping for all logs, or one for each, in the order of the logs.")
+    mappings = mapping if mapping and len(mapping) == len(paths) else (mapping or [None])[:1] * len(paths)
+    read = [read_balancing_log(*each, described) for each in zip(paths, mappings, strict=True)]
     bounds = read_bounds(fit.bounds) if fit.bounds else Bounds()
     # all logs together, as they are one robot's
-    findings = check_input(described, paths, read, accept=accept, mappings=[mapping])
+    findings = check_input(described, paths, read, accept=accept, mappings=mappings)
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
     inputs = [robot, logs, holdout, mapping, fit.bounds, fit.sweep]
     with (
@@ -133,15 +128,16 @@ def identify(
             window=fit.window,
             options=IdentificationOptions(
                 excluded_states=names_listed(fit.exclude_states),
-                back_emf=back_emf_of(mapping),
+                back_emf=common_back_emf(mapping or ()),
                 sweep=sweep,
                 search=fit.search,
             ),
             run=Run(seed=fit.seed, executor=made_by, progress=result.report),
         )
+        held = slice(len(named), None)
         holdouts = [
-            cross_validate(found, log, name=name, starts=_states_at(path, mapping, described))
-            for (name, path), log in zip(held_out.items(), read[len(named) :], strict=True)
+            cross_validate(found, log, name=name, starts=_states_at(path, each, described))
+            for name, path, log, each in zip(held_out, paths[held], read[held], mappings[held], strict=True)
         ]
         results = found.to_dict()
         if selection:

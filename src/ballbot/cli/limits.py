@@ -5,16 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ballbot.cli.context import (
-    Changes,
-    OutFolder,
-    Positive,
-    RobotName,
-    ScenarioName,
-    Seed,
-    changed_robot,
-    open_result,
-)
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run, check_seed
@@ -31,15 +23,15 @@ _ON_TWIN = (0, 9, 18, 27)
 
 
 def limits(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *controllers: str,
-    grip: Positive = 1.0,
+    grip: options.Positive = 1.0,
     twin: bool = False,
-    scenario: ScenarioName = "nominal",
-    seed: Seed = 1,
-    change: Changes = None,
-    out: OutFolder,
+    scenario: options.Scenario = "nominal",
+    seed: options.Seed = 1,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 

@@ -7,22 +7,10 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli import OUTPUT
-from ballbot.cli.context import (
-    Changes,
-    ClusterAddress,
-    LogFormatName,
-    OutFolder,
-    ReferenceName,
-    RobotName,
-    Seed,
-    changed_robot,
-    command_line,
-    parse_seeds,
-    workers,
-)
+from ballbot.cli import OUTPUT, options
+from ballbot.cli.context import changed_robot, command_line, parse_seeds, workers
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
-from ballbot.cli.findings import Accept, check_robot
+from ballbot.cli.findings import check_robot
 from ballbot.cli.output import emit, print_parts, progress_bar, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
@@ -57,12 +45,12 @@ class ExperimentOptions:
     """balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the
     wheels)."""
 
-    reference: ReferenceName = "square"
+    reference: options.Reference = "square"
 
     duration: float | None = None
     """Duration [s]. If not given, 40 s balancing, 125.66 s for the sweep, or 60 s upside down."""
 
-    format: LogFormatName = "csv"
+    format: options.LogFormat = "csv"
 
 
 @Parameter(name="*")
@@ -70,13 +58,13 @@ class ExperimentOptions:
 class SeedOptions:
     """Random seeds, and where the runs of several are made."""
 
-    seed: Seed = 1
+    seed: options.Seed = 1
 
     seeds: str | None = None
     """Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Runs that are there are kept
     if they have the same settings and their files are unchanged: the same command goes on after it was stopped."""
 
-    cluster: ClusterAddress = None
+    cluster: options.Cluster = None
 
 
 _EXPERIMENT, _SEEDS, _CONTROLLER = ExperimentOptions(), SeedOptions(), ControllerOptions()
@@ -86,14 +74,14 @@ def record(
     scenario: str,
     /,
     *,
-    robot: RobotName = "alten",
+    robot: options.Robot = "alten",
     run: ExperimentOptions = _EXPERIMENT,
     chosen: ControllerOptions = _CONTROLLER,
     estimator: EstimatorName | None = None,
     random: SeedOptions = _SEEDS,
-    accept: Accept = None,
-    change: Changes = None,
-    out: OutFolder,
+    accept: options.Accept = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Record logs from the twin, a MuJoCo robot with real rollers, sensors and faults.
 

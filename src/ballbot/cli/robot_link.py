@@ -15,8 +15,7 @@ from cyclopts import Parameter
 from rich.live import Live
 from rich.text import Text
 
-from ballbot.cli import OUTPUT
-from ballbot.cli.context import LeanLimit, ScenarioName, WholeNumber
+from ballbot.cli import OUTPUT, options
 from ballbot.cli.output import notice_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
@@ -62,9 +61,9 @@ class LinkOptions:
     robot: str | None = None
     """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
 
-    scenario: ScenarioName = "nominal"
+    scenario: options.Scenario = "nominal"
 
-    seed: WholeNumber = 1
+    seed: options.WholeNumber = 1
     """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
 
     @property
@@ -87,7 +86,7 @@ class ControllerOnRobot:
     """A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
     controller runs."""
 
-    lean: LeanLimit = 0.35
+    lean: options.LeanLimit = 0.35
 
     def read(self, link: LinkOptions) -> Controller | None:
         """Return the controller; None if the robot's own runs there."""

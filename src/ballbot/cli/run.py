@@ -11,15 +11,8 @@ import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
 
-from ballbot.cli.context import (
-    CommandResult,
-    Content,
-    LeanLimit,
-    OutFolder,
-    Positive,
-    WholeNumber,
-    open_result,
-)
+from ballbot.cli import options
+from ballbot.cli.context import CommandResult, Content, open_result
 from ballbot.cli.output import emit, notice_output, standard_output
 from ballbot.cli.robot_link import (
     Connection,
@@ -86,7 +79,7 @@ def balance(
     link: LinkOptions = _LINK,
     chosen: ControllerOnRobot = _CONTROLLER,
     reference: str = "hold",
-    duration: Positive = 30.0,
+    duration: options.Positive = 30.0,
     ramp: float = 0.0,
     out: Path | None = None,
 ) -> None:
@@ -128,7 +121,7 @@ def balance(
 
 
 @run.command
-def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: Positive = 60.0) -> None:
+def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: options.Positive = 60.0) -> None:
     """Show a robot's sensors, self-test and stops, and what it runs; nothing is driven.
 
     Example: ballbot run monitor /dev/ttyACM0
@@ -188,9 +181,9 @@ def sweep(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: Positive = 2.0 * SWEEP_PERIOD,
+    duration: options.Positive = 2.0 * SWEEP_PERIOD,
     torque: float = 1.0,
-    out: OutFolder,
+    out: options.Out,
 ) -> None:
     """Record a torque sweep with the wheels off the ball, for `ballbot identify-driveline`.
 
@@ -218,8 +211,8 @@ def upside_down(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: Positive = 60.0,
-    out: OutFolder,
+    duration: options.Positive = 60.0,
+    out: options.Out,
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
 
@@ -265,7 +258,7 @@ def send(
     *,
     link: LinkOptions = _LINK,
     controller: Path,
-    lean: LeanLimit = 0.35,
+    lean: options.LeanLimit = 0.35,
 ) -> None:
     """Send a controller to a disarmed robot, which keeps it until it is switched off.
 
@@ -294,9 +287,9 @@ def compare(
     *,
     link: LinkOptions = _LINK,
     prediction: Path,
-    rounds: WholeNumber = MIN_RUNS // 2,
-    lean: LeanLimit = 0.35,
-    out: OutFolder,
+    rounds: options.WholeNumber = MIN_RUNS // 2,
+    lean: options.LeanLimit = 0.35,
+    out: options.Out,
 ) -> None:
     """Compare a study's controller with the one before it on the robot: runs in turn on the same course, A B A B.
 

@@ -6,22 +6,10 @@ from dataclasses import dataclass
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import (
-    ROBOT_BESIDE,
-    Changes,
-    Content,
-    Duration,
-    LogFormatName,
-    OutFolder,
-    ReferenceName,
-    RobotName,
-    ScenarioName,
-    WholeNumber,
-    changed_robot,
-    open_result,
-)
+from ballbot.cli import options
+from ballbot.cli.context import ROBOT_BESIDE, Content, changed_robot, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
-from ballbot.cli.findings import Accept, check_robot
+from ballbot.cli.findings import check_robot
 from ballbot.cli.output import notice_output
 from ballbot.control.references import as_reference
 from ballbot.fitting.run import check_seed
@@ -47,9 +35,9 @@ class PlantOptions:
     formulation: Formulation = "exact"
     """exact, or thesis (approximate equations of a published ballbot model)."""
 
-    scenario: ScenarioName | None = None
+    scenario: options.Scenario | None = None
 
-    seed: WholeNumber = 1
+    seed: options.WholeNumber = 1
     """Random seed of a scenario's noise. The same seed gives the same run."""
 
 
@@ -57,17 +45,17 @@ _CONTROLLER, _PLANT = ControllerOptions(), PlantOptions()
 
 
 def simulate(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *,
-    reference: ReferenceName = "square",
-    duration: Duration = 32.0,
+    reference: options.Reference = "square",
+    duration: options.Duration = 32.0,
     chosen: ControllerOptions = _CONTROLLER,
     simulated: PlantOptions = _PLANT,
-    format: LogFormatName = "csv",
-    accept: Accept = None,
-    change: Changes = None,
-    out: OutFolder,
+    format: options.LogFormat = "csv",
+    accept: options.Accept = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
 

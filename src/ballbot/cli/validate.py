@@ -8,15 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from ballbot.cli.context import (
-    MappingFile,
-    RobotName,
-    Seed,
-    open_result,
-    read_balancing_log,
-    read_balancing_logs,
-)
-from ballbot.cli.findings import Accept, check_input, show_findings
+from ballbot.cli import options
+from ballbot.cli.context import open_result, read_balancing_log, read_balancing_logs
+from ballbot.cli.findings import check_input, show_findings
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.findings import by_severity
@@ -47,7 +41,7 @@ def _validate_prediction(
     out: Path | None,
     controller: Path,
     mapping: Path | None,
-    accept: Accept,
+    accept: options.Accept,
 ) -> None:
     """Compare one log with a study's prediction, print the verdict, and write it if a folder is given."""
     prediction, beside = read_prediction(results), results.with_name("robot.toml")
@@ -77,16 +71,16 @@ def _validate_prediction(
 
 
 def validate(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *logs: Path,
     out: Path | None = None,
     prediction: Path | None = None,
     against: str | None = None,
     controller: Path | None = None,
-    mapping: MappingFile = None,
-    seed: Seed = 0,
-    accept: Accept = None,
+    mapping: options.Mapping = None,
+    seed: options.Seed = 0,
+    accept: options.Accept = None,
 ) -> None:
     """Validate a robot's model against logs that it was not fitted to: with and without friction, or any two
     models.

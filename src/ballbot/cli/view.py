@@ -13,7 +13,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import ROBOT_BESIDE, MappingFile, WholeNumber
+from ballbot.cli import options
+from ballbot.cli.context import ROBOT_BESIDE
 from ballbot.cli.output import notice_output, open_page, progress_bar, show_written, standard_output
 from ballbot.errors import InputError, every
 from ballbot.files import check_file, write_text
@@ -41,7 +42,7 @@ class LiveOptions:
     host: str = "127.0.0.1"
     """The address to listen on. Any but this computer's own lets others in who have the link with its token."""
 
-    port: WholeNumber = 0
+    port: options.WholeNumber = 0
     """The port to listen on; a free one by default."""
 
     browser: Annotated[bool, Parameter(negative="--no-browser")] = True
@@ -57,7 +58,7 @@ def view(
     layout: Layout = "side",
     start: float | None = None,
     end: float | None = None,
-    mapping: MappingFile = None,
+    mapping: options.Mapping = None,
     save: Path | None = None,
     video: Path | None = None,
     live: LiveOptions = _LIVE,

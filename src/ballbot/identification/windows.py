@@ -135,6 +135,24 @@ def back_emf_of(mapping: str | Path | None) -> float:
     return drive.back_emf if isinstance(drive, DutyTable) else 0.0
 
 
+def common_back_emf(mappings: Sequence[str | Path]) -> float:
+    """Return b_e [N m s/rad] of the motors that several mapping files describe; see `back_emf_of`.
+
+    Raises
+    ------
+    InputError
+        If the mappings differ in it.
+    """
+    found = {round(back_emf_of(mapping), 12) for mapping in mappings}
+    if len(found) > 1:
+        raise InputError(
+            "The motors of the mappings have back-EMF damping of "
+            f"{', '.join(f'{b:g}' for b in sorted(found))} N m s/rad; logs of one "
+            "robot must have the same supply voltage, resistance and motor constants."
+        )
+    return found.pop() if found else 0.0
+
+
 #: a sampling interval may differ from the median one by this share of it
 LARGEST_JITTER = 0.1
 #: beyond this lean, theta or phi, a robot is falling or held by hands [rad]

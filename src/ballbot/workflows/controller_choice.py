@@ -172,15 +172,6 @@ STEPS = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TrialRun:
-    """What is kept of one run of a trial."""
-
-    score: Score
-    performance: Performance
-    log: Log | None  #: if it is kept
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
     """A controller on every plant drawn, in the order of the draws."""
 
@@ -188,16 +179,6 @@ class Trial:
     scores: tuple[Score, ...]  #: by the true position
     performances: tuple[Performance, ...] = ()  #: as the robot's own log shows them
     log: Log | None = None  #: of the first run, if it is kept
-
-    @staticmethod
-    def of(controller: Controller, answers: Sequence[TrialRun]) -> Trial:
-        """Return the trial of a controller's runs."""
-        return Trial(
-            controller=controller,
-            scores=tuple(one.score for one in answers),
-            performances=tuple(one.performance for one in answers),
-            log=answers[0].log,
-        )
 
     @property
     def falls(self) -> int:
@@ -401,13 +382,17 @@ def run_trials(
         for one in plants
     ]
 
-    def ask(one: GridRun, log: Log) -> TrialRun:
+    def ask(one: GridRun, log: Log) -> tuple[Score, Performance, Log | None]:
         assert isinstance(one.controller, Controller)
         kept = log if logged and one.condition is conditions[0] else None
-        return TrialRun(score=one.score(log), performance=performance_of(log, one.controller), log=kept)
+        return one.score(log), performance_of(log, one.controller), kept
 
-    found = run_grid(Grid(controllers=controllers, conditions=conditions), ask, workers=InThreads(), run=run)
-    return {name: Trial.of(controller, found.of(name)) for name, controller in controllers.items()}
+    table = run_grid(Grid(controllers=controllers, conditions=conditions), ask, workers=InThreads(), run=run)
+    trials = {}
+    for name, controller in controllers.items():
+        scores, performances, logs = zip(*table.of(name), strict=True)
+        trials[name] = Trial(controller=controller, scores=scores, performances=performances, log=logs[0])
+    return trials
 
 
 def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
