@@ -49,6 +49,10 @@ REFUSALS = [
     ("simulate alten --reference triangle --out out", "There is no reference 'triangle'"),
     ("simulate alten --duration 0 --out out", "at least one sample"),
     ("record ideal --seed -1 --out out", "The seed is -1"),
+    ("record nominal --seeds 9-1 --out out", "The seeds are '9-1'"),
+    ("record nominal --experiment dance --out out", "dance"),
+    ("record nominal --estimator kalmann --out out", "'kalman'"),
+    ("record nominl --out out", "did you mean 'nominal'?"),
     ("excite alten --lean 90 --out out", "The lean limit is 90 degrees; it must be below 90 degrees."),
     ("excite alten --floor -1 --out out", "The floor limit is -1 m; it must be positive."),
     # several controllers

@@ -22,7 +22,7 @@ from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.workflows.controller_choice import NamedCourse
 from ballbot.workflows.controller_prediction import Prediction, checksum_of, performance_intervals
-from ballbot.workflows.metrics import Performance, performance_of
+from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
 
 ALTEN = Robot.load("alten")
 SCENARIO = Scenario.nominal(ALTEN)
@@ -46,7 +46,10 @@ def known_prediction() -> Prediction:
     seen = performance_of(predicted_log(), CONTROLLER)
     random = np.random.default_rng(0)
     similar = [
-        Performance.from_array(seen.to_array() * np.exp(0.1 * random.standard_normal(5))) for _ in range(20)
+        Performance(
+            **dict(zip(QUANTITIES, seen.to_array() * np.exp(0.1 * random.standard_normal(5)), strict=True))
+        )
+        for _ in range(20)
     ]
     without = [
         replace(one, peak_error=40.0 * one.peak_error, rms_error=40.0 * one.rms_error) for one in similar

@@ -120,7 +120,7 @@ def test_league_intervals_cover_at_their_level():
     of_seed = draw.normal(0.0, 1.0, (2000, 10))  # what a seed does to both
     ours = 0.3 + of_seed + draw.normal(0.0, 0.2, (2000, 10))
     theirs = of_seed + draw.normal(0.0, 0.2, (2000, 10))
-    found = [Paired.of(one, other).difference for one, other in zip(ours, theirs, strict=True)]
+    found = [Paired(one, other).difference for one, other in zip(ours, theirs, strict=True)]
     share = np.mean([one.low <= 0.3 <= one.high for one in found])
     assert share == pytest.approx(0.95, abs=3.5 * np.sqrt(0.95 * 0.05 / 2000))
     apart = np.array([mean_with_interval(one).high - mean_with_interval(one).low for one in ours[:200]])
@@ -139,18 +139,18 @@ def test_fall_interval_covers_at_least_its_level(runs):
 
 
 def test_few_seeds_have_no_interval():
-    one = Paired.of([2.0, np.nan], [1.0, 0.0]).difference
+    one = Paired(np.array([2.0, np.nan]), np.array([1.0, 0.0])).difference
     assert one.mean == 1.0
     assert one.runs == 1
     assert np.isnan([one.low, one.high]).all()
     assert one.sign == 0
     assert mean_with_interval([]).runs == 0
-    assert Paired.of([2.0, 3.0], [1.0, 2.0]).difference.sign == 1
+    assert Paired(np.array([2.0, 3.0]), np.array([1.0, 2.0])).difference.sign == 1
 
 
 def test_paired_ratio_over_courses_has_one_value_for_each_run():
     """Twice as far off on one course and half as far on the other: one in all, in each of the runs."""
     ones = np.ones((2, 5))
-    found = Paired.of(ones * [[2.0], [0.5]], ones).ratio
+    found = Paired(ones * [[2.0], [0.5]], ones).ratio
     assert found.mean == pytest.approx(1.0)
     assert found.runs == 5

@@ -191,13 +191,10 @@ def run_grid(
         found.update(zip(places, answers, strict=True))
         run.progress(Progress(stage="comparing controllers", done=len(found), total=len(runs)))
 
-    pool = ThreadPoolExecutor(threads or os.cpu_count())
-    try:
-        answered = pool.map(partial(_ask_block, ask), [[runs[place] for place in block] for block in blocks])
-        for block, answers in zip(blocks, answered, strict=True):
-            keep(block, answers)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    together = [[runs[place] for place in block] for block in blocks]
+    with closing(InThreads(count=threads).each(partial(_ask_block, ask), together)) as made:
+        for place, answers in made:
+            keep(blocks[place], answers)
     with closing(workers.each(partial(_ask_alone, ask), [runs[place] for place in alone])) as made:
         for place, answer in made:
             keep([alone[place]], [answer])
@@ -230,14 +227,17 @@ def run_loop(
     )
 
 
+@dataclass(frozen=True, kw_only=True)
 class InThreads:
     """Make runs in threads of this process: MuJoCo's steps run side by side, and processes take seconds to begin."""
+
+    count: int | None = None  #: one for each core where None
 
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
     ) -> Generator[tuple[int, Result], None, None]:
         """Yield the place and the result of each piece, as they are finished."""
-        pool = ThreadPoolExecutor(os.cpu_count())
+        pool = ThreadPoolExecutor(self.count or os.cpu_count())
         try:
             places = {pool.submit(make, piece): place for place, piece in enumerate(pieces)}
             for one in as_completed(places):

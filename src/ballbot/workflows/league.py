@@ -203,7 +203,7 @@ def standing(league: League, course: str, controller: str) -> Standing:
         arrived=sum(score.arrived for score in scores),
         means={name: mean_with_interval(_values(scores, name)) for name in numbers},
         differences={
-            name: Paired.of(_values(scores, name), _values(first, name)).difference
+            name: Paired(_values(scores, name), _values(first, name)).difference
             for name in numbers
             if controller != league.controllers[0]
         },
@@ -226,7 +226,9 @@ def overall(league: League, controller: str) -> Overall:
         falls=falls,
         fall_interval=fraction_with_interval(falls, len(everything)),
         ratios={
-            name: Paired.of(*([_values(scores, name) for scores in part] for part in (mine, first))).ratio
+            name: Paired(
+                *(np.array([_values(scores, name) for scores in part]) for part in (mine, first))
+            ).ratio
             for name in RATIOS
             if controller != league.controllers[0]
         },

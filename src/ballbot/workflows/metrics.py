@@ -288,11 +288,6 @@ class Performance:
         numbers[QUANTITIES.index("torque_margin")] = 1.0 - self.torque_margin
         return numbers
 
-    @staticmethod
-    def from_array(numbers: NDArray[np.float64]) -> Performance:
-        """Return the performance of numbers (5,)."""
-        return Performance(**dict(zip(QUANTITIES, numbers.tolist(), strict=True)))
-
 
 #: names of the quantities, in their order
 QUANTITIES = tuple(field.name for field in fields(Performance))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv, stdtrit
 
 CONFIDENCE = 0.95
@@ -96,13 +96,6 @@ class Paired:
 
     values: NDArray[np.float64]
     others: NDArray[np.float64]
-
-    @staticmethod
-    def of(
-        values: Sequence[ArrayLike] | NDArray[np.float64], others: Sequence[ArrayLike] | NDArray[np.float64]
-    ) -> Paired:
-        """Return the pairs of two sequences of numbers, or of rows of them."""
-        return Paired(np.asarray(values, dtype=np.float64), np.asarray(others, dtype=np.float64))
 
     @property
     def difference(self) -> Estimate:
