@@ -1,7 +1,7 @@
 """Many robots in closed loop at once: the law and the mechanics in one compiled call, robots side by side.
 
-The numbers are those of `simulate` on a `Model`, to rounding, at the same instants. A lane may have sensors, late torques
-or a floor that is not level (`Imperfections`), and may be left as soon as its outcome is known (`Verdict`).
+The numbers are those of `simulate` on a `Model`, to rounding, at the same instants. A lane may have sensors, late
+torques or a floor that is not level (`Imperfections`), and may be left as soon as its outcome is known (`Verdict`).
 """
 
 from __future__ import annotations

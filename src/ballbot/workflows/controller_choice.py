@@ -31,8 +31,6 @@ from ballbot.control.overcompensation import certain_friction
 from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError
-from ballbot.estimation import named_estimator
-from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Identification
 from ballbot.log import Log
@@ -40,10 +38,9 @@ from ballbot.robot import Robot
 from ballbot.robot.variations import draw_robots
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
-from ballbot.twin.twin import Twin
 from ballbot.workflows.controller_design import Kind
 from ballbot.workflows.courses import ReferenceSpec
-from ballbot.workflows.grid import Condition, Grid, GridRun, InThreads, LoopRobot, Name, run_grid
+from ballbot.workflows.grid import Condition, Grid, GridRun, InThreads, LoopRobot, Name, TwinRobot, run_grid
 from ballbot.workflows.metrics import Performance, Score, performance_of
 from ballbot.workflows.statistics import MedianEstimate, Paired, median_with_interval
 
@@ -63,11 +60,11 @@ class PlantDraw:
         scenario = with_identified(self.scenario, self.robot.friction)
         return LoopRobot.of(self.robot, scenario, known=self.known)
 
-    def on_twin(self, estimator: EstimatorName) -> Twin:
-        """Return the robot on the physics engine."""
+    @property
+    def on_twin(self) -> TwinRobot:
+        """The robot on the physics engine."""
         scenario = replace(self.scenario, friction=self.robot.friction)
-        state = named_estimator(estimator, self.known, sample_time=scenario.sensors.sample_time)
-        return Twin(self.robot, scenario, estimator=state)
+        return TwinRobot(robot=self.robot, scenario=scenario, known=self.known)
 
 
 def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: int) -> tuple[PlantDraw, ...]:

@@ -26,6 +26,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
+from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.sweep import ALL_CORES, Piece, Result, Workers
@@ -42,6 +43,7 @@ from ballbot.simulation.run import initial_state_of, simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import Scenario
+from ballbot.twin.twin import Twin
 from ballbot.workflows.metrics import SETTLE, Score, score
 
 
@@ -66,17 +68,33 @@ class LoopRobot:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class TwinRobot:
+    """A robot as the physics engine runs it, one period at a time."""
+
+    robot: Robot  #: the true one, but for its friction
+    scenario: Scenario  #: its friction is the true one
+    known: Robot  #: what the estimator knows
+
+    def __call__(self, estimator: EstimatorName) -> Twin:
+        """Return the twin, its state by that estimator."""
+        state = named_estimator(estimator, self.known, sample_time=self.scenario.sensors.sample_time)
+        return Twin(self.robot, self.scenario, estimator=state)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Condition:
     """What every controller of a grid meets in one run: a plant, a course and a seed."""
 
-    #: the robot on the loop, or what makes a plant, its state by that estimator
-    plant: LoopRobot | Callable[[EstimatorName], Plant | Model]
+    #: the robot on the loop or on the twin, or what makes another plant, its state by that estimator
+    plant: LoopRobot | TwinRobot | Callable[[EstimatorName], Plant | Model]
     reference: Callable[[], Reference]  #: makes the reference; the same for all conditions of a course
     duration: float  #: [s]
     seed: int  #: of the initial state and of all that is random in the plant
     course: str = ""  #: its name, if there is more than one
     settle: float = SETTLE  #: see `ballbot.workflows.metrics.settled` [s]
     disturbed: tuple[float, ...] = ()  #: when something pushes the robot [s]
+    #: true state (10,) at the start; by default at rest at the origin, leaning by up to 0.02 rad
+    start: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +106,7 @@ class GridRun:
     condition: Condition
 
     def log(self) -> Log:
-        """Make the run one period at a time: from rest at the origin, leaning by up to 0.02 rad.
+        """Make the run one period at a time.
 
         InputError if the plant or the reference cannot be made, or the controller fails.
         """
@@ -98,6 +116,7 @@ class GridRun:
             copy.deepcopy(self.controller),
             condition.reference(),
             duration=condition.duration,
+            initial_state=condition.start,
             seed=condition.seed,
         )
 
@@ -282,7 +301,9 @@ def _ask_block(ask: Callable[[GridRun, Log], Answer], runs: Sequence[GridRun]) -
         [one.controller for one in runs if isinstance(one.controller, Controller)],
         conditions[0].reference(),
         duration=conditions[0].duration,
-        starts=np.array([initial_state_of(one.seed) for one in conditions]),
+        starts=np.array(
+            [initial_state_of(one.seed) if one.start is None else one.start for one in conditions]
+        ),
         threads=1,
     )
     return [ask(one, batch.log(lane)) for lane, one in enumerate(runs)]

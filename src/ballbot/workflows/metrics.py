@@ -167,9 +167,8 @@ class Score:
     rms_position_error: float  #: its root mean square [m]
     peak_heading_error: float  #: once settled [rad]
     settling_time: float  #: the longest of the run; see `metrics.settling_time` [s]
-    arrived: (
-        bool  #: whether it always was within the band at last; where not, the settling time is a lower bound
-    )
+    #: whether it always was within the band at last; where not, the settling time is a lower bound
+    arrived: bool
     rms_torque: float  #: over the whole run and all wheels [N m]
     rms_torque_change: float  #: from sample to sample [N m]
     high_frequency_torque: float  #: root mean square above 10 Hz [N m]; NaN where sampled at 20 Hz or less

@@ -199,9 +199,8 @@ class ReferenceMargins:
     supply_voltage: float = field(metadata=left_out)  #: [V]
     ended: float  #: when the robot falls in closed loop [s]; infinity if it does not
     peak_error: float  #: largest distance from the reference in closed loop [m]
-    share_at_torque_limit: (
-        float  #: share of the time in which a wheel's torque is at its limit in closed loop
-    )
+    #: share of the time in which a wheel's torque is at its limit in closed loop
+    share_at_torque_limit: float
 
     @reported
     def can_be_followed(self) -> bool:
