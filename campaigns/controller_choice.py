@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, circle, figure_eight, square
-from ballbot.estimation import named_estimator
-from ballbot.estimation.interface import EstimatorName
 from ballbot.robot import Robot
-from ballbot.twin import Scenario, Twin
+from ballbot.twin import Scenario
 from ballbot.workflows.controller_choice import candidates
-from ballbot.workflows.grid import Condition, Grid, GridTable, run_grid
+from ballbot.workflows.grid import Condition, Grid, GridTable, TwinRobot, run_grid
 from ballbot.workflows.metrics import Score
 from ballbot.workflows.statistics import MedianEstimate, Paired, median_with_interval
 from campaigns.compensation import identified
@@ -40,19 +38,15 @@ COURSES: Mapping[str, tuple[Reference, float]] = {
 
 def _runs(tried: Mapping[str, Controller]) -> GridTable[Score]:
     """Run controllers on the nominal twin, on all cores."""
+    plant = TwinRobot(robot=ALTEN, scenario=Scenario.nominal(ALTEN), known=ALTEN)
     conditions = [
         Condition(
-            plant=_twin, reference=partial(_reference, course), duration=duration, seed=seed, course=course
+            plant=plant, reference=partial(_reference, course), duration=duration, seed=seed, course=course
         )
         for course, (_, duration) in COURSES.items()
         for seed in SEEDS
     ]
     return run_grid(Grid(controllers=tried, conditions=conditions))
-
-
-def _twin(estimator: EstimatorName) -> Twin:
-    state = named_estimator(estimator, ALTEN, sample_time=SAMPLE_TIME)
-    return Twin(ALTEN, Scenario.nominal(ALTEN), estimator=state)
 
 
 def _reference(course: str) -> Reference:

@@ -27,13 +27,11 @@ from ballbot.control.presets import (
     design_integral_gain,
     precise_controller,
 )
-from ballbot.estimation import named_estimator
-from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.sweep import identity
 from ballbot.robot import Robot
-from ballbot.twin import Twin
+from ballbot.twin import Scenario
 from ballbot.workflows.controller_choice import SQUARE, compensated_robot
-from ballbot.workflows.grid import Condition, GridRun
+from ballbot.workflows.grid import Condition, GridRun, TwinRobot
 from ballbot.workflows.statistics import Estimate, Paired, median_with_interval
 from campaigns.compensation import identified
 from campaigns.section import Section, compared
@@ -106,20 +104,17 @@ def controller_of(robot: Robot, cell: Cell) -> Controller:
     )
 
 
-def _twin(estimator: EstimatorName) -> Twin:
-    return Twin(ALTEN, estimator=named_estimator(estimator, ALTEN, sample_time=0.005))
-
-
 def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
     """Run every cell with every seed, or take the results from file."""
     robot = compensated_robot(identified(ALTEN))
     controllers = {cell: controller_of(robot, cell) for cell in CELLS}
+    plant = TwinRobot(robot=ALTEN, scenario=Scenario.nominal(ALTEN), known=ALTEN)
     runs = [
         GridRun(
             candidate=str(cell),
             controller=controllers[cell],
             condition=Condition(
-                plant=_twin,
+                plant=plant,
                 reference=SQUARE.reference_spec.reference,
                 duration=SQUARE.duration,
                 seed=seed,
