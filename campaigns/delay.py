@@ -23,7 +23,7 @@ from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
-from ballbot.workflows.comparison import ComparedRun, run_comparison
+from ballbot.workflows.grid import Condition, GridRun, run_grid
 from ballbot.workflows.metrics import Score
 from campaigns.compensation import identified_robot
 from campaigns.section import Section
@@ -59,19 +59,21 @@ def controller_for(known: Robot, name: str, belief: str, delay: int) -> Controll
     return plain.with_parts(replace(plain.parts, prediction=prediction))
 
 
-def compared_run(known: Robot, name: str, belief: str, delay: int, seed: int) -> ComparedRun | None:
+def compared_run(known: Robot, name: str, belief: str, delay: int, seed: int) -> GridRun | None:
     """Return a run once around the square on the nominal twin, torques late; None if there is no such controller."""
     controller = controller_for(known, name, belief, delay)
     if controller is None:
         return None
-    return ComparedRun(
+    return GridRun(
         candidate=f"{name}, {belief}",
         controller=controller,
-        plant=partial(_twin, delay),
-        reference=partial(square, side=0.5, period=32.0),
-        duration=32.0,
-        seed=seed,
-        course=f"{delay} samples late",
+        condition=Condition(
+            plant=partial(_twin, delay),
+            reference=partial(square, side=0.5, period=32.0),
+            duration=32.0,
+            seed=seed,
+            course=f"{delay} samples late",
+        ),
     )
 
 
@@ -107,14 +109,14 @@ def campaign() -> Section:
         for delay in DELAYS
         for seed in SEEDS
     ]
-    found = run_comparison([one for one in runs if one is not None])
+    found = run_grid([one for one in runs if one is not None])
     rows = []
     for name in CONTROLLERS:
         for delay in DELAYS:
             for belief in BELIEFS:
                 controller = controller_for(known, name, belief, delay)
                 if controller is not None:
-                    scores = found.scores_of(f"{name}, {belief}", f"{delay} samples late")
+                    scores = found.of(f"{name}, {belief}", f"{delay} samples late")
                     lean = largest_lean(known, controller, delay)
                     rows.append(_row(name, belief, delay, scores, lean))
     return Section(

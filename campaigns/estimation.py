@@ -23,7 +23,9 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.workflows.comparison import ComparedRun, Comparison, mean_with_interval
+from ballbot.workflows.grid import Condition, GridRun, GridTable, InThreads, run_grid
+from ballbot.workflows.metrics import Score
+from ballbot.workflows.statistics import mean_with_interval
 from campaigns.section import Section
 
 REFERENCES = ("square", "hold", "figure_eight")
@@ -96,7 +98,7 @@ def side_by_side(
     }
 
 
-def in_closed_loop(robot: Robot, *, seeds: Sequence[int], duration: float = 64.0) -> Comparison:
+def in_closed_loop(robot: Robot, *, seeds: Sequence[int], duration: float = 64.0) -> GridTable[Score]:
     """Return how near to a square the robot stays where the estimator steers; compensation of the true friction."""
     nominal = Scenario.nominal(robot)
     biased = replace(nominal, name="biased", sensor_faults=BIASED)
@@ -113,23 +115,24 @@ def in_closed_loop(robot: Robot, *, seeds: Sequence[int], duration: float = 64.0
         f"biased AHRS: {ALONE}": (biased, lambda: KalmanFilter(robot, sample_time=h)),
     }
     runs = [
-        ComparedRun(
+        GridRun(
             candidate=name,
             controller=controller,
-            plant=lambda _, scenario=scenario, estimator=estimator: Twin(
-                robot, scenario, estimator=estimator()
+            condition=Condition(
+                plant=lambda _, scenario=scenario, estimator=estimator: Twin(
+                    robot, scenario, estimator=estimator()
+                ),
+                reference=square,
+                duration=duration,
+                seed=seed,
+                course=loop,
             ),
-            reference=square,
-            duration=duration,
-            seed=seed,
-            course=loop,
         )
         for loop, (scenario, estimator) in loops.items()
         for name, controller in controllers.items()
         for seed in seeds
     ]
-    with ThreadPoolExecutor(THREADS) as pool:
-        return Comparison(runs=tuple(runs), results=tuple(pool.map(ComparedRun.result, runs)))
+    return run_grid(runs, workers=InThreads())
 
 
 def rows(name: str, found: Sequence[dict[str, EstimationErrors]]) -> list[list[str]]:
@@ -193,7 +196,7 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
     )
 
 
-def _loops(found: Comparison) -> str:
+def _loops(found: GridTable[Score]) -> str:
     lines = [
         "With the estimator in the loop, two rounds of the square, true position from the reference once settled; "
         "torque noise is the torque's RMS change from sample to sample.",
@@ -202,10 +205,10 @@ def _loops(found: Comparison) -> str:
         "| torque noise, compensated | falls |",
         "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
-    for name in dict.fromkeys(one.course for one in found.runs):
+    for name in dict.fromkeys(one.condition.course for one in found.runs):
         cells, falls = [], 0
         for kind in ("none", "partial"):
-            scores = found.scores_of(kind, name)
+            scores = found.of(kind, name)
             stood = [one for one in scores if one.ended is None]
             falls += len(scores) - len(stood)
             for scale, key, shape in (

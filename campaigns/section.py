@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import pickle
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import TypeVar, cast
@@ -17,11 +18,13 @@ from typing import TypeVar, cast
 from matplotlib.figure import Figure
 
 import ballbot
+from ballbot.errors import InputError
 from ballbot.files import read_sealed, write_sealed, write_text
 from ballbot.fitting.sweep import ALL_CORES, Processes, RunFolder, Workers, identity
 from ballbot.progress import Progress, ignore_progress
 from ballbot.report.style import drawn
-from ballbot.workflows.comparison import ComparedRun, Comparison, read_result, write_result
+from ballbot.workflows.grid import GridRun, GridTable
+from ballbot.workflows.metrics import Score
 
 Piece = TypeVar("Piece")
 Made = TypeVar("Made")
@@ -114,17 +117,32 @@ def finished(
 
 def compared(
     folder: Path,
-    runs: Mapping[str, ComparedRun],
+    runs: Mapping[str, GridRun],
     *,
     made_from: Mapping[str, str],
     stage: str,
     processes: int | None = None,
-) -> Comparison:
-    """Return a comparison by the files of its runs; those that the folder lacks are made."""
-    kept = RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result)
-    found, before = kept.complete(ComparedRun.result, runs, workers=Processes(count=processes), stage=stage)
+) -> GridTable[Score]:
+    """Return scores by the files of their runs; those that the folder lacks are made."""
+    kept = RunFolder(path=folder, made_from=made_from, write=_write_score, read=_read_score)
+    found, before = kept.complete(_scored, runs, workers=Processes(count=processes), stage=stage)
     EARLIER.update(folder / name for name in before)
-    return Comparison(runs=tuple(runs.values()), results=tuple(found.values()))
+    return GridTable(runs=tuple(runs.values()), answers=tuple(found.values()))
+
+
+def _scored(run: GridRun) -> Score:
+    return run.score(run.log())
+
+
+def _write_score(path: Path, made: Score) -> None:
+    write_sealed(path, json.dumps(asdict(made)).encode())
+
+
+def _read_score(path: Path) -> Score | None:
+    try:
+        return Score(**json.loads(read_sealed(path)))
+    except InputError:  # not there, or not whole
+        return None
 
 
 class DataMissingError(Exception):

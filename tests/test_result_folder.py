@@ -7,7 +7,7 @@ import pytest
 
 from ballbot import InputError
 from ballbot.files import write_text
-from ballbot.result_folder import MANIFEST, RUNS, STAGED, result_folder
+from ballbot.result_folder import MANIFEST, STAGED, result_folder
 from tests.support.processes import Child
 
 NAMES = ("report.html", "results.json", "robot.toml", "figures/one.svg", "figures/two.svg")
@@ -103,17 +103,6 @@ def test_an_input_is_not_replaced_by_what_is_made_from_it(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"robot\.toml is an input of this run"):
         leave(tmp_path / "found", NEW, inputs=(Path("found/../found/robot.toml"),))
-
-
-def test_an_unfinished_run_is_not_mixed_with(tmp_path):
-    (tmp_path / RUNS).mkdir()
-    with pytest.raises(InputError, match="a command that was not finished"):
-        leave(tmp_path, NEW)
-    with result_folder(tmp_path, command="study", names=NAMES, keeps_runs=True) as held:
-        assert held.runs.exists()
-        with held.replaced() as new:
-            write_text(new / "report.html", "new")
-        assert not held.runs.exists()
 
 
 @pytest.mark.parametrize(

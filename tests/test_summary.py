@@ -91,15 +91,15 @@ def limits() -> RobotLimits:
 def batch() -> ClosedLoopBatch:
     never = np.inf
     return ClosedLoopBatch(
-        t=np.array([0.5, 1.0]),
+        t=np.array([0.0, 0.5]),
         states=np.full((4, 2, 10), 0.1),
+        finals=np.full((4, 10), 0.1),
         torques=np.ones((4, 2, 3)),
         seen=np.full((4, 2, 10), 0.1),
         commanded=np.ones((4, 2, 3)),
         wheel_angles=np.zeros((4, 2, 3)),
         wheel_speeds=np.zeros((4, 2, 3)),
         gyro=np.zeros((4, 2, 3)),
-        initial=np.zeros((1, 10)),
         references=np.zeros((2, 10)),
         sample_time=0.5,
         fallen_leans=np.array([0.6]),

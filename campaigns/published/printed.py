@@ -133,9 +133,10 @@ def track(model: Model, controllers: Sequence[Controller]) -> list[Track]:
     batch = simulate_batch(
         model, controllers, reference, duration=ROUNDS * PERIOD, initial_states=np.zeros(10)
     )
-    wanted = np.stack([reference(t - controllers[0].sample_time) for t in batch.t])
-    distance = np.linalg.norm(batch.states[..., :2] - wanted[:, :2], axis=-1)
-    late = np.mod(batch.t, PERIOD / 4.0) > PERIOD / 4.0 - SETTLED
+    wanted = np.stack([reference(t) for t in batch.t])
+    ends, states_then = batch.t + batch.sample_time, batch.next_states
+    distance = np.linalg.norm(states_then[..., :2] - wanted[:, :2], axis=-1)
+    late = np.mod(ends, PERIOD / 4.0) > PERIOD / 4.0 - SETTLED
     return [
         Track(
             settled_error=_rms(off[late]),
@@ -143,7 +144,7 @@ def track(model: Model, controllers: Sequence[Controller]) -> list[Track]:
             peak_lean=float(np.abs(states[:, 2:4]).max()),
             fell=not survived,
         )
-        for off, states, survived in zip(distance, batch.states, batch.survived, strict=True)
+        for off, states, survived in zip(distance, states_then, batch.survived, strict=True)
     ]
 
 

@@ -19,7 +19,7 @@ from campaigns.agreement import (
     FEWEST,
     Both,
     both,
-    run_comparison,
+    run_grid,
     run_twin,
     runs_of,
     section,
@@ -57,8 +57,8 @@ def test_a_stopped_campaign_goes_on_and_makes_the_page_of_what_is_there(
     kept = {path: path.read_bytes() for path in tmp_path.glob("*.json")}
     twin = run_twin(runs, folder=tmp_path, processes=1)
     assert all(path.read_bytes() == content for path, content in kept.items())
-    assert twin.results[0].score == first.results[0].score
-    loop = run_comparison(runs_of(brief, range(8), on="model"))
+    assert twin.answers[0] == first.answers[0]
+    loop = run_grid(runs_of(brief, range(8), on="model"))
     found = both(brief, loop, twin)
     # a second from the same start, before chaos: both lean and go alike
     for one in found:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import MappingFile, OutFolder, open_result
-from ballbot.cli.findings import Accept, check_input
+from ballbot.cli import options
+from ballbot.cli.context import open_result
+from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.collection import named_files
@@ -15,7 +16,13 @@ from ballbot.validation.alignment import align as align_log
 
 
 def align(
-    log: Path, mocap: Path, /, *, out: OutFolder, mapping: MappingFile = None, accept: Accept = None
+    log: Path,
+    mocap: Path,
+    /,
+    *,
+    out: options.Out,
+    mapping: options.Mapping = None,
+    accept: options.Accept = None,
 ) -> None:
     """Compare a log's sensors with motion capture of the same run; clocks and frames may differ.
 

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import RobotName, open_result
-from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.cli import options
+from ballbot.cli.context import open_result
+from ballbot.cli.findings import stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import check_codes
 from ballbot.report.blocks import RESULTS, finding_line
@@ -47,13 +48,13 @@ _SWING = SwingOptions()
 
 
 def check(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *,
     reference: str | None = None,
     controller: str = "nominal",
     swinging: SwingOptions = _SWING,
-    accept: Accept = None,
+    accept: options.Accept = None,
     out: Path | None = None,
 ) -> None:
     """Check that a robot is plausible, and print quantities that follow from its parameters.

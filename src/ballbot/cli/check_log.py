@@ -7,7 +7,8 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ballbot.cli.context import CommandResult, Content, MappingFile, open_result
+from ballbot.cli import options
+from ballbot.cli.context import CommandResult, Content, open_result
 from ballbot.cli.output import progress_bar
 from ballbot.errors import InputError
 from ballbot.log import Log
@@ -39,10 +40,10 @@ def check_log(
     /,
     *others: Path,
     robot: str | None = None,
-    mapping: MappingFile = None,
+    mapping: options.Mapping = None,
     command: InputKind | None = None,
-    full_scale: float | None = None,
-    counts_per_turn: float | None = None,
+    full_scale: options.Positive | None = None,
+    counts_per_turn: options.Positive | None = None,
     columns: str | None = None,
     out: Path | None = None,
 ) -> None:
@@ -87,8 +88,6 @@ def check_log(
     for option, value in given.items():
         if value is not None and not proposes:
             raise InputError(f"{option} is for a foreign table and needs --robot, without --mapping.")
-        if isinstance(value, float) and not value > 0.0:
-            raise InputError(f"{option} is {value:g}; it must be above zero.")
     if out and others and not proposes:
         raise InputError("--out takes one log in Ballbot's format; give the others commands of their own.")
     writes = ("mapping.toml", "log.csv") if proposes else ()

@@ -4,8 +4,8 @@
         found = align_log(run, film, progress=result.report)
         result.write(align_report(found))
 
-The provenance of a result is the command line itself (`main` records it), without the options that do not change the
-result. Logs and lists of seeds are read here, too, and a Dask cluster is found.
+The provenance of a result is the command line itself (`main` records it). Logs and lists of seeds are read here, too,
+and a Dask cluster is found.
 """
 
 from __future__ import annotations
@@ -17,19 +17,17 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter, Token
 from rich.console import Console, RenderableType
 
 from ballbot.cli import ARGV
-from ballbot.cli.app import OUTPUT_OPTIONS
 from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standard_output, suggest_page
-from ballbot.errors import InputError, either
+from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
 from ballbot.fitting.run import Executor, Threads
 from ballbot.log.collection import named_files
-from ballbot.log.formats import WRITTEN_FORMATS, is_bag_folder
+from ballbot.log.formats import is_bag_folder
 from ballbot.printable import shell_line
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.report.blocks import PAGE, RESULTS, Provenance, provenance
@@ -46,35 +44,6 @@ if TYPE_CHECKING:
 ROBOT_BESIDE = "robot.toml"
 
 _MAX_SEEDS = 100_000
-#: options that do not change a result, with the number of tokens that follow each
-_WITHOUT_EFFECT = {"--cluster": 1} | dict.fromkeys(OUTPUT_OPTIONS, 0)
-
-
-def _whole_number(_: type, tokens: Sequence[Token]) -> int:
-    """Return the whole number that is given; 1.5 is refused, where cyclopts would round it."""
-    given = tokens[0].value
-    if not re.fullmatch(r"[+-]?\d+", given):
-        raise ValueError(f"{given!r} is not a whole number.")
-    return int(given)
-
-
-_MAPPING = (
-    "A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it."
-)
-
-#: the robot of a command
-RobotName = Annotated[str, Parameter(help="A preset's name or a robot file.")]
-
-#: the option --set of the commands that take a robot
-Changes = Annotated[
-    list[str] | None,
-    Parameter(
-        name="--set",
-        negative="",
-        help="Another value of the robot for this run, in SI units, such as --set body.mass=9.0 or --set "
-        "friction.coulomb=[0.1,0.1,0.12]; one number stands for all wheels.",
-    ),
-]
 
 
 def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
@@ -102,50 +71,9 @@ def robot_words(source: str, changes: Sequence[str] | None) -> str:
     return shell_line([source, *(word for change in changes or () for word in ("--set", change))])
 
 
-#: the option --out of every command that needs a folder
-OutFolder = Annotated[Path, Parameter(help="The folder to write into.")]
-
-#: the mapping of a command's logs
-MappingFile = Annotated[Path | None, Parameter(help=_MAPPING)]
-
-#: every integer option
-WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
-
-#: the option --seed
-Seed = Annotated[
-    int,
-    Parameter(converter=_whole_number, help="Random seed. The same seed gives the same result."),
-]
-
-#: each log of a command that needs one or more
-LogPath = Annotated[Path, Parameter(required=True)]
-
-#: the option --format of the commands that write logs, checked by `ballbot.log.formats.check_format`
-LogFormatName = Annotated[
-    str, Parameter(help=f"File format of the log and other time series: {either(WRITTEN_FORMATS)}.")
-]
-
-
-#: the option --cluster of the commands whose work or runs can be spread
-ClusterAddress = Annotated[
-    str | None,
-    Parameter(help="The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786."),
-]
-
-
-def argv() -> list[str]:
-    """Return the command line that makes the running command's result: without options that do not change it."""
-    tokens: list[str] = []
-    skip = 0
-    for word in ARGV.get():
-        name, has_value, _ = word.partition("=")
-        if skip:
-            skip -= 1
-        elif name in _WITHOUT_EFFECT:
-            skip = 0 if has_value else _WITHOUT_EFFECT[name]
-        else:
-            tokens.append(word)
-    return ["ballbot", *tokens]
+def command_line() -> str:
+    """Return the command line that makes the running command's result, for its provenance."""
+    return shell_line(["ballbot", *ARGV.get()])
 
 
 def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
@@ -228,18 +156,15 @@ def open_result(
     # the files that the result is made from, as the command line names them: see `input_files`
     inputs: Sequence[str | Path | Sequence[str | Path] | None] = (),
     seed: int | str = 0,  # for the provenance
-    keeps_runs: bool = False,  # whether the command goes on with finished runs in the folder
 ) -> Iterator[CommandResult]:
     """Hold a command's folder while the block runs, and show how far the work is.
 
     InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
     """
     files, console = input_files(*inputs), standard_output()
-    origin = provenance(command=shell_line(argv()), files=files, seed=seed)
+    origin = provenance(command=command_line(), files=files, seed=seed)
     names = {PAGE, RESULTS, *writes}
-    held = (
-        result_folder(out, command=command, names=names, inputs=files, keeps_runs=keeps_runs) if out else None
-    )
+    held = result_folder(out, command=command, names=names, inputs=files) if out else None
     bar = progress_bar(console, doing) if doing else nullcontext(ignore_progress)
     with held or nullcontext() as folder, bar as report:
         yield CommandResult(folder=folder, origin=origin, console=console, report=report)

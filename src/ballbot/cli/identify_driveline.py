@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import MappingFile, OutFolder, RobotName, open_result
-from ballbot.cli.findings import Accept, in_file, stop_or_show
+from ballbot.cli import options
+from ballbot.cli.context import open_result
+from ballbot.cli.findings import in_file, stop_or_show
 from ballbot.findings import by_severity
 from ballbot.fitting.run import Run
 from ballbot.identification.agreement import file_findings
@@ -20,14 +21,14 @@ from ballbot.robot.file import robot_text
 
 
 def identify_driveline(
-    robot: RobotName,
+    robot: options.Robot,
     log: Path,
     /,
     *,
-    out: OutFolder,
-    mapping: MappingFile = None,
+    out: options.Out,
+    mapping: options.Mapping = None,
     speed_limit: float | None = None,
-    accept: Accept = None,
+    accept: options.Accept = None,
 ) -> None:
     """Identify b, c, s and v_s of each driveline from a torque sweep with the wheels off the ball.
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ballbot.cli.context import Changes, OutFolder, RobotName, Seed, changed_robot, open_result
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run, check_seed
@@ -21,16 +22,15 @@ _ON_TWIN = (0, 9, 18, 27)
 
 
 def limits(
-    robot: RobotName,
-    controllers: tuple[str, ...] = ("none", "full"),
+    robot: options.Robot,
     /,
-    *,
-    grip: float = 1.0,
+    *controllers: str,
+    grip: options.Positive = 1.0,
     twin: bool = False,
-    scenario: str = "nominal",
-    seed: Seed = 1,
-    change: Changes = None,
-    out: OutFolder,
+    scenario: options.Scenario = "nominal",
+    seed: options.Seed = 1,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
@@ -45,23 +45,18 @@ def limits(
     Parameters
     ----------
     controllers
-        none, full and partial (the nominal gain with that compensation), precise, and controller files. As in
+        none and full if not given. none, full and partial (the nominal gain with that compensation), precise, and
+        controller files. As in
         compare, LABEL=... renames one, and a trailing @kalman selects the estimator.
     grip
-        Friction coefficient of the wheels on the ball.
+        Friction coefficient of the wheels on the ball, such as 1 for rubber on rubber.
     twin
         Also find the limits on the twin, in four directions: with slip and play.
-    scenario
-        A scenario's name or file.
     """
-    described, candidates = changed_robot(robot, change), parse_candidates(controllers)
+    described, candidates = changed_robot(robot, change), parse_candidates(controllers or ("none", "full"))
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     if len(chosen) > MOST_CONTROLLERS:
         raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")
-    if not grip > 0.0:
-        raise InputError(
-            f"--grip is {grip:g}; it must be a positive friction coefficient, such as 1 for rubber on rubber."
-        )
     check_seed(seed)
     truth = load_scenario(scenario, described)
     models: dict[str, RobotLimits] = {}

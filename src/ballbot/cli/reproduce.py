@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from ballbot.cli.context import OutFolder, Seed, open_result
+from ballbot.cli import options
+from ballbot.cli.context import open_result
 from ballbot.fitting.run import check_seed
 from ballbot.report.blocks import Sheet, verdict_lines
 
 
-def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> None:
+def reproduce(*, out: options.Out, only: str | None = None, seed: options.Seed = 0) -> None:
     """Reproduce the figures and tables of the thesis from the twin and the models, and show its mistakes.
 
     Writes report.html and results.json.

@@ -9,8 +9,9 @@ from pathlib import Path
 from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
-from ballbot.cli.context import Content, MappingFile, OutFolder, open_result
-from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.cli import options
+from ballbot.cli.context import Content, open_result
+from ballbot.cli.findings import stop_or_show
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
@@ -60,12 +61,12 @@ def spin(
     video: Path,
     /,
     *,
-    out: OutFolder,
+    out: options.Out,
     camera: CameraOptions = _CAMERA,
     log: Path | None = None,
     robot: str | None = None,
-    mapping: MappingFile = None,
-    accept: Accept = None,
+    mapping: options.Mapping = None,
+    accept: options.Accept = None,
 ) -> None:
     """Measure the ball's angular velocity from a video of its seam, seen from above on the upside-down robot.
 

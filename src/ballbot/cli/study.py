@@ -9,21 +9,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
-from ballbot.cli.context import (
-    Changes,
-    ClusterAddress,
-    LogPath,
-    MappingFile,
-    OutFolder,
-    RobotName,
-    Seed,
-    WholeNumber,
-    changed_robot,
-    executor,
-    open_result,
-    read_balancing_logs,
-)
-from ballbot.cli.findings import Accept, check_input
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, executor, open_result, read_balancing_logs
+from ballbot.cli.findings import check_input
 from ballbot.cli.output import notice_output
 from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
@@ -42,11 +30,9 @@ from ballbot.workflows.study import study as run_study
 class StudyTrialOptions:
     """The simulated robots that the candidates run on."""
 
-    scenario: str = "nominal"
-    """Delay, play, noise, sensors and floor of the simulated robots: nominal, another scenario of the twin, or a
-    scenario file."""
+    scenario: options.Scenario = "nominal"
 
-    draws: WholeNumber = StudyOptions.draws
+    draws: options.WholeNumber = StudyOptions.draws
     """Number of simulated robots; fewer than 6 are too few for 95 % intervals and for a prediction."""
 
     confirm: Annotated[bool, Parameter(negative="--no-confirm")] = True
@@ -62,7 +48,7 @@ class StudyFitOptions:
     """States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
     floor. They are still validated."""
 
-    mapping: MappingFile = None
+    mapping: options.Mapping = None
 
     bounds: Path | None = None
     """A TOML file with lower and upper bounds of the friction parameters."""
@@ -72,17 +58,17 @@ _TRIAL, _FIT = StudyTrialOptions(), StudyFitOptions()
 
 
 def study(
-    robot: RobotName,
+    robot: options.Robot,
     /,
-    *logs: LogPath,
-    change: Changes = None,
-    out: OutFolder,
+    *logs: options.Log,
+    change: options.Changes = None,
+    out: options.Out,
     trial: StudyTrialOptions = _TRIAL,
     fit: StudyFitOptions = _FIT,
-    seed: Seed = 0,
-    accept: Accept = None,
+    seed: options.Seed = 0,
+    accept: options.Accept = None,
     quick: Annotated[bool, Parameter(negative="")] = False,
-    cluster: ClusterAddress = None,
+    cluster: options.Cluster = None,
 ) -> None:
     """Identify a robot's friction from its logs, validate the model, and choose the best controller for it.
 

@@ -30,7 +30,6 @@ from ballbot.report.style import (
 from ballbot.report.words import capital
 from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
-from ballbot.workflows.comparison import Estimate
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import (
     METRIC_BY_KEY,
@@ -43,6 +42,7 @@ from ballbot.workflows.league import (
     standing,
 )
 from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
+from ballbot.workflows.statistics import Estimate
 
 #: looks and names of a study's candidates
 RUN_LOOKS: Mapping[str, Look] = {

@@ -19,10 +19,9 @@ controller by pairs of controllers that differ in one thing, on the same robots 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import TypeVar
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,18 +38,11 @@ from ballbot.robot import Robot
 from ballbot.robot.variations import draw_robots
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.comparison import (
-    ComparedRun,
-    LoopRobot,
-    MedianEstimate,
-    Paired,
-    RunResult,
-    median_with_interval,
-    run_comparison,
-)
 from ballbot.workflows.controller_design import Kind
 from ballbot.workflows.courses import ReferenceSpec
+from ballbot.workflows.grid import Condition, Grid, GridRun, InThreads, LoopRobot, Name, TwinRobot, run_grid
 from ballbot.workflows.metrics import Performance, Score, performance_of
+from ballbot.workflows.statistics import MedianEstimate, Paired, median_with_interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,6 +59,12 @@ class PlantDraw:
         """The robot on the compiled loop."""
         scenario = with_identified(self.scenario, self.robot.friction)
         return LoopRobot.of(self.robot, scenario, known=self.known)
+
+    @property
+    def on_twin(self) -> TwinRobot:
+        """The robot on the physics engine."""
+        scenario = replace(self.scenario, friction=self.robot.friction)
+        return TwinRobot(robot=self.robot, scenario=scenario, known=self.known)
 
 
 def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: int) -> tuple[PlantDraw, ...]:
@@ -178,16 +176,6 @@ class Trial:
     scores: tuple[Score, ...]  #: by the true position
     performances: tuple[Performance, ...] = ()  #: as the robot's own log shows them
     log: Log | None = None  #: of the first run, if it is kept
-
-    @staticmethod
-    def of(controller: Controller, results: Sequence[RunResult]) -> Trial:
-        """Return the trial of runs that `loop_run` measured."""
-        return Trial(
-            controller=controller,
-            scores=tuple(one.score for one in results),
-            performances=tuple(Performance.from_array(one.measured) for one in results),
-            log=results[0].log,
-        )
 
     @property
     def falls(self) -> int:
@@ -319,8 +307,7 @@ def choose_controller(
     InputError
         If a robot cannot be run or a run cannot be scored.
     """
-    asked = {name: (controller, course) for name, controller in controllers.items()}
-    trials = run_trials(asked, plants, logged=True, run=run)
+    trials = run_trials(controllers, course, plants, logged=True, run=run)
     return ControllerChoice(
         plants=tuple(plants),
         course=course,
@@ -340,34 +327,38 @@ def measure_steps(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Mappin
     """
     controllers = {name: trial.controller for name, trial in choice.trials.items()}
     controllers |= variants(controllers)
-    needed = dict.fromkeys((name, step.course) for step in STEPS for name in (step.before, step.after))
-    known = {(name, None): trial for name, trial in choice.trials.items()}
-    asked = {
-        (name, course): (controllers[name], course or choice.course)
-        for name, course in needed
-        if (name, course) not in known
+    trials: dict[tuple[str, NamedCourse | None], Trial] = {
+        (name, None): trial for name, trial in choice.trials.items()
     }
-    trials = known | run_trials(asked, choice.plants, run=run)
+    for course in dict.fromkeys(step.course for step in STEPS):
+        names = dict.fromkeys(
+            name for step in STEPS if step.course == course for name in (step.before, step.after)
+        )
+        asked = {name: controllers[name] for name in names if (name, course) not in trials}
+        found = run_trials(asked, course or choice.course, choice.plants, run=run)
+        trials |= {(name, course): trial for name, trial in found.items()}
     return {step: (trials[step.before, step.course], trials[step.after, step.course]) for step in STEPS}
 
 
-Key = TypeVar("Key", bound=Hashable)
-
-
 def run_trials(
-    asked: Mapping[Key, tuple[Controller, NamedCourse]],
+    controllers: Mapping[Name, Controller],
+    course: NamedCourse,
     plants: Sequence[PlantDraw],
     *,
+    on_twin: bool = False,
     logged: bool = False,
     run: Run = DEFAULT_RUN,
-) -> dict[Key, Trial]:
-    """Run controllers, each on its course and on every robot.
+) -> dict[Name, Trial]:
+    """Run controllers on a course with every robot, on the loop or on the twin.
 
     Parameters
     ----------
-    asked : mapping
-        Controller and course of each trial, by any key.
+    controllers : mapping
+        By any key.
+    course : NamedCourse
     plants : sequence of PlantDraw
+    on_twin : bool
+        Whether the physics-engine twin runs.
     logged : bool
         Whether each trial keeps the log of its first run.
     run : Run, optional
@@ -377,16 +368,28 @@ def run_trials(
     InputError
         If a robot cannot be run or a run cannot be scored.
     """
-    runs = [
-        loop_run(str(place), controller, plant, course, logged=logged and plant is plants[0])
-        for place, (controller, course) in enumerate(asked.values())
-        for plant in plants
+    conditions = [
+        Condition(
+            plant=one.on_twin if on_twin else one.on_loop,
+            reference=course.reference_spec.reference,
+            duration=course.duration,
+            seed=one.seed,
+            course=course.name,
+        )
+        for one in plants
     ]
-    results = run_comparison(runs, run=run).results
-    return {
-        key: Trial.of(controller, results[place * len(plants) :][: len(plants)])
-        for place, (key, (controller, _)) in enumerate(asked.items())
-    }
+
+    def ask(one: GridRun, log: Log) -> tuple[Score, Performance, Log | None]:
+        assert isinstance(one.controller, Controller)
+        kept = log if logged and one.condition is conditions[0] else None
+        return one.score(log), performance_of(log, one.controller), kept
+
+    table = run_grid(Grid(controllers=controllers, conditions=conditions), ask, workers=InThreads(), run=run)
+    trials = {}
+    for name, controller in controllers.items():
+        scores, performances, logs = zip(*table.of(name), strict=True)
+        trials[name] = Trial(controller=controller, scores=scores, performances=performances, log=logs[0])
+    return trials
 
 
 def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
@@ -401,24 +404,3 @@ def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
 def smoothest_of_best(trials: Mapping[str, Trial]) -> str | None:
     """Return the smoothest of the candidates that count as the best; None if every one falls on some plant."""
     return min(equal_best(trials), key=lambda name: trials[name].roughness.median, default=None)
-
-
-def loop_run(
-    name: str, controller: Controller, plant: PlantDraw, course: NamedCourse, *, logged: bool = False
-) -> ComparedRun:
-    """Return the run of a controller on a robot drawn, on the loop."""
-    return ComparedRun(
-        candidate=name,
-        controller=controller,
-        plant=plant.on_loop,
-        reference=course.reference_spec.reference,
-        duration=course.duration,
-        seed=plant.seed,
-        course=course.name,
-        measure=partial(_performance, controller),
-        logged=logged,
-    )
-
-
-def _performance(controller: Controller, log: Log) -> NDArray[np.float64]:
-    return performance_of(log, controller).to_array()

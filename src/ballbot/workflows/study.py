@@ -103,9 +103,8 @@ class Study:
     scenario: Scenario  #: whose delay, play, noise, sensors and floor the robots had
     choice: ControllerChoice
     confirmation: Confirmation | None  #: of the choice by the twin; None if there was none
-    steps: Mapping[
-        Step, tuple[Trial, Trial]
-    ]  #: what brings the gain, before and after; empty in a quick study
+    #: what brings the gain, before and after; empty in a quick study
+    steps: Mapping[Step, tuple[Trial, Trial]]
     stiffness: FrictionByStiffness | None  #: where friction matters; None in a quick study
     prediction: (
         Prediction | None

@@ -48,8 +48,8 @@ from ballbot.thesis.reproduce.runs import (
 )
 from ballbot.validation.alignment import Alignment, SensorErrors
 from ballbot.validation.statistics import Correlations
-from ballbot.workflows.comparison import median_with_interval
 from ballbot.workflows.metrics import position_error, rms
+from ballbot.workflows.statistics import median_with_interval
 
 # --- chapter 3, friction ----------------------------------------------------------------------------
 
