@@ -86,7 +86,7 @@ def study(
     logs
         One or more logs of the robot balancing, with torques and states.
     quick
-        Stop at the verdict: no report.html, and no measurement of where the gain comes from.
+        Stop at the verdict: no report.html, and no measurement of where friction matters.
     """
     described = changed_robot(robot, change)
     named = read_balancing_logs(logs, fit.mapping, described)

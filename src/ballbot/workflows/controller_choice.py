@@ -1,4 +1,4 @@
-"""Which controller a study recommends: candidates on the same perturbed robots, and what each part of the best gains.
+"""Which controller a study recommends: candidates on the same perturbed robots.
 
 The true robot is never the identified one. So its numbers are drawn from their standard deviations and correlations
 (`ballbot.robot.variations`), those that were identified and those that the robot file states, and the robot has the
@@ -11,10 +11,6 @@ identified. Every candidate runs the same course on every robot with the same se
 - Among these the smoothest is chosen: the one whose torques change least from sample to sample (median of the RMS).
 
 If the chosen controller compensates no friction, the same rule among those that do gives the best compensated one.
-
-What brings the gain depends on what else the controller has: with the stiff gain and the disturbance observer little is
-left for friction compensation, with the soft gain much. `STEPS` therefore leads from the soft gain to the precise
-controller by pairs of controllers that differ in one thing, on the same robots with the same seeds.
 """
 
 from __future__ import annotations
@@ -28,7 +24,6 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
-from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -107,65 +102,17 @@ CANDIDATES: Mapping[str, tuple[Kind, Compensation]] = {
 class NamedCourse:
     """A reference and how long it is followed."""
 
-    name: str  #: of `ballbot.control.references`, or "slow circle"
+    name: str  #: of `ballbot.control.references`
     duration: float  #: [s]
 
     @property
     def reference_spec(self) -> ReferenceSpec:
         """The specification of the reference."""
-        if self.name == SLOW_CIRCLE:
-            return ReferenceSpec(name="circle", options=(("period", 120.0),))
         return ReferenceSpec(name=self.name)
 
 
-SLOW_CIRCLE = "slow circle"
 #: the square of 0.5 m, once around
 SQUARE = NamedCourse(name="square", duration=32.0)
-#: what friction spoils most, besides
-SLOW_COURSES = (NamedCourse(name="hold", duration=14.0), NamedCourse(name=SLOW_CIRCLE, duration=14.0))
-
-
-@dataclass(frozen=True)
-class Step:
-    """Two controllers that differ in one thing."""
-
-    adds: str
-    to: str  #: what both have
-    before: str  #: a candidate or one of `variants`
-    after: str
-    #: where they are compared; None is the course of the candidates
-    course: NamedCourse | None = None
-
-
-def _compensation(to: str, before: str, after: str) -> tuple[Step, ...]:
-    return tuple(
-        Step("full compensation", to, before, after, course=course) for course in (None, *SLOW_COURSES)
-    )
-
-
-STEPS = (
-    *_compensation("the soft gain", "none", "full"),
-    Step(
-        "the Kalman filter, shaped references and feed-forward",
-        "the soft gain",
-        "none",
-        "soft_filter_shaping",
-    ),
-    Step("the stiff gain", "filter, shaping and feed-forward", "soft_filter_shaping", "stiff_filter_shaping"),
-    Step(
-        "the Kalman filter",
-        "the stiff gain with shaping and feed-forward",
-        "stiff_shaping",
-        "stiff_filter_shaping",
-    ),
-    Step(
-        "the disturbance observer and integral action",
-        "the stiff gain with filter, shaping and feed-forward",
-        "stiff_filter_shaping",
-        "precise_without_compensation",
-    ),
-    *_compensation("the precise controller without it", "precise_without_compensation", "precise"),
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -267,18 +214,6 @@ def candidates(found: Identification, *, sample_time: float) -> dict[str, Contro
     }
 
 
-def variants(controllers: Mapping[str, Controller]) -> dict[str, Controller]:
-    """Return the controllers of `STEPS` that are no candidates, made of the candidates."""
-    soft, stiff = controllers["none"], controllers["precise_without_compensation"]
-    bare = stiff.with_parts(replace(stiff.parts, integral=None, disturbance_observer=None))
-    shaping = Parts(shaping=stiff.parts.shaping, feed_forward=stiff.parts.feed_forward)
-    return {
-        "soft_filter_shaping": soft.with_estimator(stiff.estimator).with_parts(shaping),
-        "stiff_shaping": bare.with_estimator(soft.estimator),
-        "stiff_filter_shaping": bare,
-    }
-
-
 def compensated_robot(found: Identification) -> Robot:
     """Return the identified robot with no more friction than is certain."""
     return found.robot.replace(friction=certain_friction(found.robot))
@@ -315,29 +250,6 @@ def choose_controller(
         equals=equal_best(trials),
         chosen=smoothest_of_best(trials),
     )
-
-
-def measure_steps(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Mapping[Step, tuple[Trial, Trial]]:
-    """Return what the controllers before and after each of `STEPS` do, on the robots of the choice.
-
-    Raises
-    ------
-    InputError
-        As `choose_controller`.
-    """
-    controllers = {name: trial.controller for name, trial in choice.trials.items()}
-    controllers |= variants(controllers)
-    trials: dict[tuple[str, NamedCourse | None], Trial] = {
-        (name, None): trial for name, trial in choice.trials.items()
-    }
-    for course in dict.fromkeys(step.course for step in STEPS):
-        names = dict.fromkeys(
-            name for step in STEPS if step.course == course for name in (step.before, step.after)
-        )
-        asked = {name: controllers[name] for name in names if (name, course) not in trials}
-        found = run_trials(asked, course or choice.course, choice.plants, run=run)
-        trials |= {(name, course): trial for name, trial in found.items()}
-    return {step: (trials[step.before, step.course], trials[step.after, step.course]) for step in STEPS}
 
 
 def run_trials(
