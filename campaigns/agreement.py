@@ -30,17 +30,11 @@ from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario
 from ballbot.twin.faults import CurrentLoop, Payload, Timing
 from ballbot.twin.imperfections import imperfections_of, true_model
-from ballbot.workflows.comparison import (
-    ComparedRun,
-    Comparison,
-    LoopRobot,
-    fraction_with_interval,
-    median_with_interval,
-    run_comparison,
-)
 from ballbot.workflows.controller_choice import SQUARE
 from ballbot.workflows.courses import Course, PlantName, ReferenceSpec
+from ballbot.workflows.grid import Condition, GridRun, GridTable, LoopRobot, run_grid
 from ballbot.workflows.metrics import SETTLE, Score
+from ballbot.workflows.statistics import fraction_with_interval, median_with_interval
 from campaigns.faulty_twins import asymmetric
 from campaigns.section import Section, compared
 
@@ -128,19 +122,21 @@ EFFECTS = tuple(_course(scenario, "hold") for scenario in WITHOUT)
 
 def runs_of(
     courses: Sequence[Course], seeds: Sequence[int], *, on: PlantName, names: Collection[str] = ()
-) -> list[ComparedRun]:
+) -> list[GridRun]:
     """Return the runs of controllers, all if no names are given, on courses, seed by seed."""
     made = {name: make() for name, make in CONTROLLERS.items() if not names or name in names}
     return [
-        ComparedRun(
+        GridRun(
             candidate=name,
             controller=controller,
-            plant=_loop_robot(course) if on == "model" else replace(course, on=on).plant(ROBOT),
-            reference=course.reference_spec.reference,
-            duration=course.duration,
-            seed=seed,
-            course=course.name,
-            settle=course.settle,
+            condition=Condition(
+                plant=_loop_robot(course) if on == "model" else replace(course, on=on).plant(ROBOT),
+                reference=course.reference_spec.reference,
+                duration=course.duration,
+                seed=seed,
+                course=course.name,
+                settle=course.settle,
+            ),
         )
         for seed in seeds
         for course in courses
@@ -154,7 +150,7 @@ def _loop_robot(course: Course) -> LoopRobot:
     return LoopRobot(model=true_model(ROBOT, scenario), imperfections=imperfections_of(scenario, known=ROBOT))
 
 
-def twin_plan() -> list[ComparedRun]:
+def twin_plan() -> list[GridRun]:
     """Return all runs on the twin: of the first seeds hold, single effects, step, square; then the other seeds."""
     first, rest = TWIN_SEEDS[:FEWEST], TWIN_SEEDS[FEWEST:]
     hold, step, square = (COURSES[place :: len(TASKS)] for place in range(len(TASKS)))
@@ -166,11 +162,13 @@ def twin_plan() -> list[ComparedRun]:
     ]
 
 
-def run_twin(runs: Sequence[ComparedRun], *, folder: Path = KEPT, processes: int | None = None) -> Comparison:
+def run_twin(
+    runs: Sequence[GridRun], *, folder: Path = KEPT, processes: int | None = None
+) -> GridTable[Score]:
     """Make the runs that the folder lacks, and return all."""
     inputs = {name: [controller_text(make())] for name, make in CONTROLLERS.items()}
     made_from = identity({**inputs, "courses": [COURSES, EFFECTS], "robot": [ROBOT]}, {})
-    files = {f"{one.course}, {one.candidate}, {one.seed:02d}.json": one for one in runs}
+    files = {f"{one.condition.course}, {one.candidate}, {one.condition.seed:02d}.json": one for one in runs}
     return compared(folder, files, made_from=made_from, stage="running the twin", processes=processes)
 
 
@@ -233,17 +231,17 @@ def campaign() -> Section:
     plan = twin_plan()
     twin = run_twin(plan[: int(os.environ.get("AGREEMENT_RUNS", len(plan)))])
     alike = runs_of(EFFECTS, LOOP_SEEDS, on="model", names=EXPLAINED)
-    loop = run_comparison([*runs_of(COURSES, LOOP_SEEDS, on="model"), *alike])
+    loop = run_grid([*runs_of(COURSES, LOOP_SEEDS, on="model"), *alike])
     return section(both(COURSES, loop, twin), both(EFFECTS, loop, twin))
 
 
-def both(courses: Sequence[Course], loop: Comparison, twin: Comparison) -> list[Both]:
+def both(courses: Sequence[Course], loop: GridTable[Score], twin: GridTable[Score]) -> list[Both]:
     """Return the scores of every controller on courses."""
     return [
         Both(
             course=course.name,
             controller=name,
-            scores=(loop.scores_of(name, course.name), twin.scores_of(name, course.name)),
+            scores=(loop.of(name, course.name), twin.of(name, course.name)),
         )
         for course in courses
         for name in CONTROLLERS

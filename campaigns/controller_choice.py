@@ -16,20 +16,12 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, circle, figure_eight, square
-from ballbot.estimation import named_estimator
-from ballbot.estimation.interface import EstimatorName
 from ballbot.robot import Robot
-from ballbot.twin import Scenario, Twin
-from ballbot.workflows.comparison import (
-    ComparedRun,
-    Comparison,
-    MedianEstimate,
-    Paired,
-    median_with_interval,
-    run_comparison,
-)
+from ballbot.twin import Scenario
 from ballbot.workflows.controller_choice import candidates
+from ballbot.workflows.grid import Condition, Grid, GridTable, TwinRobot, run_grid
 from ballbot.workflows.metrics import Score
+from ballbot.workflows.statistics import MedianEstimate, Paired, median_with_interval
 from campaigns.compensation import identified
 from campaigns.section import Section
 
@@ -44,29 +36,17 @@ COURSES: Mapping[str, tuple[Reference, float]] = {
 }
 
 
-def _runs(tried: Mapping[str, Controller]) -> Comparison:
+def _runs(tried: Mapping[str, Controller]) -> GridTable[Score]:
     """Run controllers on the nominal twin, on all cores."""
-    return run_comparison(
-        [
-            ComparedRun(
-                candidate=name,
-                controller=controller,
-                plant=_twin,
-                reference=partial(_reference, course),
-                duration=duration,
-                seed=seed,
-                course=course,
-            )
-            for course, (_, duration) in COURSES.items()
-            for name, controller in tried.items()
-            for seed in SEEDS
-        ]
-    )
-
-
-def _twin(estimator: EstimatorName) -> Twin:
-    state = named_estimator(estimator, ALTEN, sample_time=SAMPLE_TIME)
-    return Twin(ALTEN, Scenario.nominal(ALTEN), estimator=state)
+    plant = TwinRobot(robot=ALTEN, scenario=Scenario.nominal(ALTEN), known=ALTEN)
+    conditions = [
+        Condition(
+            plant=plant, reference=partial(_reference, course), duration=duration, seed=seed, course=course
+        )
+        for course, (_, duration) in COURSES.items()
+        for seed in SEEDS
+    ]
+    return run_grid(Grid(controllers=tried, conditions=conditions))
 
 
 def _reference(course: str) -> Reference:
@@ -83,7 +63,7 @@ def choice() -> Section:
     found = _runs({name: known[name] for name in ("none", "precise")})
     rows = []
     for course in COURSES:
-        scores = [found.scores_of(name, course) for name in ("none", "precise")]
+        scores = [found.of(name, course) for name in ("none", "precise")]
         none, precise = map(_peaks, scores)
         falls = [sum(one.ended is not None for one in runs) for runs in scores]
         ratio = Paired(none, precise).median_ratio

@@ -27,18 +27,12 @@ from ballbot.control.presets import (
     design_integral_gain,
     precise_controller,
 )
-from ballbot.estimation import named_estimator
-from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.sweep import identity
 from ballbot.robot import Robot
-from ballbot.twin import Twin
-from ballbot.workflows.comparison import (
-    ComparedRun,
-    Estimate,
-    Paired,
-    median_with_interval,
-)
+from ballbot.twin import Scenario
 from ballbot.workflows.controller_choice import SQUARE, compensated_robot
+from ballbot.workflows.grid import Condition, GridRun, TwinRobot
+from ballbot.workflows.statistics import Estimate, Paired, median_with_interval
 from campaigns.compensation import identified
 from campaigns.section import Section, compared
 
@@ -110,32 +104,31 @@ def controller_of(robot: Robot, cell: Cell) -> Controller:
     )
 
 
-def _twin(estimator: EstimatorName) -> Twin:
-    return Twin(ALTEN, estimator=named_estimator(estimator, ALTEN, sample_time=0.005))
-
-
 def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
     """Run every cell with every seed, or take the results from file."""
     robot = compensated_robot(identified(ALTEN))
     controllers = {cell: controller_of(robot, cell) for cell in CELLS}
+    plant = TwinRobot(robot=ALTEN, scenario=Scenario.nominal(ALTEN), known=ALTEN)
     runs = [
-        ComparedRun(
+        GridRun(
             candidate=str(cell),
             controller=controllers[cell],
-            plant=_twin,
-            reference=SQUARE.reference_spec.reference,
-            duration=SQUARE.duration,
-            seed=seed,
+            condition=Condition(
+                plant=plant,
+                reference=SQUARE.reference_spec.reference,
+                duration=SQUARE.duration,
+                seed=seed,
+            ),
         )
         for seed in seeds
         for cell in CELLS
     ]
     made_from = identity({str(cell): [controller_text(one)] for cell, one in controllers.items()}, {})
-    files = {f"{one.candidate} {one.seed}": one for one in runs}
+    files = {f"{one.candidate} {one.condition.seed}": one for one in runs}
     found = compared(KEPT, files, made_from=made_from, stage="comparing controllers", processes=processes)
     return {
         cell: np.array(
-            [one.peak_position_error if one.ended is None else np.nan for one in found.scores_of(str(cell))]
+            [one.peak_position_error if one.ended is None else np.nan for one in found.of(str(cell))]
         )
         for cell in CELLS
     }

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import Log
-from ballbot.workflows.comparison import fraction_with_interval
 from ballbot.workflows.controller_prediction import (
     SHOWN,
     ControllerVerdict,
@@ -29,6 +28,7 @@ from ballbot.workflows.controller_prediction import (
     predict,
 )
 from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
+from ballbot.workflows.statistics import fraction_with_interval
 from campaigns.faulty_twins import (
     CONTROLLERS,
     KINDS,

@@ -22,7 +22,7 @@ from ballbot.identification.driveline import fit_driveline, robot_with_friction,
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.driveline import parameter_rows
+from ballbot.report.bench import parameter_rows
 from ballbot.robot import Friction, Robot
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques

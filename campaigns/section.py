@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import pickle
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import TypeVar, cast
@@ -16,11 +17,13 @@ from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 import ballbot
+from ballbot.errors import InputError
 from ballbot.files import read_sealed, write_sealed, write_text
 from ballbot.fitting.sweep import ALL_CORES, Processes, RunFolder, Workers, identity
 from ballbot.progress import Progress, ignore_progress
 from ballbot.report.style import drawn
-from ballbot.workflows.comparison import ComparedRun, Comparison, read_result, write_result
+from ballbot.workflows.grid import GridRun, GridTable
+from ballbot.workflows.metrics import Score
 
 Piece = TypeVar("Piece")
 Made = TypeVar("Made")
@@ -106,16 +109,31 @@ def share_words(count: int, of: int) -> str:
 
 def compared(
     folder: Path,
-    runs: Mapping[str, ComparedRun],
+    runs: Mapping[str, GridRun],
     *,
     made_from: Mapping[str, str],
     stage: str,
     processes: int | None = None,
-) -> Comparison:
-    """Return a comparison by the files of its runs; those that the folder lacks are made."""
-    kept = RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result)
-    found, _ = kept.complete(ComparedRun.result, runs, workers=Processes(count=processes), stage=stage)
-    return Comparison(runs=tuple(runs.values()), results=tuple(found.values()))
+) -> GridTable[Score]:
+    """Return scores by the files of their runs; those that the folder lacks are made."""
+    kept = RunFolder(path=folder, made_from=made_from, write=_write_score, read=_read_score)
+    found, _ = kept.complete(_scored, runs, workers=Processes(count=processes), stage=stage)
+    return GridTable(runs=tuple(runs.values()), answers=tuple(found.values()))
+
+
+def _scored(run: GridRun) -> Score:
+    return run.score(run.log())
+
+
+def _write_score(path: Path, made: Score) -> None:
+    write_sealed(path, json.dumps(asdict(made)).encode())
+
+
+def _read_score(path: Path) -> Score | None:
+    try:
+        return Score(**json.loads(read_sealed(path)))
+    except InputError:  # not there, or not whole
+        return None
 
 
 class DataMissingError(Exception):

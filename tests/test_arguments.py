@@ -5,8 +5,6 @@ import pytest
 
 import ballbot
 from ballbot import InputError, Log, Robot
-from ballbot.arguments import names_listed
-from ballbot.control.presets import nominal_controller
 
 ROBOT = Robot.load("alten")
 GAIN = np.zeros((3, 10))
@@ -35,18 +33,6 @@ def test_refusal_says_what_to_give(call, sentence):
         call()
 
 
-def test_margins_of_a_ready_made_controller_are_those_of_its_object():
-    assert (
-        ballbot.loop_margins("nominal", robot=ROBOT).rows()
-        == ballbot.loop_margins(nominal_controller(ROBOT)).rows()
-    )
-
-
 def test_misspelt_name_of_the_package_has_the_nearest():
     with pytest.raises(AttributeError, match="Did you mean 'Robot'"):
         ballbot.Robt  # noqa: B018
-
-
-def test_names_in_one_text_are_separated_by_commas():
-    assert names_listed(" psi, psi_dot,,") == ("psi", "psi_dot")
-    assert names_listed("") == ()

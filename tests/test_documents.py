@@ -3,15 +3,12 @@
 import doctest
 import importlib
 import importlib.util
-import inspect
 import json
 import math
 import re
 import shlex
 import subprocess
 import sys
-import textwrap
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -19,8 +16,7 @@ from cyclopts import App
 
 from ballbot.cli.app import COMMANDS, OUTPUT_OPTIONS, build_app
 from ballbot.cli.main import main
-from ballbot.log import Log, mapping
-from ballbot.log.mapping import read_mapping
+from ballbot.log import Log
 from ballbot.robot import Robot
 from tests.support.paths import ROOT
 
@@ -113,27 +109,6 @@ def test_modules_that_a_document_names_exist(document):
     assert [name for name in named if not any(file.endswith(f"/{name}") for file in SOURCES)] == []
     names = re.findall(r"`(ballbot(?:\.\w+)+)", text)
     assert [name for name in names if not resolved(name)] == []
-
-
-@pytest.mark.parametrize("document", ["docs/architecture.md", "src/ballbot/mechanics/__init__.py"])
-def test_files_that_say_where_to_change_what_exist(document):
-    text = (ROOT / document).read_text(encoding="utf-8")
-    named = re.findall(r"`(\w+/[\w/.]*)`", text)
-    missing = [name for name in named if not any((place / name).exists() for place in (SOURCE, ROOT))]
-    assert named
-    assert not missing
-
-
-def test_the_mapping_in_the_documents_is_valid(tmp_path):
-    text = inspect.getdoc(mapping) or ""
-    example = textwrap.dedent(text.partition("::\n\n")[2].partition("\n\nA current needs")[0])
-    path = tmp_path / "mapping.toml"
-    path.write_text(example, encoding="utf-8")
-    written, found = tomllib.loads(example), read_mapping(path)
-    assert found.columns["t"].column == written["columns"]["t"]["from"]
-    assert found.columns["t"].factor == 1e-3  # "ms"
-    assert {"wheel1", "wheel2", "wheel3"} <= set(found.columns)
-    assert found.derivatives["wheel1_dot"] == "wheel1"
 
 
 def test_the_readme_lists_every_command_and_preset():

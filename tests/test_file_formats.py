@@ -1,29 +1,22 @@
 """The versions of Ballbot's files: files without a number are read; newer ones and other kinds are refused."""
 
 import json
-import tomllib
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 
 import ballbot
 from ballbot import InputError
 from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
-from ballbot.control.presets import nominal_controller
 from ballbot.file_formats import NEWEST, Kind, format_line, format_name, read_results, without_format
-from ballbot.log.mapping import parse_mapping, read_mapping
+from ballbot.log.mapping import read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
-from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario, scenario_text
-from ballbot.viewer import replay_page
 from ballbot.workflows.controller_prediction import checksum_of
-from ballbot.workflows.courses import built_in_sets, read_courses
-from ballbot.workflows.record import RecordJob, settings
+from ballbot.workflows.courses import read_courses
 from tests.support.log_examples import smooth_log
 
 VERSION = ballbot.__version__
@@ -65,16 +58,6 @@ def test_old_robot_file_is_written_with_the_same_values_and_a_format(path: Path,
     assert Robot.load(written) == robot
 
 
-@pytest.mark.parametrize("path", sorted(OLD.glob("controller*.toml")), ids=lambda path: path.name)
-def test_old_controller_file_keeps_its_text_and_checksum_but_for_the_format(path: Path) -> None:
-    with warnings.catch_warnings(action="ignore"):
-        controller = read_controller(path, ALTEN)
-    text = controller_text(controller)
-    assert format_line("controller") in text.splitlines()
-    assert len(without_format(text).splitlines()) == len(text.splitlines()) - 1
-    assert without_format(without_format(text)) == without_format(text)
-
-
 def test_checksum_of_a_controller_does_not_depend_on_the_number_of_the_format() -> None:
     # what `checksum_of` gave before formats had numbers
     controller = read_controller(OLD / "controller_full.toml", ALTEN)
@@ -107,34 +90,6 @@ def test_newer_format_is_refused_with_what_to_do(kind: Kind, tmp_path: Path) -> 
         READERS[kind](path)
 
 
-def test_results_of_an_earlier_format_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "results.json"
-    path.write_text('{"format": "ballbot results 3"}')
-    with pytest.raises(InputError, match="format is 'ballbot results 3', which an earlier Ballbot wrote"):
-        read_results(path)
-
-
-def test_built_in_courses_state_the_newest_format_of_course_files() -> None:
-    text = (Path(ballbot.__file__).parent / "workflows" / "courses.toml").read_text(encoding="utf-8")
-    assert f'format = "{format_name("courses")}"' in text
-    assert "format" not in built_in_sets()
-
-
-def test_recorded_run_states_the_version() -> None:
-    scenario, controller = Scenario.nominal(ALTEN), nominal_controller(ALTEN)
-    job = RecordJob(robot=ALTEN, scenario=scenario, experiment="balance", duration=1.0, controller=controller)
-    assert tomllib.loads(settings(job, 1)["record.toml"])["run"]["ballbot"] == VERSION
-
-
-def test_replay_page_and_mcap_file_state_the_version(tmp_path: Path) -> None:
-    log = smooth_log(rows=40)
-    page = replay_page({"run": log}, ALTEN, title="run")
-    assert f'<meta name="generator" content="Ballbot {VERSION}">' in page
-    log.write(tmp_path / "log.mcap")
-    with (tmp_path / "log.mcap").open("rb") as stream:
-        assert make_reader(stream).get_header().library == f"ballbot {VERSION}"
-
-
 @pytest.mark.parametrize("kind", NEWEST)
 def test_file_of_another_kind_is_refused(kind: Kind, tmp_path: Path) -> None:
     other = "robot" if kind == "mapping" else "mapping"
@@ -142,11 +97,6 @@ def test_file_of_another_kind_is_refused(kind: Kind, tmp_path: Path) -> None:
     path.write_text(TEXTS[kind].replace(format_name(kind), format_name(other)), encoding="utf-8")
     with pytest.raises(InputError, match=f"format is 'ballbot {other} 1', but this must be a {kind} file"):
         READERS[kind](path)
-
-
-def test_format_that_is_none_is_refused() -> None:
-    with pytest.raises(InputError, match="format is 3; it must be 'ballbot mapping 1', or be left out"):
-        parse_mapping("format = 3", source="mapping.toml")
 
 
 def test_results_state_their_format_and_the_version(

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.findings import CODES, Finding, Place, as_argument, by_severity, check_codes, stop_on_errors
+from ballbot.findings import CODES, Finding, Place, as_argument, check_codes, stop_on_errors
 from tests.support.source import modules, nodes_of
 
 SIGN = Finding(
@@ -19,17 +19,6 @@ SIGN = Finding(
 DEAD = Finding(code="dead-motor", severity="error", text="Motor 2 does nothing.")
 GAP = Finding(code="gap", severity="warning", text="One gap in time.")
 USE = Finding(code="use", severity="note", text="Not enough for drivelines.")
-
-
-def test_errors_come_first_and_order_is_kept_within_a_severity():
-    assert by_severity([USE, GAP, SIGN, DEAD]) == (SIGN, DEAD, GAP, USE)
-
-
-def test_warnings_and_notes_do_not_stop():
-    with pytest.raises(InputError, match=r"^Motor 2") as refusal:
-        stop_on_errors([DEAD, GAP, USE])
-    assert str(refusal.value).endswith(": --accept dead-motor.")
-    stop_on_errors([GAP, USE])
 
 
 def test_error_stops_with_file_text_and_the_accepting_option():

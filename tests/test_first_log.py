@@ -10,9 +10,7 @@ from contextlib import redirect_stdout
 
 import pytest
 
-from ballbot import Robot
 from ballbot.cli.main import main
-from ballbot.twin import Scenario
 from tests.support.paths import ROOT
 
 pytest.importorskip("mujoco")
@@ -41,11 +39,6 @@ def mapping(folder):
     out = folder / "checked"
     assert main(["check-log", str(folder / "balance.csv"), *words.split(), str(out)]) == 0
     return out / "mapping.toml"
-
-
-def test_file_begins_as_the_document_shows(folder):
-    header = (folder / "balance.csv").read_text().splitlines()[0]
-    assert f"    {header}\n" in DOCUMENT
 
 
 def test_only_the_kind_of_the_command_is_asked(folder, capsys):
@@ -94,10 +87,3 @@ def test_every_warning_of_the_identification_is_explained(identified):
     assert "`with other logs and robots`" in DOCUMENT
     assert "with other logs and robots" in printed
     assert "another log" in printed
-
-
-def test_rolling_friction_of_the_log_is_about_twice_the_floors(identified):
-    found = Robot.load(identified / "robot.toml").friction.rolling
-    floor = Scenario.named("nominal", Robot.load("alten")).friction.rolling
-    assert f"On this twin, C_rr is about twice the floor's {floor:g}." in DOCUMENT
-    assert 1.5 < found / floor < 2.5

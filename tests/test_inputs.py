@@ -3,35 +3,29 @@
 import os
 import re
 import resource
-import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-import pyarrow
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pyarrow import parquet
 
 from ballbot import InputError
 from ballbot.arrays import (
     MOST_CELLS,
     MOST_ROWS,
-    format_duration,
     rows_between,
 )
 from ballbot.cli.main import main
-from ballbot.control.file import controller_text, read_controller
-from ballbot.control.presets import nominal_controller
-from ballbot.files import parse_toml, read_json, read_text
+from ballbot.control.file import read_controller
+from ballbot.files import read_text
 from ballbot.identification.quantities import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log
 from ballbot.log.mapping import read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
-from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.courses import read_courses
 from tests.support.log_examples import smooth_log
@@ -86,80 +80,16 @@ def test_one_stray_time_is_reported(tmp_path, capsys, place):
     assert f"at row {max(place, 1) + 1}. Correct that time" in said
 
 
-@pytest.mark.parametrize("per_second", [1e9, 1e6])
-def test_time_in_other_units_is_reported(tmp_path, capsys, per_second):
-    said = refused(capsys, "check-log", log_file(tmp_path / "log.csv", per_second * 0.005 * np.arange(400.0)))
-    assert "t is in seconds; convert it" in said
-
-
-MAPPING = """
-[time]
-{time}
-[columns]
-t = {{ from = "t", unit = "{unit}" }}
-[wheels]
-angle = {{ from = ["a", "b"] }}
-"""
-
-
-@pytest.mark.parametrize(
-    ("asked", "unit", "words"),
-    [
-        ("repair = true", "us", "Rows come every 5e-09 s"),
-        ("repair = true\nsample_time = 0.01", "ms", "Rows come every 5e-06 s"),
-        ("sample_time = 5e-9", "s", "3.995 s, which is 799,000,000 rows at intervals of 5e-09 s"),
-        ("sample_time = 5e-324", "s", "inf rows"),
-    ],
-)
-def test_mapping_with_a_wrong_unit_is_reported(tmp_path, capsys, asked, unit, words):
-    log = tmp_path / "raw.csv"
-    rows = (f"{0.005 * k!r},{0.01 * k!r},{0.02 * k!r}\n" for k in range(800))
-    log.write_text("t,a,b\n" + "".join(rows))
-    mapping = tmp_path / "map.toml"
-    mapping.write_text(MAPPING.format(time=asked, unit=unit))
-    assert words in refused(capsys, "check-log", log, "--mapping", mapping)
-
-
-@pytest.mark.parametrize("rows", ["2147483648", "9223372036854775808", "9" * 5000, "0x" + "f" * 6000])
-def test_two_billion_roller_rings_are_refused(tmp_path, capsys, rows):
-    path = tmp_path / "robot.toml"
-    path.write_text(re.sub(r"(?m)^rows = \{ value = \d+", f"rows = {{ value = {rows}", robot_text(ALTEN)))
-    words = "rollers.rows" if len(rows) < 5000 or rows[1] == "x" else "is not valid TOML"
-    assert words in refused(capsys, "check", path)
-
-
-@pytest.mark.parametrize("value", ["5e-9", "5e-324"])
-def test_sample_time_of_nanoseconds_is_refused(tmp_path, capsys, value):
+def test_sample_time_of_nanoseconds_is_refused(tmp_path, capsys):
+    value = "5e-9"
     robot = tmp_path / "robot.toml"
     written = re.sub(r"(?m)^sample_time = .*$", "", robot_text(ALTEN))
     entry = f'sample_time = {{ value = {value}, unit = "s", source = "measured" }}'
     robot.write_text(written.replace("[sensors]", f"[sensors]\n{entry}"))
     assert "sensors.sample_time" in refused(capsys, "check", robot)
-    controller = tmp_path / "controller.toml"
-    text = controller_text(nominal_controller(ALTEN))
-    controller.write_text(re.sub(r"(?m)^sample_time = .*$", f"sample_time = {value}", text))
-    assert "sample time" in refused(
-        capsys, "simulate", "alten", "--controller", controller, "--out", tmp_path / "out"
-    )
     scenario = tmp_path / "scenario.toml"
     scenario.write_text(f"[sensors]\nsample_time = {value}\n")
     assert "sensors.sample_time" in refused(capsys, "record", scenario, "--out", tmp_path / "out")
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("speed_window = 2147483648", "speed_window"),
-        ("[timing]\ndelay = 2147483648", "timing.delay"),
-        ("[rollers]\nper_row = 2147483647", "rollers.per_row"),
-        ("timestep = 5e-9", "timestep"),
-    ],
-)
-def test_excessive_scenario_is_refused(tmp_path, line, words):
-    path = tmp_path / "scenario.toml"
-    path.write_text(line)
-    with pytest.raises(InputError, match=words):
-        load_scenario(path, ALTEN)
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -183,57 +113,29 @@ def test_deeply_nested_settings_are_refused(tmp_path, name, content, words):
     assert len(str(caught.value)) < 500
 
 
-def test_settings_after_a_byte_order_mark_are_read(tmp_path):
-    path = tmp_path / "robot.toml"
-    path.write_bytes(b"\xef\xbb\xbf" + robot_text(ALTEN).replace("\n", "\r\n").encode())
-    assert Robot.load(path) == ALTEN
-
-
-def test_deeply_nested_json_is_refused(tmp_path):
-    path = tmp_path / "results.json"
-    for text in ("[" * 100_000, '{"a":' * 40 + "1" + "}" * 40):
-        path.write_text(text)
-        with pytest.raises(InputError, match="nested too deeply"):
-            read_json(path)
-
-
-@given(st.text(alphabet="a.= \t[]{}\"'#\n1,", max_size=40))
-def test_a_text_is_toml_or_refused(text):
-    try:
-        tree, refusal = parse_toml(text, source="any.toml"), None
-    except InputError as error:
-        tree, refusal = None, str(error)
-    assert (tree == tomllib.loads(text)) if refusal is None else refusal.startswith("any.toml is ")
-
-
-@pytest.mark.parametrize("command", [["check"], ["check-log"], ["identify-axis"]])
-@pytest.mark.parametrize("kind", ["folder", "pipe", "device", "nothing", "zero byte"])
-def test_path_without_a_file_is_refused(tmp_path, capsys, command, kind):
-    suffix = {"check": ".toml", "check-log": ".csv", "identify-axis": ".mat"}[command[0]]
-    path = tmp_path / f"a{suffix}"
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("folder", "Is a directory"),
+        ("pipe", "is a pipe"),
+        ("device", "is a device"),
+        ("nothing", "No such file"),
+        ("zero byte", "zero byte"),
+    ],
+)
+def test_path_without_a_file_is_refused(tmp_path, capsys, kind, words):
+    path = tmp_path / ("a\0b.csv" if kind == "zero byte" else "a.csv")
     if kind == "folder":
         path.mkdir()
     elif kind == "pipe":
         os.mkfifo(path)
     elif kind == "device":
         path.symlink_to("/dev/zero")
-    elif kind == "zero byte":
-        path = tmp_path / f"a\0b{suffix}"
-    if kind in ("nothing", "zero byte") and command == ["check"]:
-        assert "There is no robot file or preset" in refused(capsys, *command, path)
-        return
-    after = ["--out", tmp_path / "out"] if command == ["identify-axis"] else []
-    words = {
-        "folder": "Is a directory",
-        "pipe": "is a pipe",
-        "device": "is a device",
-        "nothing": "No such file",
-    }
-    assert words.get(kind, "zero byte") in refused(capsys, *command, path, *after)
+    assert words in refused(capsys, "check-log", path)
 
 
-@pytest.mark.parametrize("columns", [1001])
-def test_log_of_too_many_columns_is_refused(tmp_path, capsys, columns):
+def test_log_of_too_many_columns_is_refused(tmp_path, capsys):
+    columns = 1001
     path = tmp_path / "wide.csv"
     names = [f"c{k}" for k in range(columns - 1)]
     path.write_text(f"t,{','.join(names)}\n" + f"0{',1' * (columns - 1)}\n1{',1' * (columns - 1)}\n")
@@ -243,19 +145,6 @@ def test_log_of_too_many_columns_is_refused(tmp_path, capsys, columns):
     assert "line 2: the row has 1001 cells" in refused(capsys, "check-log", path)
 
 
-def test_oversized_parquet_is_refused_by_its_header(tmp_path, capsys):
-    path = tmp_path / "long.parquet"
-    rows = 1_000_000
-    column = pyarrow.array(np.zeros(rows))
-    with parquet.ParquetWriter(
-        path, pyarrow.schema([("t", pyarrow.float64())]), compression="zstd"
-    ) as writer:
-        for _ in range(60):
-            writer.write_table(pyarrow.table({"t": column}))
-    assert path.stat().st_size < 1_000_000
-    assert "long.parquet has 60,000,000 rows of 1 columns" in refused(capsys, "check-log", path)
-
-
 @pytest.mark.parametrize("address", ["10.0.0.5", "foo://x:1", "localhost:99999"])
 def test_cluster_address_without_a_port_is_refused(tmp_path, capsys, address):
     log = tmp_path / "log.csv"
@@ -263,11 +152,6 @@ def test_cluster_address_without_a_port_is_refused(tmp_path, capsys, address):
     said = refused(capsys, "identify", "alten", log, "--cluster", address, "--out", tmp_path / "out")
     assert "the address of a Dask scheduler with its port" in said
     assert not (tmp_path / "out").exists()
-
-
-def test_run_whose_log_exceeds_memory_is_refused():
-    with pytest.raises(InputError, match=r"A run of .* samples of .* would not fit in memory"):
-        sample_count(86400.0, 5e-324)
 
 
 @given(st.floats(0.0, 1e12), st.floats(1e-12, 1e3), st.integers(1, 1000))
@@ -283,32 +167,8 @@ def test_rows_are_counted_or_refused(span, interval, columns):
         assert abs(rows - span / interval) <= 1.0
 
 
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [
-        (4.06, "4.06 s"),
-        (600.0, "10 minutes"),
-        (1e7, "116 days"),
-        (1e18, "31688087814 years"),
-    ],
-)
-def test_durations_are_printed_in_words(seconds, words):
-    assert format_duration(seconds) == words
-
-
 def test_text_has_line_ends_of_one_kind(tmp_path):
     path = tmp_path / "a.csv"
     path.write_bytes(b"\xef\xbb\xbft,u1\r\n0,1\r1,2\n")
     assert read_text(path) == "t,u1\n0,1\n1,2\n"
     assert list(Log.read(path)["u1"]) == [1.0, 2.0]
-
-
-def test_a_refusal_of_a_long_value_is_short(tmp_path, capsys):
-    path = tmp_path / "robot.toml"
-    path.write_text(f"name = [{', '.join(['1'] * 100_000)}]")
-    assert len(refused(capsys, "check", path)) < 1100
-
-
-def test_search_of_years_is_refused(tmp_path, capsys):
-    words = ["design", "alten", "--robust", "--robots", "100000000"]
-    assert "100000" in refused(capsys, *words, "--out", tmp_path / "out")

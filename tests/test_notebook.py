@@ -88,16 +88,6 @@ def test_bar_of_work_that_never_says_its_end_is_full_when_its_cell_has_run(monke
     assert [len(shown.lines), shown.lines[0][-1].startswith(last)] == [2, True]
 
 
-def test_short_work_shows_nothing_and_fast_steps_few_lines(monkeypatch):
-    shown, clock = FakeNotebook(monkeypatch), Clock()
-    progress = NotebookProgress(clock)
-    work(progress, clock, seconds=0.9)
-    shown.end_of_cell(SimpleNamespace(success=True))
-    assert shown.lines == []
-    work(progress, clock, steps=100_000, seconds=2.0)
-    assert len(shown.lines[0]) <= 8  # five a second
-
-
 @pytest.mark.parametrize("kernel", [True, False])
 def test_nothing_is_shown_without_a_notebook(monkeypatch, kernel):
     shown, clock = FakeNotebook(monkeypatch, kernel=False), Clock()
@@ -105,12 +95,6 @@ def test_nothing_is_shown_without_a_notebook(monkeypatch, kernel):
         monkeypatch.delitem(sys.modules, "IPython")
     work(NotebookProgress(clock), clock)
     assert shown.lines == []
-
-
-def test_line_in_html_obeys_nothing():
-    line = ProgressLine("<b>walk</b>\x1b[2J, 50 %", 0.5)
-    assert line._repr_html_().startswith('<progress max="1" value="0.5000"></progress> &lt;b&gt;walk')
-    assert "\x1b" not in line._repr_html_() + repr(line)
 
 
 def test_a_run_shows_its_progress_in_a_notebook_unless_it_is_given_another():

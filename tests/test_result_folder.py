@@ -1,14 +1,13 @@
 """A folder belongs to one result: held by one process, its files replaced together, the user's own left alone."""
 
 import os
-import re
 from pathlib import Path
 
 import pytest
 
 from ballbot import InputError
 from ballbot.files import write_text
-from ballbot.result_folder import MANIFEST, RUNS, STAGED, read_manifest, result_folder
+from ballbot.result_folder import MANIFEST, STAGED, result_folder
 from tests.support.processes import Child
 
 NAMES = ("report.html", "results.json", "robot.toml", "figures/one.svg", "figures/two.svg")
@@ -38,33 +37,6 @@ def test_a_new_result_replaces_the_old_one_as_a_whole(tmp_path):
     leave(tmp_path, NEW)
     assert shown(tmp_path) == NEW | {"notes.txt": "mine"}
     assert {path.name for path in tmp_path.iterdir() if path.name.startswith(".")} == {MANIFEST}
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, OSError])
-def test_interrupted_run_leaves_the_old_result(tmp_path, error):
-    leave(tmp_path, OLD)
-
-    def stop() -> None:
-        with result_folder(tmp_path, command="study", names=NAMES) as held, held.replaced() as new:
-            write_text(new / "results.json", "new")
-            raise error
-
-    with pytest.raises(error):
-        stop()
-    assert shown(tmp_path) == OLD
-    leave(tmp_path, NEW)
-
-
-def test_unwritable_file_is_named_by_its_given_path(tmp_path):
-    def fill() -> None:
-        with result_folder(tmp_path, command="study", names=NAMES) as held, held.replaced() as new:
-            (new / "robot.toml").mkdir()
-            write_text(new / "robot.toml", "new")
-
-    leave(tmp_path, OLD)
-    with pytest.raises(InputError, match=rf"^{re.escape(str(tmp_path / 'robot.toml'))} is a folder"):
-        fill()
-    assert shown(tmp_path) == OLD
 
 
 class KilledError(BaseException):
@@ -133,27 +105,9 @@ def test_an_input_is_not_replaced_by_what_is_made_from_it(tmp_path, monkeypatch)
         leave(tmp_path / "found", NEW, inputs=(Path("found/../found/robot.toml"),))
 
 
-def test_an_unfinished_run_is_not_mixed_with(tmp_path):
-    (tmp_path / RUNS).mkdir()
-    with pytest.raises(InputError, match="a command that was not finished"):
-        leave(tmp_path, NEW)
-    with result_folder(tmp_path, command="study", names=NAMES, keeps_runs=True) as held:
-        assert held.runs.exists()
-        with held.replaced() as new:
-            write_text(new / "report.html", "new")
-        assert not held.runs.exists()
-
-
 @pytest.mark.parametrize(
     "text",
-    [
-        "",
-        "[]",
-        "{}",
-        '{"format": "ballbot result 1"}',
-        '{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}',
-        "[" * 100_000,
-    ],
+    ["", "{}", '{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}'],
 )
 def test_a_damaged_manifest_is_refused(tmp_path, text):
     leave(tmp_path, OLD)
@@ -179,33 +133,6 @@ def test_folder_is_locked_by_one_process(tmp_path):
         holder.kill()
     leave(tmp_path, NEW)
     assert shown(tmp_path) == NEW
-
-
-def test_leftovers_of_a_killed_process_are_removed(tmp_path):
-    leave(tmp_path, OLD)
-    (tmp_path / STAGED).mkdir()
-    (tmp_path / STAGED / "results.json").write_text("half")
-    leave(tmp_path, NEW)
-    assert shown(tmp_path) == NEW
-    assert not (tmp_path / STAGED).exists()
-    manifest = read_manifest(tmp_path)
-    assert manifest is not None
-    assert set(manifest.files) == set(NEW)
-
-
-@pytest.mark.parametrize("kind", ["file", "pipe", "loop", "device"])
-def test_only_folders_are_written_into(tmp_path, kind):
-    out = tmp_path / "out"
-    if kind == "file":
-        out.touch()
-    elif kind == "pipe":
-        os.mkfifo(out)
-    elif kind == "loop":
-        out.symlink_to(out)
-    else:
-        out = Path("/dev/full")
-    with pytest.raises(InputError):
-        leave(out, NEW)
 
 
 @pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ballbot.file_formats import read_results, results_text
-from ballbot.results import as_json, key, left_out, reported, to_results
+from ballbot.results import key, left_out, reported, to_results
 
 
 class Colour(Enum):
@@ -73,11 +73,3 @@ def test_missing_and_infinite_numbers_are_told_apart_and_read_back(tmp_path):
     assert isinstance(read, dict)
     assert read["a"] == [1.0, None, -math.inf]
     assert read["b"] == {"c": [math.inf, None, "inf", 2]}
-
-
-def test_json_holds_dataclasses_anywhere():
-    assert json.loads(as_json({"parts": (Part(size=1.0),), "n": np.int64(3), "ok": np.bool_(True)})) == {
-        "parts": [{"size": 1.0, "half": 0.5}],
-        "n": 3,
-        "ok": True,
-    }

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from ballbot.rounding import digits, percent, unit_heading
+from ballbot.rounding import digits, percent
 from tests.support.paths import ROOT
 
 
@@ -30,18 +30,6 @@ def test_every_heading_has_its_unit_in_brackets():
     for folder in ("src/ballbot", "campaigns"):
         for path in (ROOT / folder).rglob("*.py"):
             assert not other.findall(path.read_text("utf-8")), path
-
-
-@pytest.mark.parametrize(
-    ("value", "beside", "text"),
-    [(5.4e-11, 0.009, "0"), (0.0032, 0.009, "0.0032"), (0.00012, 0.009, "0.0001"), (-0.2, 0.3, "-0.20")],
-)
-def test_nearly_nothing_beside_a_number_is_zero(value: float, beside: float, text: str) -> None:
-    assert digits(value, 2, beside=beside) == text
-
-
-def test_a_quantity_without_a_unit_has_its_name_alone() -> None:
-    assert [unit_heading("lean", unit) for unit in ("deg", "1", "")] == ["lean [deg]", "lean", "lean"]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Results on one screen: their `repr`, what a notebook shows of them, and their figures."""
 
-import copy
-import pickle
 import re
 from dataclasses import asdict, replace
 
@@ -14,7 +12,6 @@ from matplotlib.figure import Figure
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import nominal_controller
-from ballbot.errors import InputError
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.sweep import digest
@@ -32,7 +29,6 @@ from ballbot.twin.scenario_file import EXAMPLES, scenario_of
 from ballbot.workflows.controller_design import design_controller
 from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
 from ballbot.workflows.recovery_region import Region
-from ballbot.workflows.robust_design import ComparedDesign, CostUnits, PerturbationRanges, RobustDesign
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.screen import assert_fits_a_screen
@@ -44,33 +40,6 @@ LQR = LqrDesign(
     cost=np.eye(10),
     sample_time=5e-3,
 )
-
-
-def robust() -> RobustDesign:
-    compared = {
-        name: ComparedDesign(
-            gain=GAIN,
-            worst_tenth=1.5,
-            mean=1.0,
-            worst_error=0.02,
-            worst_roughness=0.1,
-            falls=0,
-            costs=np.linspace(1.0, 2.0, 20),
-        )
-        for name in ("robust", "nominal")
-    }
-    return RobustDesign(
-        design=LQR,
-        controller=Controller(alten(), GAIN),
-        state_weights=(1234.5678,) * 10,
-        torque_weight=30.0,
-        units=CostUnits(error=0.01, roughness=0.1),
-        history=(2.0, 1.5),
-        compared=compared,
-        fresh=20,
-        spread=PerturbationRanges(),
-        scenario="nominal",
-    )
 
 
 def upside_down() -> UpsideDown:
@@ -122,15 +91,15 @@ def limits() -> RobotLimits:
 def batch() -> ClosedLoopBatch:
     never = np.inf
     return ClosedLoopBatch(
-        t=np.array([0.5, 1.0]),
+        t=np.array([0.0, 0.5]),
         states=np.full((4, 2, 10), 0.1),
+        finals=np.full((4, 10), 0.1),
         torques=np.ones((4, 2, 3)),
         seen=np.full((4, 2, 10), 0.1),
         commanded=np.ones((4, 2, 3)),
         wheel_angles=np.zeros((4, 2, 3)),
         wheel_speeds=np.zeros((4, 2, 3)),
         gyro=np.zeros((4, 2, 3)),
-        initial=np.zeros((1, 10)),
         references=np.zeros((2, 10)),
         sample_time=0.5,
         fallen_leans=np.array([0.6]),
@@ -161,7 +130,6 @@ RESULTS = {
     "controller with every part": lambda: everything(alten(FRICTION)),
     "gain": lambda: LQR,
     "gain with integral": lambda: replace(LQR, integral_gain=GAIN[:, :3]),
-    "robust design": robust,
     "controller design": lambda: design_controller(alten(FRICTION)),
     "upside down": upside_down,
     "driveline": driveline,
@@ -177,7 +145,7 @@ def test_result_fits_a_screen(name):
 @pytest.mark.parametrize(
     "name",
     [
-        "robot", "log", "controller", "gain with integral", "robust design", "upside down", "driveline", "limits",
+        "robot", "log", "controller", "gain with integral", "upside down", "driveline", "limits",
     ],
 )  # fmt: skip
 def test_plot_returns_a_figure_that_a_notebook_shows(name):
@@ -200,19 +168,6 @@ def test_first_findings_are_the_most_serious_ones():
         warning("d", "Second."),
     ]
     assert first_texts(findings) == ("Error.", "First.", "Second.", "1 more finding")
-
-
-def test_log_without_known_columns_is_not_plotted():
-    with pytest.raises(InputError, match="to plot"):
-        Log({"t": [0.0, 1.0], "other": [1.0, 2.0]}).plot()
-
-
-def test_summary_leaves_equality_hash_and_pickles_as_they_are():
-    robot = alten(FRICTION)
-    assert pickle.loads(pickle.dumps(robot)) == robot
-    assert hash(robot.friction) == hash(copy.deepcopy(robot).friction)
-    log = smooth_log(rows=5)
-    assert pickle.loads(pickle.dumps(log)).names == log.names
 
 
 def test_robots_of_one_summary_have_different_digests():

@@ -54,8 +54,6 @@ def _locked(folder: Path) -> Iterator[None]:
 
 MANIFEST = ".ballbot.json"
 STAGED = ".ballbot-staged"
-#: finished runs of a command that was not finished (`ballbot.fitting.sweep`)
-RUNS = ".ballbot-runs"
 
 _FORMAT = "ballbot result 1"
 
@@ -87,11 +85,6 @@ class ResultFolder:
     command: str
     names: frozenset[str]
 
-    @property
-    def runs(self) -> Path:
-        """The folder in it for the command's finished runs, until the result is there."""
-        return self.path / RUNS
-
     @contextmanager
     def replaced(self) -> Iterator[Path]:
         """Give a folder to write the new result into, which replaces the old one as a whole when the block ends well.
@@ -120,7 +113,6 @@ class ResultFolder:
             raise
         with uninterrupted():
             _finish_move(self.path)
-            _delete(self.runs)
 
 
 @contextmanager
@@ -131,19 +123,17 @@ def result_folder(
     # the files that the command may write there, as "report.html" or "figures/one.svg"
     names: Collection[str],
     inputs: Sequence[Path] = (),  # the files that the result is made from
-    # whether the command goes on with finished runs in the folder, which a new result deletes
-    keeps_runs: bool = False,
 ) -> Iterator[ResultFolder]:
     """Hold a folder for the result of one command while the block runs.
 
-    InputError if another process holds the folder; if it has another command's result or unfinished run, or files by
+    InputError if another process holds the folder; if it has another command's result, or files by
     these names that are no result's or were changed since; or if an input would be replaced.
     """
     was_there = os.path.exists(out)
     folder = check_folder(out)
     try:
         with _locked(folder):
-            _prepare(folder, command=command, names=names, inputs=inputs, keeps_runs=keeps_runs)
+            _prepare(folder, command=command, names=names, inputs=inputs)
             yield ResultFolder(path=folder, command=command, names=frozenset(names))
     finally:
         if not was_there:
@@ -151,16 +141,9 @@ def result_folder(
                 folder.rmdir()
 
 
-def _prepare(
-    folder: Path, *, command: str, names: Collection[str], inputs: Sequence[Path], keeps_runs: bool
-) -> None:
+def _prepare(folder: Path, *, command: str, names: Collection[str], inputs: Sequence[Path]) -> None:
     """Finish or clear what a killed process left, and raise InputError unless the folder may have a new result."""
     _finish_move(folder)
-    if not keeps_runs and (folder / RUNS).exists():
-        raise InputError(
-            f"{folder / RUNS} holds finished runs of a command that was not finished. Give that command again, delete "
-            "them, or choose another folder with --out."
-        )
     _check_replaceable(folder, read_manifest(folder), command=command, names=names, inputs=inputs)
 
 

@@ -58,9 +58,16 @@ def value_and_error(value: float, error: float) -> tuple[str, str]:
 
 
 def plus_minus(value: float, error: float) -> str:
-    """Return a value with its error as "0.133 ± 0.0085", or the value alone if its error is not known."""
+    """Return a value with its error as "0.133 ± 0.0085", or that one of them is not known."""
+    if not math.isfinite(value):
+        return "not identified"
     shown, of_error = value_and_error(value, error)
-    return shown if of_error == DASH else f"{shown} ± {of_error}"
+    return f"{shown} (no standard error)" if of_error == DASH else f"{shown} ± {of_error}"
+
+
+def signed(text: str) -> str:
+    """Return a number in words with its sign."""
+    return f"+{text}" if text[:1].isdigit() else text
 
 
 def between(value: float, lower: float, upper: float) -> str:

@@ -25,31 +25,22 @@ T = TypeVar("T")
 
 _LONGEST = 60  #: characters shown of a wrong value
 
-#: what a value must be, by the type of pydantic's error
+#: what a value must be, by the type of pydantic's error; other errors say it themselves
 _WANTED = {
     "string_type": "a text in quotes",
-    "bool_type": "true or false",
-    "bool_parsing": "true or false",
-    "int_type": "a whole number",
-    "int_parsing": "a whole number",
-    "int_from_float": "a whole number",
-    "float_type": "a number",
-    "float_parsing": "a number",
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
     "finite_number": "a finite number",
-    "tuple_type": "a list",
-    "list_type": "a list",
-    "dict_type": "a table",
-    "model_type": "a table",
-    "model_attributes_type": "a table",
-    "dataclass_type": "a table",
-    "dataclass_exact_type": "a table",
-}
-#: the same of a number that is out of range, by the type of the error and its key in the context
-_RANGES = {
-    "greater_than": ("gt", "above"),
-    "greater_than_equal": ("ge", "at least"),
-    "less_than": ("lt", "below"),
-    "less_than_equal": ("le", "at most"),
+    **dict.fromkeys(("tuple_type", "list_type"), "a list"),
+    **dict.fromkeys(
+        ("dict_type", "model_type", "model_attributes_type", "dataclass_type", "dataclass_exact_type"),
+        "a table",
+    ),
+    "greater_than": "above {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "below {lt:g}",
+    "less_than_equal": "at most {le:g}",
 }
 
 
@@ -175,36 +166,29 @@ class _Keys:
 def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
     """Return the sentence on mistakes at one place: several if each member of a union was tried."""
     mistake = mistakes[0]
-    given, place = mistake.error["input"], format_place(mistake.place)
+    given, place, context = mistake.error["input"], format_place(mistake.place), mistake.context
+    count = context.get("actual_length")
+    entries = "one entry" if count == 1 else f"{count} entries"
     match mistake.error["type"]:
         case "missing":
-            return _missing(mistake, of)
-        case "union_tag_not_found":
-            return f"{_tag_place(mistake)} is missing; it must be {either(keys.tags(mistake.place))}."
-        case "union_tag_invalid":
-            key = str(mistake.context["discriminator"]).strip("'")
+            above = f"[{format_place(mistake.place[:-1])}]" if mistake.place[:-1] else of
+            return f"{place} is missing; {above} needs it."
+        case "union_tag_not_found" | "union_tag_invalid" as kind:
+            key = str(context["discriminator"]).strip("'")
+            if kind == "union_tag_not_found":
+                return f"{place}.{key} is missing; it must be {either(keys.tags(mistake.place))}."
             tag = given.get(key) if isinstance(given, Mapping) else given
-            return _choice(_tag_place(mistake), tag, keys.tags(mistake.place))
+            return _choice(f"{place}.{key}", tag, keys.tags(mistake.place))
         case "too_short":
-            return f"{place} has {_entries(mistake)}; it must have at least {mistake.context['min_length']}."
+            return f"{place} has {entries}; it must have at least {context['min_length']}."
         case "too_long":
-            return f"{place} has {_entries(mistake)}; it must have at most {mistake.context['max_length']}."
+            return f"{place} has {entries}; it must have at most {context['max_length']}."
         case "literal_error" if len(mistakes) == 1:
             return _choice(place, given, _allowed(mistake))
     wanted = list(dict.fromkeys(one for each in mistakes for one in _wanted(each)))
     wanted = [one for one in wanted if one != "a whole number" or "a number" not in wanted]
     below = f": write its keys below a line [{place}]" if wanted == ["a table"] else ""
     return f"{place} is {format_value(given)}; it must be {either(wanted)}{below}."
-
-
-def _missing(mistake: _Mistake, of: str) -> str:
-    *above, last = mistake.place
-    if isinstance(last, int):
-        return (
-            f"{format_place(above)} has {('one entry' if last == 1 else f'{last} entries')}; it needs more."
-        )
-    table = f"[{format_place(above)}]" if above else of
-    return f"{format_place(mistake.place)} is missing; {table} needs it."
 
 
 def _unknown_key(mistake: _Mistake, keys: _Keys, of: str) -> str:
@@ -225,26 +209,15 @@ def _wanted(mistake: _Mistake) -> list[str]:
     kind, message = mistake.error["type"], mistake.error["msg"]
     if kind == "literal_error":
         return _allowed(mistake)
-    if kind in _RANGES:
-        key, words = _RANGES[kind]
-        return [f"{words} {mistake.context[key]:g}"]
+    if kind in _WANTED:
+        return [_WANTED[kind].format(**mistake.context)]
     message = message.removeprefix("Input should be ").removeprefix("Value error, ")
-    return [_WANTED.get(kind, f"{message[0].lower()}{message[1:]}")]
+    return [f"{message[0].lower()}{message[1:]}"]
 
 
 def _allowed(mistake: _Mistake) -> list[str]:
     """Return the allowed values of a Literal as the file writes them."""
     return re.split(r", | or ", str(mistake.context["expected"]))
-
-
-def _tag_place(mistake: _Mistake) -> str:
-    """Return the place of the key by which the tables of a union differ."""
-    return f"{format_place(mistake.place)}.{str(mistake.context['discriminator']).strip(chr(39))}"
-
-
-def _entries(mistake: _Mistake) -> str:
-    count = mistake.context["actual_length"]
-    return "one entry" if count == 1 else f"{count} entries"
 
 
 def format_place(place: Sequence[str | int]) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from ballbot.findings import Finding, by_severity, texts
 from ballbot.printable import printable_line
 from ballbot.progress import as_clock
 from ballbot.results import to_results
-from ballbot.rounding import between, digits, plus_minus
+from ballbot.rounding import between, plus_minus
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -133,11 +133,16 @@ def plotted(value: object) -> Figure:
 
 def report_summary(value: object) -> Summary:
     """Return the summary of a value whose report has its sentences, as `plotted` returns its figure."""
-    return import_module("ballbot.report.plots").SUMMARIES[type(value).__name__](value)
+    return _result(value).summary()
 
 
 def written_results(value: object) -> dict[str, object]:
-    """Return what results.json holds of a value, as `ballbot.report.plots` finds it."""
+    """Return what results.json holds of a value whose report knows it."""
+    return _result(value).to_dict()
+
+
+def _result(value: object) -> Any:
+    """Return the `ballbot.report.blocks.Result` of a value."""
     return import_module("ballbot.report.plots").RESULTS[type(value).__name__](value)
 
 
@@ -154,21 +159,17 @@ def estimated(
     *,
     intervals: Sequence[tuple[float, float] | None] = (),
 ) -> str:
-    """Return estimates with their standard errors, and their unit: 0.133 ± 0.0085 N m; NaN is "no influence".
+    """Return estimates with their standard errors, and their unit: 0.133 ± 0.0085 N m; NaN is "not identified".
 
     An interval takes the place of the standard error.
     """
     numbers, of_numbers = np.atleast_1d(values).tolist(), np.atleast_1d(errors).tolist()
     each = zip(numbers, of_numbers, intervals or [None] * len(numbers), strict=True)
-    return f"{', '.join(_with_error(one, error, ends) for one, error, ends in each)} {unit}".rstrip()
-
-
-def _with_error(value: float, error: float, ends: tuple[float, float] | None) -> str:
-    if not np.isfinite(value):
-        return "no influence"
-    if ends is not None:
-        return between(value, *ends)
-    return plus_minus(value, error) if np.isfinite(error) else f"{digits(value)} (no standard error)"
+    shown = [
+        plus_minus(one, error) if ends is None or not np.isfinite(one) else between(one, *ends)
+        for one, error, ends in each
+    ]
+    return f"{', '.join(shown)} {unit}".rstrip()
 
 
 def first_texts(findings: Sequence[Finding], *, most: int = 3) -> tuple[str, ...]:

@@ -31,13 +31,6 @@ def test_a_clean_log_shows_its_columns_and_writes_results(tmp_path, capsys):
     assert by_name["theta"]["greatest"] == pytest.approx(0.02, rel=1e-3)  # the sine's amplitude
 
 
-def test_warning_is_shown_and_exit_code_is_zero(tmp_path, capsys):
-    log = smooth_log()
-    log.with_columns({"acc_x": np.zeros(len(log))}).write(tmp_path / "log.csv")
-    check_log(tmp_path / "log.csv")
-    assert "warning: acc_x is 0 throughout" in capsys.readouterr().out
-
-
 def test_an_error_ends_in_one_sentence_after_the_table(tmp_path, capsys):
     log = smooth_log()
     log.with_columns({"psi": np.degrees(log["psi"])}).write(tmp_path / "log.csv")
@@ -49,37 +42,27 @@ def test_an_error_ends_in_one_sentence_after_the_table(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("log", "mapping", "sentence"),
     [
-        ("time;roll;pitch\n0.0;0.1;0.2\n", "has one row of numbers (line 2); a log needs at least two."),
-        (
-            "time;roll;pitch\none;two;three\n",
-            "contains no table: none of its lines consists only of numbers.",
-        ),
+        ("t,x\n0,1\n0,2\n", None, "Time does not increase at row 2"),
+        ("t,x\n0,one\n", None, "is not a number"),
+        ("t,x\n", None, "has a header and no rows"),
+        ("t,x\n0,1\n1,2\n", '[columns]\nt = { fromm = "t" }\n', "did you mean 'from'?"),
+        ("t,x\n0,1\n1,2\n", '[columns]\nt = "time"\n', "column 'time', which does not exist"),
     ],
 )
-def test_a_foreign_file_without_two_rows_is_refused_with_the_number_of_its_rows(
-    tmp_path, capsys, text, sentence
-):
-    path = tmp_path / "foreign.txt"
-    path.write_text(text)
-    assert main(["check-log", str(path), "--robot", "alten"]) == 2
-    assert capsys.readouterr().err == f"ballbot: {path} {sentence}\n"
-
-
-def test_a_log_of_one_row_is_an_error(tmp_path, capsys):
-    (tmp_path / "log.csv").write_text("t,x\n0,1\n")
-    assert main(["check-log", str(tmp_path / "log.csv"), "--out", str(tmp_path / "out")]) == 2
-    assert "The log has one row" in capsys.readouterr().err
-
-
-def test_infinite_lean_is_not_reported_as_degrees(tmp_path, capsys):
-    rows = "".join(f"{0.01 * k:g},{'inf' if k == 5 else 0.001 * k},0\n" for k in range(20))
-    (tmp_path / "log.csv").write_text(f"t,theta,phi\n{rows}")
-    assert main(["check-log", str(tmp_path / "log.csv")]) == 0
-    shown = capsys.readouterr().out
-    assert "theta: 1 of 20 values missing or not finite" in shown
-    assert "degrees" not in shown
+def test_bad_files_exit_with_two_and_one_line(tmp_path, capsys, log, mapping, sentence):
+    (tmp_path / "log.csv").write_text(log)
+    arguments = ["check-log", str(tmp_path / "log.csv")]
+    if mapping:
+        (tmp_path / "mapping.toml").write_text(mapping)
+        arguments += ["--mapping", str(tmp_path / "mapping.toml")]
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("ballbot: ")
+    assert printed.err.count("\n") == 1
+    assert sentence in printed.err
 
 
 @pytest.mark.parametrize(

@@ -72,13 +72,6 @@ def test_columns_names_those_of_a_file_without_a_header(folder, capsys):
     assert main(words_for(folder, "bare.txt", "--columns", "t,roll")) == 2
 
 
-def test_what_is_stated_is_for_a_foreign_file(folder, capsys):
-    assert main(["check-log", str(folder / "run.txt"), "--command", "duty"]) == 2
-    assert "--command is for a foreign table" in capsys.readouterr().err
-    assert main(words_for(folder, "run.txt", "--full-scale", "-3")) == 2
-    assert "above zero" in capsys.readouterr().err
-
-
 def test_several_logs_of_one_robot_give_one_mapping(folder):
     out = folder / "several"
     words = words_for(folder, "run.txt", str(folder / "again.txt"), "--command", "duty", "--out", str(out))
@@ -86,11 +79,3 @@ def test_several_logs_of_one_robot_give_one_mapping(folder):
     assert main(words) == 0
     assert len(json.loads((out / "results.json").read_text())["files"]) == 2
     assert "keep" not in (out / "mapping.toml").read_text()
-
-
-def test_commands_without_a_sign_are_asked_for_their_zero(folder, capsys):
-    columns = foreign_columns()
-    columns |= {name: np.abs(columns[name]) for name in ("u1", "u2", "u3")}
-    write_foreign(folder / "changed.txt", columns)
-    assert main(words_for(folder, "changed.txt", "--command", "duty")) == 2
-    assert "sign of the commands ([input] zero)" in capsys.readouterr().err

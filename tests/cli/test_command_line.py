@@ -1,43 +1,115 @@
-"""What all commands share: whole numbers, groups of --help, refusals, the provenance."""
+"""What all commands share: the inputs of a result, and refusals in one sentence, which name what is nearest."""
 
+import json
 from pathlib import Path
 
 import pytest
 
-from ballbot.cli import ARGV
-from ballbot.cli.context import argv, input_files
+from ballbot.cli.context import input_files
 from ballbot.cli.main import main
 from ballbot.robot import Robot
+from tests.support.log_examples import smooth_log
+
+REFUSALS = [
+    # words, values and files of every kind of command
+    ("zzz", "Available commands: study, demo, new, check"),
+    ("studdy alten", "'study'"),
+    ("check alten too much", "ballbot check --help"),
+    ("check alten --referense circle", "--reference"),
+    ("check altn", "'alten'"),
+    ("simulate alten", "--out"),
+    ("simulate", "ROBOT"),
+    ("study alten --out out", "LOGS"),
+    ("study alten nowhere.csv --out out", "nowhere.csv"),
+    ("study alten log.csv --draws 1.5 --out out", "whole number"),
+    ("identify alten log.csv --seed 1e3 --out out", "whole number"),
+    ("identify alten log.csv --law stribek --out out", "'stribeck'"),
+    ("identify-geometry alten log.csv --out out", "log.csv"),
+    ("validate alten log.csv", "--out is missing"),
+    ("validate alten log.csv --against thessis --out out", "'thesis'"),
+    ("validate rezero log.csv --seed -1 --out out", "The seed is -1"),
+    ("validate --prediction log.csv more.csv new.csv", "--prediction compares one log"),
+    ("twin exprt", "'export'"),
+    ("completion bsh", "'bash'"),
+    ("new no/where", "--out"),
+    # a controller and its run
+    ("design alten --kind precize --out out", "'precise'"),
+    ("design alten --q 1,2,many --out out", "--q is '1,2,many'"),
+    ("design alten --r -1 --out out", "R is not positive definite"),
+    ("design alten --robust --robots 2.5 --out out", "whole number"),
+    ("design alten --robust --robots 1 --out out", "number of robots is 1; it must be 10"),
+    ("design alten --robust --perturb colour=1 --out out", "colour is not a key of perturbed robots"),
+    ("design alten --robust --perturb delay=1.5 --out out", "delay is 1.5; it must be a whole number"),
+    ("design alten --robust --perturb mass=1.5 --out out", "mass is 1.5"),
+    ("design alten --robust --kind precise --out out", "searches for the weights of the nominal kind"),
+    ("simulate alten --controller precice --out out", "'precise'"),
+    ("simulate alten --controller nowhere.toml --out out", "'nowhere.toml'"),
+    ("simulate alten --controller precise --compensation full --out out", "leave one of them out."),
+    ("simulate alten --format parquett --out out", "'parquet'"),
+    ("simulate alten --reference triangle --out out", "There is no reference 'triangle'"),
+    ("simulate alten --duration 0 --out out", "at least one sample"),
+    ("record ideal --seed -1 --out out", "The seed is -1"),
+    ("record nominal --seeds 9-1 --out out", "The seeds are '9-1'"),
+    ("record nominal --experiment dance --out out", "dance"),
+    ("record nominal --estimator kalmann --out out", "'kalman'"),
+    ("record nominl --out out", "did you mean 'nominal'?"),
+    ("excite alten --lean 90 --out out", "The lean limit is 90 degrees; it must be below 90 degrees."),
+    ("excite alten --floor -1 --out out", "The floor limit is -1 m; it must be positive."),
+    # several controllers
+    ("compare alten partal --out out", "'partial'"),
+    ("compare alten none none --out out", "Two controllers are called 'none'"),
+    ("compare alten none --seeds 0- --out out", "The seeds are '0-'"),
+    (
+        "compare alten none --scenarios moon --out out",
+        "There is no set or course 'moon'; did you mean 'motions'",
+    ),
+    ("compare alten none --scenarios moon.toml --out out", "moon.toml cannot be read"),
+    ("compare alten none --processes 0 --out out", "for --processes. It must be above 0"),
+    ("limits alten --grip 0 --out out", "for --grip. It must be above 0"),
+    ("limits alten --twin --scenario storm --out out", "no scenario or scenario file 'storm'"),
+    ("limits alten a=none b=none c=none d=none e=none f=none g=none --out out", "There are 7 controllers"),
+    # a live robot and a live view
+    ("run sweep alten", "--out"),
+    ("run /dev/ttyACM9 --emulated", "Give the robot's port"),
+    ("run /dev/ttyACM9", "The serial port /dev/ttyACM9 cannot be opened"),
+    ("run --emulated --duration -1", "--duration. It must be above 0."),
+    ("run --emulated --reference sqare", "There is no reference 'sqare'"),
+    ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
+    ("run compare --emulated --prediction none.json --out out", "none.json"),
+    ("view", "nothing to show"),
+    ("view alten log.csv", "--robot alten"),
+    ("view a=log.csv a=other.csv --robot alten", "label 'a'"),
+    ("view missing.csv --robot alten", "missing.csv cannot be read"),
+    ("view log.csv --robot alten --plant twin", "a robot that is simulated"),
+    ("view alten --video replay.mp4", "A video needs a log"),
+    ("view /dev/ttyACM0 --robot alten", "ballbot run monitor /dev/ttyACM0"),
+    ("view alten --port 70000", "from 0 (any free one) to 65535"),
+]
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "study alten log.csv --draws 1.5 --out out",
-        "limits alten --seed 1.0 --out out",
-        "identify alten log.csv --seed 1e3 --out out",
-        "design alten --robust --robots 2.5 --out out",
-    ],
-)
-def test_fraction_for_an_integer_option_is_refused_in_one_sentence(
-    line: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("line", "sentence"), REFUSALS)
+def test_bad_command_line_is_answered_in_one_sentence_before_any_work(
+    line: str,
+    sentence: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    smooth_log(rows=400).write(tmp_path / "log.csv")
     assert main(line.split()) == 2
     said = capsys.readouterr().err
-    assert "whole number" in said
+    assert said.startswith("ballbot: ")
+    assert sentence in said.replace('"', "'")
     assert len(said.splitlines()) == 1
-    assert list(tmp_path.iterdir()) == []
+    assert [one.name for one in tmp_path.iterdir()] == ["log.csv"]
 
 
-def test_provenance_is_the_command_line_without_what_has_no_effect() -> None:
-    running = ARGV.set(
-        ("study", "alten", "a.csv", "--cluster", "tcp://a:1", "--cluster=b", "--json", "--seed", "2")
-    )
-    try:
-        assert argv() == ["ballbot", "study", "alten", "a.csv", "--seed", "2"]
-    finally:
-        ARGV.reset(running)
+def test_controllers_are_taken_after_options(tmp_path: Path) -> None:
+    words = ["--scenarios", "hold", "--seeds", "1", "none", "full", "--set", "body.mass=18.0"]
+    assert main(["compare", "alten", *words, "--out", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert list(found["overall"]) == ["none", "full"]
 
 
 def test_input_files_are_named_once_and_presets_are_none(tmp_path: Path) -> None:
@@ -45,30 +117,3 @@ def test_input_files_are_named_once_and_presets_are_none(tmp_path: Path) -> None
     log.write_text("t\n")
     assert Robot.presets()
     assert input_files("alten", [log, log], None, str(log), "nominal") == [log]
-
-
-@pytest.mark.parametrize(
-    ("line", "sentence"),
-    [
-        ("zzz", "Available commands: study, demo, new, check"),
-        ("check alten too much", "ballbot check --help"),
-        ("simulate alten", "--out"),
-        ("simulate", "ROBOT"),
-        ("study alten --out out", "LOGS"),
-        ("identify-geometry alten log.csv --out out", "log.csv"),
-        ("simulate alten --duration long --out out", "--duration"),
-        (
-            "simulate alten --controller precise --compensation full --out out",
-            "--compensation belongs to the nominal controller, and --controller names precise; leave one of them out.",
-        ),
-        ("excite alten --lean 90 --out out", "The lean limit is 90 degrees; it must be below 90 degrees."),
-        ("run sweep alten", "--out"),
-    ],
-)
-def test_bad_command_line_is_answered_in_one_sentence(
-    line: str, sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(line.split()) == 2
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert len(said.splitlines()) == 1

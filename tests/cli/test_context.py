@@ -8,7 +8,6 @@ from rich.console import Console
 
 from ballbot.cli import output
 from ballbot.cli.context import changed_robot
-from ballbot.cli.main import main
 from ballbot.cli.output import progress_bar
 from ballbot.cli.waiting import Waiting
 from ballbot.errors import InputError
@@ -18,12 +17,6 @@ from ballbot.progress import Progress
 @pytest.fixture
 def piped():
     return Console(file=io.StringIO())
-
-
-def test_quick_work_prints_nothing(piped, capsys):
-    with progress_bar(piped, "simulating") as report:
-        report(Progress(stage="", done=0.5, total=1.0))
-    assert capsys.readouterr() == ("", "")
 
 
 def test_long_work_prints_its_stages_on_standard_error(piped, capsys, monkeypatch):
@@ -43,16 +36,6 @@ def test_long_work_prints_its_stages_on_standard_error(piped, capsys, monkeypatc
     ]
 
 
-def test_a_long_stage_gets_lines_in_the_middle_of_it(piped, capsys, monkeypatch):
-    monkeypatch.setattr(output, "_BEFORE_LINES", 0.0)
-    monkeypatch.setattr(output, "_BETWEEN_LINES", 0.1)
-    with progress_bar(piped, "fitting") as report:
-        for done in range(3):
-            report(Progress(stage="descent", done=done, total=2))
-            time.sleep(0.15 if done else 0.0)
-    assert capsys.readouterr().err.splitlines() == ["ballbot: descent, 0 %", "ballbot: descent, 100 %"]
-
-
 def test_values_of_the_robot_are_set_on_the_command_line():
     robot = changed_robot(
         "alten", ["body.mass=9.0", "friction.coulomb = [0.1, 0.2, 0.3]", "friction.rolling=0.01"]
@@ -68,14 +51,6 @@ def test_what_is_no_change_of_a_robot_is_refused(change):
         changed_robot("alten", [change])
 
 
-@pytest.mark.parametrize(
-    "name", ["simulate", "record", "design", "limits", "compare", "study", "identify", "export", "excite"]
-)
-def test_commands_that_take_a_robot_take_changes(name, capsys):
-    assert main([name, "--help"]) == 0
-    assert "--set" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("watched", [True, False])
 def test_terminal_shows_that_a_command_starts_until_it_prints(watched, capsys, monkeypatch):
     for stream in ("stdout", "stderr"):
@@ -87,9 +62,3 @@ def test_terminal_shows_that_a_command_starts_until_it_prints(watched, capsys, m
     written = capsys.readouterr().err
     assert written.startswith("\rstarting study, 0 s") == watched
     assert written.endswith("\r\x1b[K") == watched
-
-
-def test_a_value_that_is_set_takes_no_word_after_it(tmp_path, capsys):
-    words = ["compare", "alten", "--set", "body.mass=18.0", "none", "--scenarios", "hold", "--seeds", "1"]
-    assert main([*words, "--out", str(tmp_path / "out")]) == 0
-    assert "ballbot limits alten --set body.mass=18.0 CONTROLLER" in capsys.readouterr().out

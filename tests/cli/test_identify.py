@@ -110,10 +110,6 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file):
         (["{log}", "--window", "1"], "windows of 1 s"),
         (["{log}", "--estimate", "frixion"], "did you mean 'friction'?"),
         (["{log}", "--exclude-states", "psy"], "'psy' is not a state"),
-        (
-            ["{log}", "--mapping", "a", "--mapping", "b"],
-            "--mapping is given 2 times for 1 log. Give it once.",
-        ),
         (["{log}", "--seed", "-1"], "The seed is -1; it must be a whole number"),
         (["{log}", "--estimate", ""], "There is nothing to estimate. Name some of friction"),
         (["{unread}"], "The log's column theta has no value in any row"),

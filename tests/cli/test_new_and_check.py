@@ -12,9 +12,6 @@ import pytest
 from ballbot.cli import main as program
 from ballbot.cli.app import COMMANDS, Command
 from ballbot.cli.main import main
-from ballbot.control.file import write_controller
-from ballbot.control.presets import nominal_controller
-from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 
@@ -40,13 +37,6 @@ def test_new_writes_a_commented_file_that_equals_the_preset(
     assert path.read_text(encoding="utf-8").count("\n# ") > 30
 
 
-def test_new_takes_the_file_for_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["new", "mine.toml", "--from", "cmu"]) == 0
-    assert [one.name for one in tmp_path.iterdir()] == ["mine.toml"]
-    assert Robot.load("mine.toml").name == "mine"
-
-
 def test_new_overwrites_only_when_forced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("precious")
@@ -54,10 +44,6 @@ def test_new_overwrites_only_when_forced(tmp_path: Path, capsys: pytest.CaptureF
     assert path.read_text() == "precious"
     assert main(["new", "mine", "--out", str(path), "--force"]) == 0
     assert Robot.load(path).name == "mine"
-
-
-def test_new_refuses_invalid_file_names(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "--out" in refused(capsys, "new", "no/where")
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -77,56 +63,21 @@ def test_check_refuses_inconsistent_robots(tmp_path: Path, capsys: pytest.Captur
     assert "error (accepted)" in capsys.readouterr().out
 
 
-def test_check_reports_robots_that_record_would_refuse(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "rows.toml"
-    assert main(["new", "rows", "--out", str(path)]) == 0
-    text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace("rows = { value = 2", "rows = { value = 3"), encoding="utf-8")
-    assert main(["check", str(path)]) == 0
-    assert "`ballbot record` refuses it" in " ".join(capsys.readouterr().out.split())
-
-
 def test_check_prints_and_writes_derived_quantities(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["check", "alten", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     # (V.2), (V.3) of the thesis, digit by digit
-    for row in (
-        "-1.2346   0.0000   1.2346",
-        "0.6173  -1.0692   1.2346",
-        "0.6173   1.0692   1.2346",
-        "-0.5400   0.2700   0.2700",
-        "0.0000  -0.4676   0.4676",
-        "0.2700   0.2700   0.2700",
-    ):
-        assert row in printed
+    for row in ("0.6173 -1.0692 1.2346", "-0.5400 0.2700 0.2700"):
+        assert row in " ".join(printed.split())
     assert "Unstable pole: 5.20" in printed
     assert "27.59" in printed
-    linear = Model(Robot.load("alten")).linearize()
-    written = json.loads((tmp_path / "results.json").read_text())["linearization"]
-    assert written["state"] == [*STATE_NAMES]
-    for name, matrix in (("A", linear.A), ("B", linear.B)):
-        np.testing.assert_array_equal(written["exact"][name], matrix)  # every digit
-        assert f"{name} = [" in printed
     results = json.loads((tmp_path / "results.json").read_text())
+    linear = Model(Robot.load("alten")).linearize()
+    for name, matrix in (("A", linear.A), ("B", linear.B)):
+        np.testing.assert_array_equal(results["linearization"]["exact"][name], matrix)  # every digit
     assert results["unstable_pole"] == pytest.approx(5.20, abs=0.005)
-    assert np.array(results["matrices"]["T_owb"]) @ np.array(results["matrices"]["T_obw"]) == pytest.approx(
-        np.eye(3), abs=1e-12
-    )
-    assert results["derived"]["wheel_speed_limit"] == pytest.approx(27.59, abs=0.005)
-    assert "T_vgb" in printed
-
-
-def test_check_computes_the_margins_of_a_controller_without_a_reference(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "controller.toml"
-    write_controller(nominal_controller("alten"), file)
-    assert main(["check", "alten", "--controller", str(file)]) == 0
-    assert f"Stability margins with {file}" in " ".join(capsys.readouterr().out.split())
 
 
 def test_an_interrupt_ends_without_a_traceback(
@@ -169,18 +120,6 @@ def test_help_lists_the_commands_without_loading_them(capsys: pytest.CaptureFixt
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False)
     assert done.returncode == 0
-
-
-@pytest.mark.slow
-def test_a_reader_that_leaves_early_is_no_error() -> None:
-    script = "import sys; from ballbot.cli.main import main; sys.exit(main(['--help']))"
-    with subprocess.Popen(
-        [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.close()
-        assert process.stderr.read() == ""
 
 
 @pytest.mark.slow

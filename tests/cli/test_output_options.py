@@ -8,10 +8,8 @@ from pathlib import Path
 
 import pytest
 
-import ballbot
 from ballbot.cli.app import COMMANDS, START
 from ballbot.cli.main import main
-from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
 
 
@@ -40,12 +38,6 @@ def test_ballbot_alone_names_three_commands_that_exist_and_where_help_is(
     assert "`ballbot help`" in START
 
 
-@pytest.mark.parametrize("flag", ["-V", "--version"])
-def test_version(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([flag]) == 0
-    assert capsys.readouterr().out.strip() == ballbot.__version__
-
-
 @pytest.mark.parametrize(
     ("words", "same"),
     [((), ("--help",)), (("check",), ("check", "--help")), (("run", "wiring"), ("run", "wiring", "--help"))],
@@ -59,39 +51,6 @@ def test_help_prints_what_the_option_prints(
     assert capsys.readouterr().out == helped
     assert "--json" in helped
     assert "--quiet" in helped
-
-
-@pytest.mark.parametrize(
-    ("line", "nearest"),
-    [
-        ("studdy alten", "'study'"),
-        ("check alten --referense circle", "--reference"),
-        ("check altn", "'alten'"),
-        ("validate alten log.csv --against thessis --out out", "'thesis'"),
-        ("twin exprt", "'export'"),
-        ("design alten --kind precize --out out", "'precise'"),
-        ("compare alten partal --out out", "'partial'"),
-        ("simulate alten --controller precice --out out", "'precise'"),
-        ("simulate alten --format parquett --out out", "'parquet'"),
-        ("identify alten log.csv --law stribek --out out", "'stribeck'"),
-        ("completion bsh", "'bash'"),
-    ],
-)
-def test_misspelt_word_is_answered_with_the_nearest(
-    line: str, nearest: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(line.split()) == 2
-    refusal = capsys.readouterr().err
-    for of_cyclopts, ours in (("Did", "did"), ('"', "'"), ("the preset ", "")):
-        refusal = refusal.replace(of_cyclopts, ours)
-    assert f"did you mean {nearest}?" in refusal
-    assert len(refusal.splitlines()) == 1
-
-
-def test_json_of_a_folder_is_its_results(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = printed_json(capsys, "check-log", "log.csv", "--out", "out")
-    assert found == json.loads((folder / "out" / "results.json").read_text(encoding="utf-8"))
-    assert "--json" not in found["provenance"]["command"]  # type: ignore[index]
 
 
 @pytest.mark.parametrize(
@@ -125,23 +84,6 @@ def test_quiet_prints_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["--quiet", "new", "mine"]) == 0
     assert capsys.readouterr() == ("", "")
     assert (folder / "mine.toml").exists()
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_quiet_leaves_warnings_on_standard_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "light.toml").write_text(_light_robot(), encoding="utf-8")
-    codes = [word for code in ("ball", "body", "wheels") for word in ("--accept", f"robot-{code}")]
-    words = ["design", "light.toml", *codes, "--out", "out", "--quiet"]
-    main(words)
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert "error (accepted)" in printed.err
-
-
-def _light_robot() -> str:
-    from ballbot.robot.file import robot_text
-
-    return robot_text(Robot.load("alten")).replace("value = 17.076", "value = 0.017076")
 
 
 @pytest.mark.parametrize("shell", ["bash", "fish"])

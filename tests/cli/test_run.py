@@ -34,27 +34,6 @@ def results(folder):
     return json.loads((folder / "results.json").read_text())
 
 
-@pytest.fixture(scope="module")
-def circle(tmp_path_factory):
-    """Return the folder of a run."""
-    folder = tmp_path_factory.mktemp("circle") / "run"
-    assert run("--reference circle --duration 0.5", folder) == 0
-    return folder
-
-
-def test_log_has_its_provenance_and_every_column(circle):
-    log = Log.read(circle / "log.csv")
-    assert len(log) == 100
-    assert np.isfinite(np.column_stack([log[name] for name in log])).all()
-    assert {"u1", "x", "psi_dot", "wheel1", "wheel3_dot", "gyro_z", "ref_psi"} <= set(log.names)
-    found = results(circle)
-    assert found["ended"] == "time"
-    origin = found["provenance"]
-    assert (origin["robot"], origin["port"]) == ("alten", "emulated")
-    assert len(origin["session"]) == 8
-    assert not (circle / "log.recording.csv").exists()
-
-
 def test_torque_limit_rises_with_the_ramp(tmp_path, capsys):
     robot = Robot.load("alten")
     write_controller(nominal_controller(robot, compensation="none"), tmp_path / "controller.toml")
@@ -104,51 +83,6 @@ def test_controller_is_sent(tmp_path, capsys):
     assert "was sent" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        ("run /dev/ttyACM9 --emulated", "Give the robot's port"),
-        ("run /dev/ttyACM9", "The serial port /dev/ttyACM9 cannot be opened: No such file or directory."),
-        ("run --emulated --duration -1", "--duration. It must be above 0."),
-        ("run /dev/ttyACM9 --plant twin", "--plant is of an emulated robot"),
-        ("run --emulated --reference sqare", "There is no reference 'sqare'"),
-        ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
-        ("run --emulated --ramp -1", "torque ramp"),
-        ("run sweep --emulated --torque 99 --out out", "torque limit"),
-        ("run compare --emulated --prediction none.json --out out", "none.json"),
-    ],
-)
-def test_every_refusal_is_one_sentence(words, sentence, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(words.split()) == 2
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert len([line for line in said.splitlines() if not line.startswith("ballbot: time 0.0 s")]) == 1
-
-
-#: takes a package away, and asks for a robot, once for each
-WITHOUT = """
-import sys
-from ballbot.cli.main import main
-for package in ("serial", "cobs", "fastcrc"):
-    mine = ("ballbot.link", "ballbot.cli.r", package)
-    for name in [one for one in sys.modules if one.startswith(mine)]:
-        del sys.modules[name]
-    sys.modules[package] = None
-    assert main(["run", "--emulated"]) == 2
-    del sys.modules[package]
-"""
-
-
-def test_missing_package_of_the_link_is_named_with_its_extra():
-    with Child("-c", WITHOUT) as child:
-        assert child.end() == 0, child.errors()
-        assert child.errors().splitlines() == [
-            f"ballbot: This needs {package}; install it with: pip install 'ballbot[link]'."
-            for package in ("serial", "cobs", "fastcrc")
-        ]
-
-
 @contextmanager
 def balancing(folder):
     """Hold a process that balances an emulated robot, from when its recording grows."""
@@ -160,18 +94,6 @@ def balancing(folder):
             assert time.monotonic() < end, f"no recording of 20 kB within {PATIENCE:g} s"
             time.sleep(0.02)
         yield child
-
-
-@pytest.mark.slow
-def test_emulated_robot_has_the_body_asked_for(circle, tmp_path):
-    pytest.importorskip("mujoco", reason="MuJoCo, of the extra `twin`, is not installed")
-    for name in ("first", "again"):
-        assert run("--reference circle --duration 0.5 --plant twin", tmp_path / name) == 0
-    first, again = (Log.read(tmp_path / name / "log.csv") for name in ("first", "again"))
-    assert len(first) == 100
-    assert np.abs(first["theta"]).max() < 0.1
-    np.testing.assert_array_equal(first.states, again.states)  # the same seed
-    assert np.abs(Log.read(circle / "log.csv").states - first.states).max() > 0.0
 
 
 @pytest.mark.slow

@@ -3,72 +3,24 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
 
-import numpy as np
 import pytest
 
-from ballbot import Robot
 from ballbot.cli.main import main
-from ballbot.control.file import write_controller
-from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.files import write_text
 from ballbot.firmware.build import compilers
 from ballbot.log import Log
-from ballbot.mechanics.model import Model
-from ballbot.results import as_json
-from ballbot.robot.file import write_robot
-from ballbot.simulation.run import simulate
-from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.twin import Scenario
-from ballbot.twin.imperfections import imperfections_of
-from ballbot.workflows.controller_choice import NamedCourse
-from ballbot.workflows.controller_prediction import Prediction, checksum_of, performance_intervals
-from ballbot.workflows.metrics import Performance, performance_of
+from tests.support.prediction_examples import COURSE, write_predicting_study
 
 pytestmark = [
     pytest.mark.sample,
     pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)"),
 ]
 
-ALTEN = Robot.load("alten")
-SCENARIO = Scenario.nominal(ALTEN)
-KNOWN = ALTEN.replace(friction=SCENARIO.friction)
-COURSE = NamedCourse(name="square", duration=24.0)
-
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     """Return a folder as a study leaves it, whose prediction is about a simulated run of its controller."""
-    folder = tmp_path_factory.mktemp("study")
-    controller = precise_controller(KNOWN)
-    plant = SensedPlant(Model(KNOWN), imperfections_of(SCENARIO, known=KNOWN), estimator=controller.estimator)
-    reference = COURSE.reference_spec.reference()
-    log = simulate(plant, controller, reference, duration=COURSE.duration, seed=1).without_truth()
-    seen = performance_of(log, controller)
-    random = np.random.default_rng(0)
-    similar = [
-        Performance.from_array(seen.to_array() * np.exp(0.1 * random.standard_normal(5))) for _ in range(20)
-    ]
-    without = [
-        replace(one, peak_error=40.0 * one.peak_error, rms_error=40.0 * one.rms_error) for one in similar
-    ]
-    factor = dict.fromkeys(asdict(seen), (0.5, 2.0))
-    prediction = Prediction(
-        course=COURSE,
-        controller="precise",
-        checksum=checksum_of(controller),
-        torque_limit=controller.torque_limit,
-        scenario="nominal",
-        draws=20,
-        chosen=performance_intervals(similar, discrepancy=factor),
-        none=performance_intervals(without, discrepancy=factor),
-    )
-    write_text(folder / "results.json", as_json({"prediction": prediction}))
-    write_robot(KNOWN, folder / "robot.toml")
-    write_controller(controller, folder / "controller.toml")
-    write_controller(nominal_controller(KNOWN, compensation="none"), folder / "previous_controller.toml")
-    return folder
+    return write_predicting_study(tmp_path_factory.mktemp("study") / "found")
 
 
 def test_better_controller_is_kept_and_its_gain_has_an_interval(study, tmp_path, capsys):

@@ -186,7 +186,7 @@ def test_invalid_controllers_are_refused(values, sentence):
 
 @pytest.mark.parametrize(("state", "reference"), [(np.zeros(9), np.zeros(11)), (np.zeros(10), np.zeros(3))])
 def test_wrong_shapes_are_refused(state, reference):
-    with pytest.raises(InputError, match="ten numbers"):
+    with pytest.raises(InputError, match="10 numbers"):
         nominal_controller(alten()).update(0.0, state, reference)
 
 

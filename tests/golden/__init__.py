@@ -5,9 +5,8 @@
     python -m tests.golden --update identify    # write these anew
 
 `cases` lists the command lines and how their inputs are made, `freeze` says what is kept of a result, `compare` says
-where two differ. `results/NAME.json` is the golden of a case, `machine.json` the machine that made the goldens, and
-`renamed_keys.toml` has keys that have been renamed since. `files/` has files as version 0.1.0 writes them: later
-versions read them.
+where two differ. `results/NAME.json` is the golden of a case, `machine.json` the machine that made the goldens.
+`files/` has files as version 0.1.0 writes them: later versions read them.
 
 Whatever changes a number on purpose updates the golden in the same commit, with the old value, the new one, the cause
 and the oracle that decides between them.

@@ -33,25 +33,9 @@ class Difference:
         return f"{self.path}: {self.old} -> {self.new}"
 
 
-def differences(
-    name: str, golden: Json, result: Json, *, renamed: Mapping[str, str], same_machine: bool
-) -> list[Difference]:
-    """Return where a result differs from its golden.
-
-    Parameters
-    ----------
-    name : str
-        The case, with which the paths in `renamed` begin.
-    golden, result : Json
-        From `freeze_folder`.
-    renamed : mapping of str to str
-        Old path to new one; see renamed_keys.toml.
-    same_machine : bool
-        Whether numbers are compared.
-    """
-    rules = [(tuple(old.split("/")), tuple(new.split("/")) if new else None) for old, new in renamed.items()]
-    old = dict(_renamed(_flatten(golden, (name,)), rules))
-    new = dict(_flatten(result, (name,)))
+def differences(name: str, golden: Json, result: Json, *, same_machine: bool) -> list[Difference]:
+    """Return where the result of a case differs from its golden; numbers are compared on the `same_machine` alone."""
+    old, new = dict(_flatten(golden, (name,))), dict(_flatten(result, (name,)))
     found = []
     for path in dict.fromkeys([*old, *new]):
         if not same_machine and VARIABLE.intersection(path):
@@ -71,36 +55,6 @@ def _flatten(value: Json, path: Parts) -> Iterator[tuple[Parts, Json]]:
             yield from _flatten(one, (*path, str(place)))
     else:
         yield path, value
-
-
-def _renamed(
-    leaves: Iterator[tuple[Parts, Json]], rules: list[tuple[Parts, Parts | None]]
-) -> Iterator[tuple[Parts, Json]]:
-    """Yield leaves under their present paths: that of the longest rule that matches the beginning of the old one."""
-    for path, value in leaves:
-        matching = [(old, new) for old, new in rules if _matched(old, path) is not None]
-        if not matching:
-            yield path, value
-            continue
-        old, new = max(matching, key=lambda rule: len(rule[0]))
-        if new is not None:
-            free = iter(_matched(old, path) or ())
-            yield (*(next(free) if "*" in part else part for part in new), *path[len(old) :]), value
-
-
-def _matched(pattern: Parts, path: Parts) -> list[str] | None:
-    """Return the parts of a path that stand for the parts of a pattern with a star, or None if it does not match."""
-    if len(pattern) > len(path):
-        return None
-    found = []
-    for wanted, part in zip(pattern, path, strict=False):
-        if "*" in wanted:
-            if not part.startswith(wanted.split("*")[0]):
-                return None
-            found.append(part)
-        elif wanted != part:
-            return None
-    return found
 
 
 def _text(leaves: Mapping[Parts, Json], path: Parts) -> str:

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import time
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -62,8 +61,7 @@ def run(cases: Iterable[Case], folder: Path) -> Iterator[Outcome]:
 def compare(outcome: Outcome, *, same_machine: bool) -> list[Difference]:
     """Return where an outcome differs from its golden."""
     golden = json.loads((RESULTS / f"{outcome.case.name}.json").read_text(encoding="utf-8"))
-    renamed = tomllib.loads((FOLDER / "renamed_keys.toml").read_text(encoding="utf-8"))
-    return differences(outcome.case.name, golden, outcome.result, renamed=renamed, same_machine=same_machine)
+    return differences(outcome.case.name, golden, outcome.result, same_machine=same_machine)
 
 
 def update(outcome: Outcome) -> None:

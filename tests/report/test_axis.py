@@ -14,7 +14,6 @@ from ballbot.report.axis import (
     axis_friction_figure,
     axis_report,
     expected_sentence,
-    open_loop_series,
     parameter_rows,
 )
 from ballbot.report.page import page_of
@@ -72,10 +71,3 @@ def test_the_verdict_has_mass_and_friction_and_is_not_said_again(found: AxisIden
     page = shown_text(page_of(made))
     assert [page.count(text) for text in (expected_sentence(found), *(one.text for one in notes))] == [1] * 4
     assert [text for _, text in others[1:]] == ["Sentence 0.", "Sentence 1."]
-
-
-@pytest.mark.slow
-def test_the_whole_record_has_the_colors_of_the_friction(found: AxisIdentification) -> None:
-    shown = open_loop_series(found, records()[0], "")
-    assert [line.look for line in shown.panels[1].lines] == ["first", "third"]
-    assert all(line.name.endswith("mm RMS") for line in shown.panels[1].lines)

@@ -16,27 +16,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
+from ballbot import __version__
+from ballbot.file_formats import read_results
 from ballbot.findings import Finding, Place
 from ballbot.report.blocks import (
     Bullets,
-    Cell,
+    Column,
     Paragraph,
     Picture,
-    Report,
+    PlainConsole,
+    Provenance,
+    Result,
     Sheet,
     Verbatim,
     details,
+    entries_of,
     section,
+    sheet_of,
 )
-from ballbot.report.console import PlainConsole
-from ballbot.report.page import page_of
+from ballbot.report.page import page_of, render
 from ballbot.report.palette import BLUE, INK, themed
-from ballbot.report.provenance import Provenance
-from ballbot.report.series import Line, Panel, TimeSeries, together, true_spans
+from ballbot.report.series import Line, Panel, TimeSeries, together
 from ballbot.report.style import drawn_picture
-from ballbot.report.words import signed_with_error
 from tests.support.packing import unpacked
-from tests.support.report_pages import LARGEST_PAGE, shown_text
+from tests.support.report_pages import shown_text
 
 MADE = Provenance(command="ballbot try", files=(), seed=3, versions={"python": "3"})
 
@@ -49,7 +52,7 @@ def page(*blocks, **more) -> str:
         "verdict": [("It", "works.")],
         "undecided": ["everything else"],
     }
-    return page_of(Report(**(given | more), sections=[section("A section", *blocks)], made=MADE))
+    return page_of(Result(**(given | more), sections=[section("A section", *blocks)], made=MADE))
 
 
 def series(t, *columns, **more) -> TimeSeries:
@@ -126,22 +129,6 @@ def test_only_the_pages_own_scripts_are_allowed(charts):
     assert ("Permission is hereby granted" in scripts[0]) == charts
 
 
-def test_errors_that_were_not_accepted_are_not_called_so():
-    error = [Finding(code="sign", severity="error", text="an angle is negated")]
-    assert "accepted with --accept" in page(findings=error)
-    assert "accepted" not in shown_text(page(findings=error, accepted=False))
-
-
-def test_a_table_shows_texts_with_brackets_and_spaces_as_they_are():
-    out = io.StringIO()
-    rows = [("<b> & x", "+0.100  +0.200 m"), (Cell(text="0.5", below="(0.4, 0.6)"), "1")]
-    PlainConsole(file=out, width=60).print(Sheet(headings=("a", "b"), rows=rows))
-    shown = out.getvalue()
-    assert "<b> & x" in shown
-    assert "+0.100  +0.200 m" in shown
-    assert "0.5 (0.4, 0.6)" in shown
-
-
 def test_a_figure_takes_the_colors_of_the_theme():
     svg = f'<svg><path style="stroke: {BLUE}; fill: {INK}"/><path style="fill: #123456"/><a href="#22303c"/></svg>'
     assert themed(svg) == (
@@ -191,37 +178,12 @@ def test_runs_of_different_length_share_the_longest_time():
     np.testing.assert_array_equal(long, np.ones(5))
 
 
-def test_spans_are_the_first_and_last_time_of_each_run_of_flags():
-    flags = np.array([True, True, False, True, False, False, True])
-    assert true_spans(np.arange(7.0), flags) == [(0.0, 1.0), (3.0, 3.0), (6.0, 6.0)]
-
-
-def test_a_page_of_ten_long_plots_stays_small():
-    random = np.random.default_rng(0)
-    t = np.arange(40_000) * 0.005
-    long = [series(t, *random.normal(size=(3, len(t)))) for _ in range(10)]
-    assert len(page(*long)) < LARGEST_PAGE
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "text"),
-    [
-        (3.5, 12.0, "+4 ± 12"),
-        (-0.2, 12.0, "+0 ± 12"),
-        (-0.021, 0.0034, "-0.0210 ± 0.0034"),
-        (0.5, np.nan, "+0.500 (no standard error)"),
-    ],
-)
-def test_a_signed_value_has_no_exponent(value, error, text):
-    assert signed_with_error(value, error) == text
-
-
 def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
     figure = Picture(markup=lambda: "<svg/>", caption="a figure")
     shown = Sheet(
         headings=("state", "RMSE"), groups=(("", 1), ("with", 1)), rows=[("y", "21.25")], caption="One."
     )
-    report = Report(
+    report = Result(
         title="a title",
         lead="a lead",
         verdict=[("It", "works."), ("", "Indeed.")],
@@ -248,6 +210,37 @@ def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
     ]
 
 
+def test_a_column_is_in_the_table_and_in_results_json(tmp_path):
+    columns = [
+        Column("run", lambda row: row[0]),
+        Column("peak [mm]", lambda row: row[1], lambda peak: f"{1e3 * peak:.0f}", key="peak"),
+        Column(None, lambda row: 2.0 * row[1], key="twice"),
+    ]
+    rows = [("a", 0.25), ("b", 0.5)]
+    found = Result(
+        title="a title",
+        lead="a lead",
+        verdict=[("", "It works.")],
+        sections=[section("Runs", sheet_of(rows, columns, shaded=lambda row: row[0] == "b"))],
+        undecided=[],
+        data={name: entries_of((name, peak), columns) for name, peak in rows},
+    )
+    render(found, tmp_path)
+    assert ">500</td>" in shown_text((tmp_path / "report.html").read_text())
+    results = read_results(tmp_path / "results.json")
+    assert results == {
+        "ballbot": __version__,
+        "a": {"peak": 0.25, "twice": 0.5},
+        "b": {"peak": 0.5, "twice": 1.0},
+    }
+    assert repr(found.summary()).splitlines()[1:] == [
+        "  run  peak [mm]",
+        "  a          250",
+        "  b          500",
+        "- It works.",
+    ]
+
+
 def printed(parts) -> list[str]:
     """Return the lines that a terminal shows, without their spaces."""
     out = io.StringIO()
@@ -258,7 +251,7 @@ def printed(parts) -> list[str]:
 
 def test_a_page_folds_details_states_the_next_step_and_has_the_data_of_figures():
     figure = drawn_picture("one", _line, "a figure")
-    report = Report(
+    report = Result(
         title="a title",
         lead="a lead",
         verdict=[("It", "works.")],

@@ -26,14 +26,13 @@ pytest.importorskip("mujoco")
 
 from ballbot.file_formats import results_text
 from ballbot.report.page import page_of
-from ballbot.report.provenance import provenance
 from ballbot.thesis.reproduce import figures, mistakes
 from ballbot.thesis.reproduce.bench import Bench, linear_run
 from ballbot.thesis.reproduce.campaign import Reproduction
 from ballbot.thesis.reproduce.item import Check, Item, Mistake
 from ballbot.thesis.reproduce.item import check as check_of
 from ballbot.thesis.reproduce.mistakes import MISTAKES
-from ballbot.thesis.reproduce.page import reproduction_report, reproduction_results
+from ballbot.thesis.reproduce.page import reproduction_report
 from ballbot.thesis.reproduce.recordings import (
     CHANGE,
     ModelOnGrid,
@@ -202,12 +201,11 @@ def test_page_and_results_have_every_verdict(bench: Bench) -> None:
         replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"),
     )
     made = Reproduction(bench=bench, items=items, mistakes=(mistakes.seam_curve(bench),))
-    origin = provenance(command="ballbot", files=[], seed=0)
-    page = page_of(replace(reproduction_report(made), made=origin))
+    page = page_of(reproduction_report(made))
     assert figure_count(page) == 1
     assert "&lt;b&gt;" in page
     assert "Of 2, 1 agree, 1 do not agree." in page
-    results = json.loads(results_text(reproduction_results(made)))
+    results = json.loads(results_text(reproduction_report(made).to_dict()))
     assert [one["verdict"] for one in results["items"]] == ["agrees", "does not agree"]
     assert results["mistakes"][0]["proven"] is True
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ballbot.cli.context import parse_seeds
+from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
 from ballbot.twin.recording import MotionCapture
@@ -41,8 +42,6 @@ def test_cameras_can_be_brought_back_to_the_world() -> None:
 
 
 def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
-    from ballbot.cli.main import main
-
     command = ["record", "nominal", "--reference", "square", "--duration", "1", "--seed", "3", "--out"]
     for folder in ("one", "two"):
         assert main([*command, str(tmp_path / folder)]) == 0
@@ -78,8 +77,6 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
 def test_the_command_in_the_folder_makes_the_run_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from ballbot.cli.main import main
-
     out = tmp_path / "one"
     command = ["record", "resonant", "--experiment", "upside_down", "--duration", "0.2", "--seed", "7"]
     command += ["--estimator", "kalman"]
@@ -96,19 +93,8 @@ def test_the_command_in_the_folder_makes_the_run_again(
 
 @pytest.mark.usefixtures("undrawn")
 def test_sweep_has_the_thesis_s_columns_and_speeds(tmp_path: Path) -> None:
-    from ballbot.cli.main import main
-
-    command = [
-        "record",
-        "nominal",
-        "--experiment",
-        "driveline_sweep",
-        "--duration",
-        "16",
-        "--out",
-        str(tmp_path),
-    ]
-    assert main(command) == 0
+    words = ["record", "nominal", "--experiment", "driveline_sweep", "--duration", "16", "--out"]
+    assert main([*words, str(tmp_path)]) == 0
     log = Log.read(tmp_path / "log.csv")
     wheels = [f"wheel{i}" for i in (1, 2, 3)]
     assert log.names == ("t", "u1", "u2", "u3", *wheels, *(f"{name}_dot" for name in wheels))
@@ -123,7 +109,6 @@ def test_sweep_has_the_thesis_s_columns_and_speeds(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> None:
-    from ballbot.cli.main import main
     from ballbot.mechanics.geometry import transforms
     from ballbot.robot import Robot
 
@@ -146,8 +131,6 @@ def test_stopped_recording_of_many_seeds_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ballbot.fitting.sweep.os.cpu_count", lambda: 1)  # no process has to begin
-    from ballbot.cli.main import main
-
     command = ["record", "nominal", "--duration", "0.2", "--out"]
     runs = [*command, str(tmp_path / "runs"), "--seeds"]
     assert main([*runs, "1-2"]) == 0
@@ -176,18 +159,7 @@ def test_stopped_recording_of_many_seeds_goes_on(
 def test_finished_run_is_verified_by_its_checksums(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from ballbot.cli.main import main
-
-    runs = [
-        "record",
-        "nominal",
-        "--duration",
-        "0.2",
-        "--out",
-        str(tmp_path / "runs"),
-        "--seeds",
-        "1",
-    ]
+    runs = [*["record", "nominal", "--duration", "0.2", "--seeds", "1", "--out"], str(tmp_path / "runs")]
     log = tmp_path / "runs" / "seed_0001" / "log.csv"
     assert main(runs) == 0
     whole = log.read_bytes()

@@ -13,23 +13,22 @@ from scipy import stats
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.comparison import ComparedRun, median_with_interval, run_comparison
 from ballbot.workflows.controller_choice import (
     CANDIDATES,
     SQUARE,
-    STEPS,
     ControllerChoice,
     NamedCourse,
     PlantDraw,
     Trial,
     equal_best,
-    loop_run,
     smoothest_of_best,
-    variants,
 )
+from ballbot.workflows.grid import Condition, Grid, run_grid
 from ballbot.workflows.metrics import QUANTITIES, Performance, Score
+from ballbot.workflows.statistics import median_with_interval
 from ballbot.workflows.study import sampled_at
 from ballbot.workflows.twin_confirmation import Confirmation
 from tests.support.control_examples import FRICTION, alten
@@ -51,11 +50,6 @@ def around(peak: float, roughness: float) -> Trial:
 
 
 # --- the rule ---
-
-
-def test_the_smallest_error_wins_where_intervals_are_apart():
-    trials = {"none": around(0.3, 0.01), "precise": around(0.01, 0.09)}
-    assert equal_best(trials) == ("precise",)
 
 
 def test_of_overlapping_intervals_the_smoothest_wins():
@@ -124,32 +118,7 @@ def test_median_interval_contains_the_median_and_respects_the_binomial_limit(cou
     assert 2.0 * stats.binom.cdf(below + 1, count, 0.5) > 0.05
 
 
-def test_missing_values_do_not_count():
-    found = median_with_interval([np.nan, 1.0, 2.0, 3.0])
-    assert (found.median, found.runs) == (2.0, 3)
-    assert np.isnan(median_with_interval([np.nan]).median)
-
-
-# --- parts and plants ---
-
-
-@pytest.mark.parametrize("step", STEPS)
-def test_each_step_changes_what_it_names_and_leaves_the_rest(step):
-    robot = alten(FRICTION)
-    made = {"nominal": nominal_controller(robot), "precise": precise_controller(robot)}
-    known = {name: made[kind].with_compensation(kept) for name, (kind, kept) in CANDIDATES.items()}
-    known |= variants(known)
-    before, after = known[step.before], known[step.after]
-    changed = {
-        "stiff gain": (before.gain != after.gain).any(),
-        "Kalman filter": (before.estimator, after.estimator) == ("onboard", "kalman"),
-        "shaped references": before.parts.shaping != after.parts.shaping,
-        "feed-forward": before.parts.feed_forward != after.parts.feed_forward,
-        "disturbance observer": before.parts.disturbance_observer != after.parts.disturbance_observer,
-        "integral action": before.parts.integral != after.parts.integral,
-        "full compensation": (before.compensation, after.compensation) == ("none", "full"),
-    }
-    assert {name for name, has in changed.items() if has} == {name for name in changed if name in step.adds}
+# --- plants ---
 
 
 @given(st.floats(0.002, 0.02))
@@ -166,18 +135,23 @@ def test_a_draw_on_the_loop_is_the_plant_one_period_at_a_time_and_another_with_a
     plant = PlantDraw(robot=robot, known=robot, scenario=Scenario.nominal(robot), seed=3)
     course = NamedCourse(name="hold", duration=7.0)  # errors count from 6 s on
 
-    def run(one: PlantDraw) -> ComparedRun:
-        return loop_run("precise", precise_controller(robot), one, course, logged=True)
-
-    runs = [run(plant), run(plant), run(replace(plant, seed=4))]
-    one, again, other = (result.log for result in run_comparison(runs).results)
-    assert one is not None
-    assert again is not None
-    assert other is not None
+    conditions = [
+        Condition(
+            plant=one.on_loop,
+            reference=course.reference_spec.reference,
+            duration=course.duration,
+            seed=one.seed,
+        )
+        for one in (plant, plant, replace(plant, seed=4))
+    ]
+    grid = Grid(controllers={"precise": precise_controller(robot)}, conditions=conditions)
+    one, again, other = run_grid(grid, lambda _, log: log).answers
     np.testing.assert_array_equal(one.states, again.states)
     assert (one.states != other.states).any()
     # rounding differs, and sticking and play part the two later; for a second they are the same
-    np.testing.assert_allclose(one.states[:200], run(plant).log().states[:200], atol=1e-9)
+    np.testing.assert_allclose(one.states[:200], grid.runs[0].log().states[:200], atol=1e-9)
+    with pytest.raises(InputError, match="nothing to compare"):
+        run_grid([])
 
 
 def confirmed(*, loop: tuple[Trial, Trial], twin: tuple[Trial, Trial]) -> Confirmation:

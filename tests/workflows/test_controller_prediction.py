@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,91 +11,61 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot import Robot
 from ballbot.cli.main import main
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
-from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.files import write_text
 from ballbot.findings import warning
 from ballbot.log import Log
-from ballbot.mechanics.model import Model
-from ballbot.report.study_files import previous_controller_text
+from ballbot.report.study import previous_controller_text
 from ballbot.results import as_json
 from ballbot.robot.components import scaled_friction
-from ballbot.robot.file import write_robot
 from ballbot.simulation.run import simulate
-from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
-from ballbot.twin.imperfections import imperfections_of
-from ballbot.workflows.controller_choice import NamedCourse, PlantDraw, choose_controller
+from ballbot.workflows.controller_choice import PlantDraw, choose_controller
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     ControllerVerdict,
     Prediction,
-    checksum_of,
     course_of,
     evaluate_log,
     lognormal_interval,
-    performance_intervals,
     predict,
     read_prediction,
 )
-from ballbot.workflows.metrics import Performance, performance_of
+from tests.support.prediction_examples import (
+    ALTEN,
+    CONTROLLER,
+    COURSE,
+    KNOWN,
+    SCENARIO,
+    known_prediction,
+    predicted_log,
+    write_predicting_study,
+)
 
 pytestmark = (
     pytest.mark.slow
 )  # most need a run around the square with every part, whose forms are compiled first
 
-ALTEN = Robot.load("alten")
-SCENARIO = Scenario.nominal(ALTEN)
-KNOWN = ALTEN.replace(friction=SCENARIO.friction)
-#: half of the square: with less motion the parts of the torque cannot be separated
-COURSE = NamedCourse(name="square", duration=24.0)
-
-
-def run(controller: Controller, *, scenario: Scenario = SCENARIO, duration: float = COURSE.duration) -> Log:
-    plant = SensedPlant(Model(KNOWN), imperfections_of(scenario, known=KNOWN), estimator=controller.estimator)
-    log = simulate(plant, controller, COURSE.reference_spec.reference(), duration=duration, seed=1)
-    return log.without_truth()
-
 
 @pytest.fixture(scope="module")
 def controller() -> Controller:
-    return precise_controller(KNOWN)
+    return CONTROLLER
 
 
 @pytest.fixture(scope="module")
-def log(controller: Controller) -> Log:
-    return run(controller)
+def log() -> Log:
+    return predicted_log()
 
 
 @pytest.fixture(scope="module")
-def prediction(controller: Controller, log: Log) -> Prediction:
-    """Return a prediction about what that log shows, and without compensation forty times its errors."""
-    seen = performance_of(log, controller)
-    random = np.random.default_rng(0)
-    similar = [
-        Performance.from_array(seen.to_array() * np.exp(0.1 * random.standard_normal(5))) for _ in range(20)
-    ]
-    without = [
-        replace(one, peak_error=40.0 * one.peak_error, rms_error=40.0 * one.rms_error) for one in similar
-    ]
-    factor = dict.fromkeys(asdict(seen), (0.6, 1.7))
-    return Prediction(
-        course=COURSE,
-        controller="precise",
-        checksum=checksum_of(controller),
-        torque_limit=controller.torque_limit,
-        scenario="nominal",
-        draws=20,
-        chosen=performance_intervals(similar, discrepancy=factor),
-        none=performance_intervals(without, discrepancy=factor),
-        log_findings=("short",),
-    )
+def prediction() -> Prediction:
+    return known_prediction()
 
 
 # --- intervals ---
@@ -118,31 +88,6 @@ def test_interval_holds_95_percent_of_new_lognormal_values(seed, spread, center,
     assert abs(inside - 0.95 * trials) < 22
 
 
-@given(
-    values=st.lists(st.floats(1e-6, 1e6), min_size=2, max_size=30),
-    low=st.floats(0.01, 1.0),
-    high=st.floats(1.0, 100.0),
-)
-def test_discrepancy_only_widens_an_interval(values, low, high):
-    plain = lognormal_interval(np.array(values))
-    wide = lognormal_interval(np.array(values), discrepancy=(low, high))
-    # rounding of the logarithms, relative
-    assert wide.low <= plain.low * (1 + 1e-9)
-    assert wide.high >= plain.high * (1 - 1e-9)
-    assert wide.low <= wide.median * min(low, 1.0) * (1 + 1e-9)
-    assert wide.high >= wide.median * high * (1 - 1e-9)
-
-
-def test_interval_of_a_margin_never_leaves_zero_to_one():
-    random = np.random.default_rng(0)
-    similar = [
-        Performance(peak_error=0.01, rms_error=0.01, roughness=0.1, lean=0.1, torque_margin=margin)
-        for margin in random.uniform(0.0, 0.3, 20)
-    ]
-    found = performance_intervals(similar, discrepancy=DISCREPANCY["precise"])["torque_margin"]
-    assert 0.0 <= found.low <= found.median <= found.high <= 1.0
-
-
 # --- files ---
 
 
@@ -160,11 +105,8 @@ def test_stored_prediction_reads_back(prediction: Prediction, tmp_path: Path):
     ("change", "sentence"),
     [
         (lambda tree: tree.clear(), "holds no prediction; give the results.json of `ballbot study`"),
-        (lambda tree: tree["prediction"].pop("course"), "course is missing"),
         (lambda tree: tree["prediction"]["chosen"]["lean"].update(low="a"), r"chosen\.lean\.low is 'a'"),
         (lambda tree: tree["prediction"]["chosen"].pop("lean"), "not one of this version"),
-        (lambda tree: tree["prediction"]["course"].update(name="cube"), "cube"),
-        (lambda tree: tree["prediction"].update(controller="luck"), "not one of this version"),
     ],
 )
 def test_wrong_files_get_one_sentence(change, sentence, prediction: Prediction, tmp_path: Path):
@@ -185,11 +127,10 @@ def test_previous_controller_is_the_one_replaced(tmp_path: Path, controller: Con
     older = controller.with_compensation("partial")
     write_controller(older, tmp_path / "controller.toml")
     assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
-    # the same study once more keeps what was before it
+    # the same study once more keeps what was before it, and so does one that recommends none
     write_controller(controller, tmp_path / "controller.toml")
     write_controller(older, tmp_path / "previous_controller.toml")
     assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
-    # and so does one after a study that recommends none
     (tmp_path / "controller.toml").unlink()
     assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
 
@@ -202,8 +143,12 @@ def test_run_as_predicted_is_kept(prediction: Prediction, log: Log, controller: 
     assert verdict.recommendation == "keep"
     assert verdict.confirmed
     assert {one.place for one in verdict.quantities} == {"inside"}
-    assert not verdict.differences
     assert not verdict.foreign
+    found = [warning("short", "The log is short."), warning("torque-delay", "The torques are late.")]
+    other = log.with_columns({name: -log[name] for name in ("u1", "u2", "u3")})
+    verdict = evaluate_log(prediction, other, controller, log_findings=found)
+    assert verdict.foreign  # torques of another controller
+    assert verdict.differences == ("The torques are late.",)  # the study's logs were short, too
 
 
 def displaced(log: Log, size: float) -> Log:
@@ -236,11 +181,6 @@ def test_fall_reverts_even_if_its_reason_is_not_logged(
     assert verdict.recommendation == "revert"
     assert verdict.ended is not None
     assert "fallen" in verdict.ended
-
-
-def test_a_part_of_a_course_is_refused(prediction: Prediction, log: Log, controller: Controller):
-    with pytest.raises(InputError, match="record the whole course"):
-        evaluate_log(prediction, log.between(0.0, 7.0), controller)
 
 
 def test_single_missing_values_do_not_count_and_many_are_refused(
@@ -277,19 +217,6 @@ def test_course_is_found_after_rows_before_it(before, shift, prediction: Predict
     found = course_of(Log(columns), prediction, sample_time=h)
     assert len(found) == len(log)
     np.testing.assert_array_equal(found["x"], log["x"])
-
-
-def test_torques_of_another_controller_are_detected(prediction: Prediction, log: Log, controller: Controller):
-    other = log.with_columns({name: -log[name] for name in ("u1", "u2", "u3")})
-    assert evaluate_log(prediction, other, controller).foreign
-
-
-def test_only_findings_that_the_studys_logs_lacked_differ(
-    prediction: Prediction, log: Log, controller: Controller
-):
-    found = [warning("short", "The log is short."), warning("torque-delay", "The torques are late.")]
-    verdict = evaluate_log(prediction, log, controller, log_findings=found)
-    assert verdict.differences == ("The torques are late.",)
 
 
 # --- a sample of the campaign ---
@@ -330,18 +257,9 @@ def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controll
 # --- the command ---
 
 
-@pytest.fixture
-def folder(tmp_path: Path, prediction: Prediction, log: Log, controller: Controller) -> Path:
-    found = tmp_path / "found"
-    found.mkdir()
-    stored(prediction, found / "results.json")
-    write_robot(KNOWN, found / "robot.toml")
-    write_controller(controller, found / "controller.toml")
+def test_command_prints_the_verdict_and_writes_results_and_a_page(tmp_path: Path, log: Log, capsys):
+    folder = write_predicting_study(tmp_path / "found")
     log.write(tmp_path / "new.csv")
-    return found
-
-
-def test_command_prints_the_verdict_and_writes_results_and_a_page(folder: Path, capsys):
     results, new, out = (str(folder.parent / name) for name in ("found/results.json", "new.csv", "checked"))
     assert main(["validate", "--prediction", results, new]) == 0
     said = capsys.readouterr().out
@@ -353,30 +271,3 @@ def test_command_prints_the_verdict_and_writes_results_and_a_page(folder: Path, 
     assert written["prediction"]["recommendation"] == "keep"
     assert set(written["prediction"]["quantities"]) == set(DISCREPANCY["none"])
     assert "Keep this controller." in Path(out, "report.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("more", "sentence"),
-    [
-        (["--against", "thesis"], "--against does not go with --prediction"),
-        (["more.csv", "new.csv"], "--prediction compares one log"),
-        (["more.csv"], "--prediction compares one log"),
-    ],
-)
-def test_command_refuses_inconsistent_inputs(more, sentence, folder: Path, capsys):
-    results, new = str(folder / "results.json"), str(folder.parent / "new.csv")
-    assert main(["validate", "--prediction", results, new, *more]) == 2
-    assert sentence in capsys.readouterr().err
-
-
-def test_invalid_controller_file_is_named_instead_of_the_log(folder: Path, controller: Controller, capsys):
-    write_controller(controller.with_compensation("partial"), folder / "controller.toml")
-    assert (
-        main(["validate", "--prediction", str(folder / "results.json"), str(folder.parent / "new.csv")]) == 2
-    )
-    assert f"{folder / 'controller.toml'}: The controller's file is not the one" in capsys.readouterr().err
-
-
-def test_without_a_prediction_the_folder_is_needed(folder: Path, capsys):
-    assert main(["validate", str(folder / "robot.toml"), str(folder.parent / "new.csv")]) == 2
-    assert "--out is missing" in capsys.readouterr().err

@@ -8,25 +8,14 @@ import pytest
 from scipy import stats
 
 from ballbot import Robot
-from ballbot.cli.main import main
-from ballbot.errors import InputError
 from ballbot.report.comparison import league_report
 from ballbot.report.page import page_of
-from ballbot.result_folder import RUNS
 from ballbot.robot.file import write_robot
-from ballbot.twin.scenario import Scenario
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.comparison import (
-    ComparedRun,
-    Paired,
-    RunResult,
-    fraction_with_interval,
-    mean_with_interval,
-)
 from ballbot.workflows.courses import choose_courses
-from ballbot.workflows.excite import Extent, excite
 from ballbot.workflows.league import League, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
+from ballbot.workflows.statistics import Paired, fraction_with_interval, mean_with_interval
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
 from tests.support.report_pages import LARGEST_PAGE, figure_count
@@ -48,24 +37,6 @@ settle = 2.0
 """
 
 
-def test_robot_is_taken_by_its_name() -> None:
-    robot = Robot.load("alten")
-    assert choose_courses("square", "alten", "model") == choose_courses("square", robot, "model")
-    (candidate,) = parse_candidates(["none"])
-    controller = candidate.controller("alten")
-    np.testing.assert_array_equal(controller.gain, candidate.controller(robot).gain)
-    with pytest.raises(InputError, match="alten"):
-        run_league("altn", {"none": controller}, (), seeds=(1,))
-    with pytest.raises(InputError, match="alten"):
-        excite(
-            "altn",
-            controller,
-            limits=Extent(lean=0.1, floor=2.0, torque=2.0),
-            duration=8.0,
-            scenario=Scenario.nominal(robot),
-        )
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     """Return a folder with a robot, courses and controllers of a user's own."""
@@ -82,7 +53,7 @@ def league(folder) -> League:
     words = ("none", "full", f"softer={folder}/own.py:Softer", f"limp={folder}/own.py:Limp")
     controllers = {one.name: one.controller(robot) for one in parse_candidates(words)}
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
-    return run_league(robot, controllers, courses, seeds=[4, 5], processes=1)
+    return run_league(robot, controllers, courses, seeds=[4, 5])
 
 
 @pytest.mark.slow
@@ -124,46 +95,6 @@ def test_page_names_falls_and_the_better_controller(league):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_stopped_league_on_the_twin_goes_on(folder, tmp_path, monkeypatch, capsys):
-    pytest.importorskip("mujoco")
-    courses = re.sub("duration = .*", "duration = 0.5", re.sub("settle = .*", "settle = 0.2", COURSES))
-    (tmp_path / "courses.toml").write_text(courses)
-    words = [str(folder / "robot.toml"), "none", f"own={folder}/own.py:Softer", "--plant", "twin"]
-    options = ["--scenarios", "courses.toml", "--seeds", "4", "--processes", "1"]
-
-    def run(name: str) -> int:
-        monkeypatch.chdir(tmp_path)
-        return main(["compare", *words, *options, "--out", name])
-
-    made: list[int] = []
-    whole = ComparedRun.result
-
-    def until_second(run: ComparedRun) -> RunResult:
-        if len(made) == 1:
-            raise KeyboardInterrupt
-        made.append(run.seed)
-        return whole(run)
-
-    monkeypatch.setattr(ComparedRun, "result", until_second)
-    assert run("league") == 130
-    assert "the same command goes on" in capsys.readouterr().err
-    assert [path.name for path in Path("league").iterdir()] == [RUNS]
-    assert main(["limits", "alten", "--out", "league"]) == 2
-    assert "finished runs of a command that was not finished" in capsys.readouterr().err
-
-    monkeypatch.setattr(ComparedRun, "result", lambda run: made.append(run.seed) or whole(run))
-    assert run("league") == 0
-    assert len(made) == 4  # two controllers and courses; none twice
-    assert sorted(path.name for path in Path("league").glob("[!.]*")) == ["report.html", "results.json"]
-    assert not Path("league", RUNS).exists()
-    Path("league").rename("killed")
-    assert run("league") == 0
-    for name in ("report.html", "results.json"):
-        assert Path("league", name).read_bytes() == Path("killed", name).read_bytes()
-
-
-@pytest.mark.slow
 def test_a_push_on_the_twin_is_a_course(tmp_path):
     pytest.importorskip("mujoco")
     robot = alten()
@@ -174,7 +105,7 @@ def test_a_push_on_the_twin_is_a_course(tmp_path):
     (tmp_path / "courses.toml").write_text(course.format("calm") + course.format("push") + push)
     courses = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
     controllers = {one.name: one.controller(robot) for one in parse_candidates(["none"])}
-    found = run_league(robot, controllers, courses, seeds=[1], processes=1)
+    found = run_league(robot, controllers, courses, seeds=[1])
     calm, pushed = (found.scores[name, "none"][0] for name in ("calm", "push"))
     assert pushed.peak_position_error > calm.peak_position_error + 0.1  # 8 N s on 20 kg
     assert pushed.settling_time == pytest.approx(1.5, abs=0.01)  # since the push, to the end
@@ -189,7 +120,7 @@ def test_league_intervals_cover_at_their_level():
     of_seed = draw.normal(0.0, 1.0, (2000, 10))  # what a seed does to both
     ours = 0.3 + of_seed + draw.normal(0.0, 0.2, (2000, 10))
     theirs = of_seed + draw.normal(0.0, 0.2, (2000, 10))
-    found = [Paired.of(one, other).difference for one, other in zip(ours, theirs, strict=True)]
+    found = [Paired(one, other).difference for one, other in zip(ours, theirs, strict=True)]
     share = np.mean([one.low <= 0.3 <= one.high for one in found])
     assert share == pytest.approx(0.95, abs=3.5 * np.sqrt(0.95 * 0.05 / 2000))
     apart = np.array([mean_with_interval(one).high - mean_with_interval(one).low for one in ours[:200]])
@@ -208,27 +139,18 @@ def test_fall_interval_covers_at_least_its_level(runs):
 
 
 def test_few_seeds_have_no_interval():
-    one = Paired.of([2.0, np.nan], [1.0, 0.0]).difference
+    one = Paired(np.array([2.0, np.nan]), np.array([1.0, 0.0])).difference
     assert one.mean == 1.0
     assert one.runs == 1
     assert np.isnan([one.low, one.high]).all()
     assert one.sign == 0
     assert mean_with_interval([]).runs == 0
-    assert Paired.of([2.0, 3.0], [1.0, 2.0]).difference.sign == 1
-
-
-def test_paired_ratio_cancels_what_a_seed_does_to_both():
-    """Two controllers, one always twice as far off: the ratio is two without any width."""
-    of_seed = np.random.default_rng(9).lognormal(size=12)
-    pairs = Paired.of(2.0 * of_seed, of_seed)
-    for found in (pairs.ratio, pairs.median_ratio):
-        assert [found.low, found.high] == pytest.approx([2.0, 2.0])
-    assert pairs.ratio.mean == pairs.median_ratio.median == pytest.approx(2.0)
+    assert Paired(np.array([2.0, 3.0]), np.array([1.0, 2.0])).difference.sign == 1
 
 
 def test_paired_ratio_over_courses_has_one_value_for_each_run():
     """Twice as far off on one course and half as far on the other: one in all, in each of the runs."""
     ones = np.ones((2, 5))
-    found = Paired.of(ones * [[2.0], [0.5]], ones).ratio
+    found = Paired(ones * [[2.0], [0.5]], ones).ratio
     assert found.mean == pytest.approx(1.0)
     assert found.runs == 5

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from ballbot import InputError
-from ballbot.cli.main import main
 from ballbot.control.file import write_controller
 from ballbot.control.interface import estimator_of
 from ballbot.control.presets import precise_controller
 from ballbot.robot import Robot
 from ballbot.twin import Twin
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.comparison import LoopRobot
 from ballbot.workflows.courses import choose_courses
+from ballbot.workflows.grid import InThreads, LoopRobot
 from ballbot.workflows.league import run_league
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
@@ -78,12 +77,10 @@ def test_mismatch_changes_the_true_robot_on_either_plant(tmp_path):
     [
         ("{}/own.py", "Name the class or function that makes the controller"),
         ("{}/own.py:Missing", "has no 'Missing' to call"),
-        ("{}/own.py:GAIN", "has no 'GAIN' to call"),
         ("{}/own.py:lazy", "has no sample_time"),
         ("{}/own.py:broken", "failed when it was made: AttributeError: 'Robot' object has no attribute"),
         ("{}/own.py:Timeless", "the sample_time of"),
         ("{}/nowhere.py:Mine", "there is no Python file"),
-        ("{}/nowhere.toml", "There is no controller"),
         ("{}/bad.py:Mine", "bad.py cannot be run: NameError: name 'no_such_name' is not defined (line 2)"),
         ("=none", "lacks its name or its source"),
         ("none@camera", "There is no estimator 'camera'; the estimators are onboard, kalman"),
@@ -108,7 +105,7 @@ def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence)
     robot = alten()
     controllers = {"own": parse_candidates([f"{folder}/own.py:{own}"])[0].controller(robot)}
     with pytest.raises(InputError) as refusal:
-        run_league(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], processes=1)
+        run_league(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], workers=InThreads())
     assert sentence in str(refusal.value)
 
 
@@ -116,29 +113,16 @@ def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence)
     ("text", "sentence"),
     [
         ("", "holds no courses"),
-        ("duration = 3.0", "duration holds no courses; write each under a line [duration.NAME]"),
         ("[mine.one]\nduration = 3.0", "[mine.one]: reference is missing; a course needs it."),
         (COURSE.replace("9.0", "-9.0"), "duration is -9.0; it must be above 0."),
-        (
-            COURSE.replace("9.0", "1e9"),
-            "duration is 1000000000.0; it must be at most 86400.",
-        ),
         (COURSE.replace("hold", "holt"), "There is no reference 'holt'; did you mean 'hold'?"),
         (
             COURSE.replace('"hold"', '{ name = "hold", side = 1.0 }'),
             "The reference hold has no option side; it has x, y, psi.",
         ),
         (COURSE.replace('"hold"', "{ x = 1.0 }"), "a table without a name"),
-        (
-            COURSE.replace('"hold"', '{ name = "hold", x = "far" }'),
-            "reference.x is 'far'; it must be a number.",
-        ),
         (COURSE.replace('"hold"', '"nowhere.csv"'), "nowhere.csv"),
-        (
-            COURSE + "lenght = 3.0",
-            "lenght is not a key of a course; the keys there are about, reference, duration",
-        ),
-        (COURSE + "mismatch = { mass = 0.0 }", "mismatch.mass is 0.0; it must be above 0"),
+        (COURSE + "lenght = 3.0", "lenght is not a key of a course; the keys there are about"),
         (COURSE + "[mine.one.scenario]\nbacklsh = 0.1", "did you mean 'backlash'?"),
         (COURSE + COURSE.replace("mine", "yours").replace("9.0", "8.0"), "There are two courses 'one'"),
     ],
@@ -175,35 +159,13 @@ def test_the_examples_in_the_documents_are_ones(tmp_path):
     assert set(shown) > {one.name for one in choose_courses("league", robot, "twin")}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["alten", "none", "none"], "Two controllers are called 'none'"),
-        (["alten", "none", "--seeds", "0-"], "The seeds are '0-'"),
-        (
-            ["alten", "none", "--scenarios", "moon"],
-            "There is no set or course 'moon'; did you mean 'motions'?",
-        ),
-        (["alten", "none", "--scenarios", "xyz"], "sets and courses are league, motions"),
-        (["alten", "none", "--scenarios", "moon.toml"], "moon.toml cannot be read"),
-        (["alten", "nowhere.toml"], "There is no controller 'nowhere.toml'"),
-        (["alten", "none", "--processes", "0"], "--processes is 0; it must be at least 1"),
-    ],
-)
-def test_wrong_input_ends_in_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, sentence):
-    assert main(["compare", *arguments, "--out", str(tmp_path / "out")]) == 2
-    printed = capsys.readouterr().err
-    assert printed.startswith("ballbot: ")
-    assert sentence in printed
-    assert printed.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 def test_controllers_name_their_estimator_and_a_word_changes_it(tmp_path):
     robot = Robot.load("alten")
     file, own = tmp_path / "stiff.toml", tmp_path / "mine.py"
     write_controller(precise_controller(robot), file)
-    own.write_text(OWN_WITH_ESTIMATOR)
+    own.write_text(
+        'class Mine:\n    sample_time, estimator = 0.005, "kalman"\n    __init__ = reset = update = print\n'
+    )
     words = ["precise", "precise@onboard", "none", "none@kalman", "mine=full@kalman", str(file)]
     words += [f"own={own}:Mine", f"other={own}:Mine@onboard"]
     found = {one.name: estimator_of(one.controller(robot)) for one in parse_candidates(words)}
@@ -217,21 +179,3 @@ def test_controllers_name_their_estimator_and_a_word_changes_it(tmp_path):
         "own": "kalman",
         "other": "onboard",
     }
-
-
-def test_an_own_controller_with_an_unknown_estimator_is_refused(tmp_path):
-    own = tmp_path / "mine.py"
-    own.write_text(OWN_WITH_ESTIMATOR.replace("kalman", "kalmann"))
-    with pytest.raises(InputError, match="no estimator 'kalmann'; did you mean 'kalman'"):
-        parse_candidates([f"{own}:Mine"])[0].controller(Robot.load("alten"))
-
-
-OWN_WITH_ESTIMATOR = """\
-class Mine:
-    sample_time = 0.005
-    estimator = "kalman"
-
-    def __init__(self, robot): pass
-    def reset(self): pass
-    def update(self, t, state, reference): return [0.0, 0.0, 0.0]
-"""

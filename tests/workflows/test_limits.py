@@ -1,25 +1,19 @@
 """How far a robot can go: the edge of the region of recovery, and how much of the limits a reference uses."""
 
-import json
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ballbot import Controller, Model, Robot
-from ballbot.cli.main import main
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import change_pose, circle, square
-from ballbot.report.limits import directions_figure, planes_figure
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
-from ballbot.workflows import limits, recovery_region
-from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
-from ballbot.workflows.recovery_region import Loop, Region, map_region, reach
+from ballbot.workflows import limits
+from ballbot.workflows.recovery_region import Loop, map_region, reach
 from ballbot.workflows.reference_check import check_reference, path_demand, reference_verdict
 from tests.support.control_examples import FRICTION, alten
-from tests.support.report_pages import figure_count
 
 DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)
 
@@ -108,21 +102,6 @@ def test_sensors_leave_the_limit_and_delay_takes_from_it():
     assert not hopeless.recovers(limits.leaning_state(DIRECTIONS, 0.02)).any()
 
 
-def test_runs_with_sensors_that_are_cut_short_end_as_whole_ones_do():
-    robot = alten(FRICTION)
-    one = Loop(
-        robot=robot,
-        controller=nominal_controller(robot, compensation="full"),
-        scenario=Scenario.nominal(robot),
-        grip=np.inf,
-    )
-    random = np.random.default_rng(3)
-    states = limits.leaning_state(*(random.uniform(*ends, 300) for ends in ((0, 6.3), (0, 0.7), (-3, 3))))
-    kept = one.recovers(states)
-    assert 0.1 < kept.mean() < 0.9
-    np.testing.assert_array_equal(kept, one.recovers(states, cut_short=False))
-
-
 def test_area_of_a_map_is_that_of_its_shape():
     def crescent(points):
         return (np.hypot(points[:, 0], points[:, 1]) < 1.0) & (
@@ -196,74 +175,3 @@ def test_margins_name_infeasible_references_and_the_reason():
     assert jumps.can_be_followed
     far = check_reference(robot, controller, change_pose(x=20.0, ramp=0.0), duration=8.0)
     assert "falls at t = " in " ".join(reference_verdict(far))
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_check_reports_whether_a_reference_is_feasible(tmp_path, capsys):
-    assert main(["check", "alten", "--reference", "circle", "--out", str(tmp_path)]) == 0
-    assert "The robot can follow circle; its tightest margin is" in capsys.readouterr().out
-    results = json.loads((tmp_path / "results.json").read_text())["reference"]
-    assert results["can_be_followed"] is True
-    assert {use["quantity"] for use in results["uses"]} == {
-        "torque",
-        "wheel speed",
-        "lean",
-        "grip",
-    }
-
-
-@pytest.mark.slow
-def test_limits_are_found_and_drawn(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(limits, "DIRECTIONS", 6)
-    monkeypatch.setattr(limits, "HEIGHTS", (0.0, 1.0))
-    monkeypatch.setattr(recovery_region, "POINTS", 17)
-    monkeypatch.setattr(limits, "_CENTER", 1)
-    assert main(["limits", "alten", "none", "--out", str(tmp_path)]) == 0
-    # a heading may stand on two lines
-    assert "no wheel slips" in re.sub(r"\s+", " ", capsys.readouterr().out)
-    results = json.loads((tmp_path / "results.json").read_text())["controllers"]["none"]
-    assert len(results["lean"]["lower"]) == len(results["directions"]) == 6
-    assert all(
-        one < other for one, other in zip(results["lean"]["lower"], results["lean"]["upper"], strict=True)
-    )
-    assert figure_count((tmp_path / "report.html").read_text(encoding="utf-8")) == 2
-
-
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["--grip", "0"], "--grip is 0"),
-        (["--twin", "--seed", "-1"], "The seed is -1"),
-        (["--twin", "--scenario", "storm"], "no scenario or scenario file 'storm'"),
-        ([f"{letter}=none" for letter in "abcdefg"], "There are 7 controllers"),
-    ],
-)
-def test_impossible_requests_are_refused_before_any_work(tmp_path, capsys, monkeypatch, words, sentence):
-    monkeypatch.setattr("ballbot.cli.limits.find_limits", lambda *_, **__: pytest.fail("work was begun"))
-    assert main(["limits", "alten", *words, "--out", str(tmp_path / "out")]) == 2
-    assert sentence in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
-def test_every_controller_is_drawn_and_a_plane_by_all_its_points():
-    # recovers at one point in the middle and its neighbours: every fourth point of 33 would leave one
-    kept = np.zeros((33, 33), np.bool_)
-    kept[15:18, 15:18] = True
-    region = Region(across=np.linspace(-1.0, 1.0, 33), along=np.linspace(-1.0, 1.0, 33), kept=kept)
-    one = RobotLimits(
-        directions=np.arange(3.0),
-        heights=np.arange(9.0),
-        lean=LimitBounds(lower=np.ones(3), upper=np.ones(3)),
-        impulse=LimitBounds(lower=np.ones((9, 3)), upper=np.ones((9, 3))),
-        plane=Plane(direction=0.0, lower=region, upper=region),
-    )
-    found = dict.fromkeys("abcdef", one)
-    (named,) = directions_figure(found, {}).legends
-    assert [text.get_text() for text in named.get_texts()][:6] == list("abcdef")
-    panels = planes_figure(found).axes
-    assert [panel.get_title(loc="left") or panel.get_title() for panel in panels] == [
-        f"{letter}, towards 0°" for letter in "abcdef"
-    ]
-    edges = np.vstack([path.vertices for path in panels[0].collections[-1].get_paths()])
-    # half a point beyond the three by three: 1.5 points of 1/16 rad to each side
-    assert np.abs(edges).max() == pytest.approx(np.degrees(1.5 / 16.0), rel=1e-6)

@@ -5,10 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from ballbot import InputError, Robot
+from ballbot import InputError
 from ballbot.cli.main import main
-from ballbot.control.file import read_controller
-from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, design_gain, nominal_controller
+from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, nominal_controller
 from ballbot.robot.file import write_robot
 from ballbot.twin import Scenario
 from ballbot.workflows.robust_design import (
@@ -52,19 +51,6 @@ def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_weights(wri
     assert np.all(np.diff(results["history"]) <= 0.0)
 
 
-@pytest.mark.slow
-def test_the_controller_file_states_its_design_method(robot_file, written):
-    text = (written / "controller.toml").read_text()
-    results = json.loads((written / "results.json").read_text())
-    assert text.startswith("# Found by: ballbot design")
-    assert "--robust" in text
-    assert "worst tenth" in text
-    controller = read_controller(written / "controller.toml", Robot.load(robot_file))
-    design = design_gain(alten(FRICTION), state_weights=results["state_weights"])
-    np.testing.assert_allclose(controller.gain, design.gain)
-    assert controller.compensation == "full"
-
-
 def test_perturbed_robots_follow_the_given_ranges():
     robot = alten(FRICTION)
     spread = PerturbationRanges(mass=0.1, height=0.05, friction=0.3, delay=3, tilt=2.0)
@@ -89,23 +75,6 @@ def test_perturbed_robots_follow_the_given_ranges():
     again = draw_perturbed(robot, 150, spread=spread, scenario=SCENARIO, seed=4)
     assert [one.model.robot for one in again.robots] == [one.model.robot for one in drawn.robots]
     np.testing.assert_array_equal(again.starts, drawn.starts)
-
-
-def test_a_tilted_floor_costs():
-    robot = alten(FRICTION)
-    controller = nominal_controller(robot, compensation="full")
-    level, tilted = (
-        draw_perturbed(
-            robot,
-            32,
-            spread=PerturbationRanges(mass=0, height=0, friction=0, delay=0, tilt=tilt),
-            scenario=SCENARIO,
-            seed=0,
-        )
-        for tilt in (0.0, 4.0)
-    )
-    errors = [measure_runs([controller], one).error.mean() for one in (level, tilted)]
-    assert errors[1] > 1.5 * errors[0]
 
 
 def test_cost_equals_hand_calculation():
@@ -135,26 +104,6 @@ def test_the_middle_of_the_search_is_the_nominal_gain():
     np.testing.assert_allclose(weights_of(np.full(6, 0.5)), NOMINAL_STATE_WEIGHTS)
     lowest, highest = weights_of(np.zeros(6)), weights_of(np.ones(6))
     np.testing.assert_allclose(np.divide(highest, lowest), 1e4)
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (["--perturb", "colour=1"], "colour is not a key of perturbed robots"),
-        (["--perturb", "mass=much"], "mass"),
-        (["--perturb", "delay=1.5"], "delay is 1.5; it must be a whole number"),
-        (["--perturb", "mass=1.5"], "mass is 1.5"),
-        (["--perturb", "tilt=30"], "tilt is 30"),
-        (["--robots", "1"], "number of robots is 1; it must be 10"),
-        (
-            ["--q", "1,1,1,1,1,1,1,1,1,1"],
-            "--robust searches for the weights of the nominal kind; remove --kind",
-        ),
-    ],
-)
-def test_invalid_input_ends_in_one_sentence(options, sentence, tmp_path, capsys):
-    assert main(["design", "alten", "--robust", *options, "--out", str(tmp_path)]) == 2
-    assert sentence in capsys.readouterr().err
 
 
 def test_falling_reference_controller_is_reported():

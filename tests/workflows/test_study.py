@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,23 +21,18 @@ from ballbot.errors import InputError
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.fitting.run import Run
-from ballbot.identification import Bounds, identify
+from ballbot.identification import Bounds
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.windows import holdout_intervals
 from ballbot.log import STATE_NAMES, Log
-from ballbot.progress import Progress, ProgressCallback
+from ballbot.report.blocks import Provenance, provenance
 from ballbot.report.page import page_of
-from ballbot.report.provenance import Provenance, provenance
-from ballbot.report.study import compensation_sentence, controller_sentence, study_report
-from ballbot.report.study_files import study_results, study_texts
-from ballbot.results import as_json
+from ballbot.report.study import study_report, study_results, study_texts
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.workflows import study as study_workflow
 from ballbot.workflows import twin_confirmation
 from ballbot.workflows.controller_choice import (
-    CANDIDATES,
-    STEPS,
     NamedCourse,
     compensated_robot,
     draw_plants,
@@ -52,7 +46,6 @@ from ballbot.workflows.controller_prediction import (
 from ballbot.workflows.study import Study, StudyOptions, study
 from ballbot.workflows.twin_confirmation import confirm
 from tests.support.control_examples import FRICTION
-from tests.support.report_pages import LARGEST_PAGE, figure_count, shown_text
 from tests.support.screen import assert_fits_a_screen
 from tests.support.validation_examples import noisy_log
 
@@ -79,11 +72,6 @@ def walk() -> Log:
     return noisy_log().between(0.0, 16.0)
 
 
-def run(progress: ProgressCallback) -> Study:
-    watched = Run(seed=3, progress=progress)
-    return study(Robot.load("alten"), {"walk": walk()}, options=SMALL, run=watched)
-
-
 pytestmark = pytest.mark.slow
 
 
@@ -92,18 +80,13 @@ def little_effort() -> Iterator[None]:
     """Identify with little effort, and compare in this process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study_workflow, "IdentificationOptions", BRIEF)
-        patch.setattr("ballbot.workflows.comparison.os.cpu_count", lambda: 1)
+        patch.setattr("ballbot.workflows.grid.os.cpu_count", lambda: 1)
         yield
 
 
 @pytest.fixture(scope="module")
-def shown() -> list[Progress]:
-    return []
-
-
-@pytest.fixture(scope="module")
-def small(shown: list[Progress]) -> Study:
-    return run(shown.append)
+def small() -> Study:
+    return study(Robot.load("alten"), {"walk": walk()}, options=SMALL, run=Run(seed=3))
 
 
 @pytest.fixture(scope="module")
@@ -144,35 +127,6 @@ def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
     for result in (small, small.found, small.validation):
         assert_fits_a_screen(result)
         assert result.plot().axes
-
-
-@pytest.mark.usefixtures("small")
-def test_progress_names_each_stage(shown: list[Progress]):
-    stages = ["identifying friction", "validating", "comparing controllers"]
-    stages += ["measuring what brings the gain", "measuring where friction matters"]
-    assert list(dict.fromkeys(one.stage for one in shown)) == stages
-    assert all(0.0 <= one.share <= 1.0 for one in shown)
-
-
-def test_windows_of_the_fit_lie_outside_the_holdout_intervals(small: Study):
-    (studied,) = small.logs
-    assert studied.held_out
-    for span in small.found.fit_windows:
-        assert all(span.end <= start or end <= span.start for start, end in studied.held_out)
-
-
-def test_study_and_identify_report_the_same_numbers_and_doubts(small: Study):
-    (studied,) = small.logs
-    found = identify(
-        small.robot,
-        studied.log,
-        seed=small.seed,
-        bounds=small.options.bounds,
-        options=BRIEF(),
-    )
-    # the findings of the log have its name in the study alone
-    ours, theirs = (replace(one, log_findings=()).to_dict() for one in (found, small.found))
-    assert as_json(ours) == as_json(theirs)
 
 
 def test_a_design_for_the_robot_found_compensates_what_the_study_does(small: Study, tmp_path):
@@ -217,57 +171,6 @@ def test_plants_are_drawn_from_the_identified_uncertainty(small: Study):
     assert drawn == pytest.approx(expected, abs=0.15)  # and clipping at zero, which takes some of it away
 
 
-def test_results_keep_their_keys(folder: Path, small: Study):
-    results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-    for key in ("parameters", "standard_errors"):
-        table = results[key]
-        assert set(table) == {"b", "c", "s", "v_s", "delta", "C_rr"}
-        assert [len(table[name]) for name in "bcs"] == [3, 3, 3]
-    for loop in ("closed_loop", "open_loop"):
-        for which in ("with_friction", "without_friction"):
-            errors = results["validation"][loop][which]
-            assert tuple(errors) == STATE_NAMES
-            assert all(error > 0.0 for error in errors.values())
-    prediction = results["validation"]["prediction"]
-    assert len(prediction["labels"]) == 13
-    assert np.shape(prediction["correlation"]) == (13, 13)
-    comparison = results["comparison"]
-    pairs = [(step["before"], step["after"]) for step in comparison["steps"]]
-    assert [tuple(one["controller"] for one in pair) for pair in pairs] == [
-        (step.before, step.after) for step in STEPS
-    ]
-    for entry in (*(comparison[name] for name in CANDIDATES), *(one for pair in pairs for one in pair)):
-        assert entry["falls"] or 0.0 < entry["rms_position_error"] <= entry["peak_position_error"]
-    assert comparison["gain"]["low"] <= comparison["gain"]["median"] <= comparison["gain"]["high"]
-    gains = [one["position_gain"] for one in comparison["stiffness"]["gains"]]
-    assert gains == sorted(gains)
-    # the little integral action that it can have makes it a tenth stiffer than the nominal one
-    assert gains[0] == pytest.approx(np.linalg.norm(small.design.gain[:, 0]), rel=0.12)
-    assert results["controller"]["kind"] == small.choice.chosen
-    assert results["controller"]["estimator"] == "kalman"
-    made = results["provenance"]
-    assert made["seed"] == 3
-    assert re.fullmatch(r"[0-9a-f]{64}", made["files"][0]["sha256"])
-
-
-def test_the_files_read_back(folder: Path, small: Study):
-    robot = Robot.load(folder / "robot.toml")
-    assert robot.friction == small.found.robot.friction
-    controller = read_controller(folder / "controller.toml", robot)
-    chosen = small.choice.controller
-    assert chosen is not None
-    np.testing.assert_array_equal(controller.packed, chosen.packed)
-    assert controller.estimator == chosen.estimator == "kalman"
-    assert {path.name for path in folder.glob("[!.]*")} == {
-        "report.html",
-        "results.json",
-        "robot.toml",
-        "controller.toml",
-        "previous_controller.toml",
-        *(["compensated_controller.toml"] if chosen.compensation == "none" else []),
-    }
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_a_controller_that_compensates_nothing_has_the_best_compensated_one_beside_it(
     small: Study, tmp_path: Path
@@ -285,15 +188,6 @@ def test_a_controller_that_compensates_nothing_has_the_best_compensated_one_besi
     assert results["comparison"]["compensated"] == "precise"
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "The best that compensates friction, precise, is compensated_controller.toml" in page
-
-
-def test_a_gain_over_runs_that_all_fell_is_not_shown(small: Study):
-    trials = dict(small.choice.trials)
-    fallen = tuple(replace(one, ended="fallen") for one in trials["none"].scores)
-    trials["none"] = replace(trials["none"], scores=fallen)
-    choice = replace(small.choice, trials=trials)
-    assert "times smaller" not in controller_sentence(choice)
-    assert "divides" not in compensation_sentence(choice)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -317,23 +211,6 @@ def test_report_shows_the_predicted_performance(small: Study):
     assert f"{1e3 * intervals['peak_error'].low:.1f} to {1e3 * intervals['peak_error'].high:.1f}" in page
     assert "--prediction results.json LOG" in page
     assert study_results(replace(small, prediction=prediction))["prediction"] == prediction
-
-
-def test_report_is_self_contained(folder: Path):
-    page = (folder / "report.html").read_text(encoding="utf-8")
-    assert not re.search(r"""(?:src|href)\s*=\s*["'](?!#|data:)""", page)
-    assert "@import" not in page
-    assert "<script src" not in page
-    assert not re.search(r"url\((?!#)", page)
-    assert len(page) < LARGEST_PAGE
-    figures = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
-    assert figure_count(page) >= 9
-    assert max(len(figure) for figure in figures) < 300_000
-    ids = re.findall(r'\bid="([^"]+)"', page)
-    assert len(ids) == len(set(ids))
-    for anchor in re.findall(r'href="#([^"]+)"', page):
-        assert anchor in ids
-    assert not re.search(r"\b(nan|None|inf)\b", shown_text(page))
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -377,44 +254,6 @@ def test_measured_logs_are_predicted_better_with_friction(
 
 
 # --- the commands ---
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_validate_writes_tables_and_results(folder: Path, tmp_path: Path, capsys):
-    log = tmp_path / "walk.csv"
-    walk().write(log)
-    assert main(["validate", str(folder / "robot.toml"), str(log), "--out", str(tmp_path / "checked")]) == 0
-    printed = capsys.readouterr().out
-    assert "Open loop, " in printed
-    results = json.loads((tmp_path / "checked" / "results.json").read_text(encoding="utf-8"))
-    assert set(results["validation"]["by_log"]) == {"walk"}
-    assert (tmp_path / "checked" / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")
-
-
-@pytest.mark.parametrize("command", ["study", "validate"])
-def test_bad_input_ends_in_one_sentence_and_exit_code_2(command, folder: Path, tmp_path: Path, capsys):
-    good, robot = tmp_path / "good.csv", str(folder / "robot.toml")
-    log = noisy_log().between(0.0, 3.0)
-    log.write(good)
-    broken = tmp_path / "broken.csv"
-    Log({name: values for name, values in log.columns.items() if name != "phi_dot"}).write(broken)
-    a_file = tmp_path / "a_file"
-    a_file.write_text("")
-    out = str(tmp_path / "out")
-    cases = {
-        "no log": [robot, "--out", out],
-        "a log that is not there": [robot, str(tmp_path / "none.csv"), "--out", out],
-        "a log without a column": [robot, str(broken), "--out", out],
-        "no such robot": ["nobody", str(good), "--out", out],
-        "out is a file": [robot, str(good), "--out", str(a_file)],
-        "no such mapping": [robot, str(good), "--out", out, "--mapping", str(tmp_path / "none.toml")],
-    }
-    for what, words in cases.items():
-        assert main([command, *words]) == 2, what
-        said = capsys.readouterr().err
-        assert said.startswith("ballbot: "), what
-        assert said.count("\n") == 1, what
-        assert "Traceback" not in said
 
 
 def test_a_study_refuses_before_it_works():

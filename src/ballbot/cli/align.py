@@ -4,18 +4,25 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import MappingFile, OutFolder, open_result
-from ballbot.cli.findings import Accept, check_input
+from ballbot.cli import options
+from ballbot.cli.context import open_result
+from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.collection import named_files
-from ballbot.report.alignment import alignment_report, alignment_results
+from ballbot.report.alignment import alignment_report
 from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
 
 
 def align(
-    log: Path, mocap: Path, /, *, out: OutFolder, mapping: MappingFile = None, accept: Accept = None
+    log: Path,
+    mocap: Path,
+    /,
+    *,
+    out: options.Out,
+    mapping: options.Mapping = None,
+    accept: options.Accept = None,
 ) -> None:
     """Compare a log's sensors with motion capture of the same run; clocks and frames may differ.
 
@@ -51,6 +58,5 @@ def align(
             lead=f"{logs_words({name: run})}, beside the motion capture in {mocap.name}.",
             log_findings=findings,
         )
-        results = alignment_results(alignment, log_findings=findings)
         step = f"`ballbot identify-geometry ROBOT --balancing {log} --motion-capture {mocap} --out geometry`"
-        result.write(results, page, files={"aligned.csv": alignment.log.write}, next_step=step)
+        result.write(page, files={"aligned.csv": alignment.log.write}, next_step=step)

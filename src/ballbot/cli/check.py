@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import RESULTS, RobotName, open_result
-from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.cli import options
+from ballbot.cli.context import open_result
+from ballbot.cli.findings import stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import check_codes
-from ballbot.report.console import finding_line
+from ballbot.report.blocks import RESULTS, finding_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import robot_findings
 
@@ -47,13 +48,13 @@ _SWING = SwingOptions()
 
 
 def check(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *,
     reference: str | None = None,
     controller: str = "nominal",
     swinging: SwingOptions = _SWING,
-    accept: Accept = None,
+    accept: options.Accept = None,
     out: Path | None = None,
 ) -> None:
     """Check that a robot is plausible, and print quantities that follow from its parameters.
@@ -100,7 +101,7 @@ def check(
         found = [finding_line(one, accepted=True) for one in checked.findings]
         printed = [page.title, *page.parts(), *found]
         step = f"`ballbot check-log LOG --robot {robot}`"
-        result.write(checked.to_dict(), page, printed=printed, named=[RESULTS], next_step=step)
+        result.write(page, printed=printed, named=[RESULTS], next_step=step)
 
 
 def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:

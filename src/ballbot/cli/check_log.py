@@ -7,7 +7,8 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ballbot.cli.context import CommandResult, Content, MappingFile, open_result
+from ballbot.cli import options
+from ballbot.cli.context import CommandResult, Content, open_result
 from ballbot.cli.output import progress_bar
 from ballbot.errors import InputError
 from ballbot.log import Log
@@ -25,12 +26,11 @@ from ballbot.log.mapping_search.proposal import (
     surest,
 )
 from ballbot.printable import shell_line
-from ballbot.report.console import finding_line
+from ballbot.report.blocks import finding_line
 from ballbot.report.log_check import (
     CheckedLog,
     log_check_report,
     proposal_report,
-    proposal_results,
 )
 from ballbot.robot import Robot
 
@@ -40,10 +40,10 @@ def check_log(
     /,
     *others: Path,
     robot: str | None = None,
-    mapping: MappingFile = None,
+    mapping: options.Mapping = None,
     command: InputKind | None = None,
-    full_scale: float | None = None,
-    counts_per_turn: float | None = None,
+    full_scale: options.Positive | None = None,
+    counts_per_turn: options.Positive | None = None,
     columns: str | None = None,
     out: Path | None = None,
 ) -> None:
@@ -88,8 +88,6 @@ def check_log(
     for option, value in given.items():
         if value is not None and not proposes:
             raise InputError(f"{option} is for a foreign table and needs --robot, without --mapping.")
-        if isinstance(value, float) and not value > 0.0:
-            raise InputError(f"{option} is {value:g}; it must be above zero.")
     if out and others and not proposes:
         raise InputError("--out takes one log in Ballbot's format; give the others commands of their own.")
     writes = ("mapping.toml", "log.csv") if proposes else ()
@@ -131,7 +129,7 @@ def _check(
     printed = [page.lead, *page.parts(), *map(finding_line, checked.findings)]
     errors = [finding for finding in checked.findings if finding.severity == "error"]
     step = "" if errors else _command_for(checked, source=source, mapping=mapping)
-    result.write(checked.to_dict(), page, printed=printed, next_step=step)
+    result.write(page, printed=printed, next_step=step)
     if errors:
         more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
         raise InputError(f"{file}: {errors[0].text}{more}")
@@ -169,11 +167,10 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
     printed = [Text(line) for one in evaluated for line in answer_lines(one)]
     texts: dict[str, Content] = {"mapping.toml": found.text}
     files = texts if found.log is None else texts | {"log.csv": found.log.write}
-    results: dict[str, object] = {"files": [proposal_results(one) for one in evaluated]}
     if result.folder is None:
-        results["mapping_file"] = found.text
         printed.append(Text("\n" + found.text))
-    result.write(results, proposal_report(found, robot), files=files, printed=printed, named=[*files])
+    page = proposal_report(found, evaluated, robot, kept=result.folder is not None)
+    result.write(page, files=files, printed=printed, named=[*files])
     for other, words in contradictions([one.proposal for one in evaluated], found.proposal):
         raise InputError(
             f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."

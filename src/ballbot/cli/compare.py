@@ -2,60 +2,44 @@
 
 from __future__ import annotations
 
-from ballbot.cli.context import (
-    Changes,
-    ClusterAddress,
-    OutFolder,
-    WholeNumber,
-    changed_robot,
-    input_files,
-    open_result,
-    parse_seeds,
-    robot_words,
-    workers,
-)
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result, parse_seeds, robot_words, workers
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.control.references import is_reference_file
-from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.report.comparison import league_report
 from ballbot.summary import counted
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import PlantName, choose_courses
-from ballbot.workflows.league import kept_runs, league_identity, league_results, run_league
+from ballbot.workflows.league import run_league
 
 
 def compare(
-    robot: str,
-    controllers: tuple[str, ...] = ("none", "full", "partial"),
+    robot: options.Robot,
     /,
-    *,
+    *controllers: str,
     plant: PlantName = "model",
     scenarios: str = "motions",
     seeds: str = "1-3",
-    processes: WholeNumber | None = None,
-    cluster: ClusterAddress = None,
-    change: Changes = None,
-    out: OutFolder,
+    processes: options.Count | None = None,
+    cluster: options.Cluster = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
 
     Example: ballbot compare found/robot.toml none partial mine=mine.py:Mine --plant twin --scenarios league --seeds
     1-20 --out league
 
-    Writes report.html (tables and figures) and results.json (every run's scores). Finished runs on the twin are kept
-    until then: the same command goes on after it was stopped.
+    Writes report.html (tables and figures) and results.json (every run's scores).
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file. Its friction acts on the loop and is what the controllers compensate.
     controllers
-        none, full and partial (the nominal gain with that compensation), precise, controller files, or your own in
-        Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one. Each uses
-        the estimator that it names (estimator = "kalman" in its file, or an attribute of your class),
-        otherwise onboard; a trailing @kalman or @onboard overrides this. All others are compared with the
-        first.
+        none, full and partial if not given. These (the nominal gain with that compensation), precise, controller
+        files, or your own in Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one.
+        Each uses the estimator that it names (estimator = "kalman" in its file, or an attribute of your class),
+        otherwise onboard; a trailing @kalman or @onboard overrides this. All others are compared with the first.
     plant
         model: the compiled loop, with the sensors, drive and floor of each course. twin: a MuJoCo robot, also with
         rollers and slip.
@@ -67,37 +51,31 @@ def compare(
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
     processes
         Number of parallel processes; by default one per core. Results do not depend on it.
-    cluster
-        The address of a Dask scheduler on which runs on the twin are made, such as tcp://10.0.0.5:8786.
     """
-    if processes is not None and processes < 1:
-        raise InputError(f"--processes is {processes}; it must be at least 1.")
     described = changed_robot(robot, change)
-    candidates, courses = parse_candidates(controllers), choose_courses(scenarios, described, plant)
+    candidates = parse_candidates(controllers or ("none", "full", "partial"))
+    courses = choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in candidates}
-    given = [word.strip() for word in scenarios.split(",") if word.strip().endswith(".toml")]
-    references = [one.reference_spec.name for one in courses if is_reference_file(one.reference_spec.name)]
-    files = input_files(robot, [one.file for one in candidates if one.file], given, references)
-    made_from = league_identity(described, candidates, courses, numbers)
+    files = [word.strip() for word in scenarios.split(",") if word.strip().endswith(".toml")]
+    files += [one.reference_spec.name for one in courses if is_reference_file(one.reference_spec.name)]
+    inputs = [robot, [one.file for one in candidates if one.file], files]
     warn_of_idle_compensation(made)
     doing = f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}"
     with (
-        open_result(out, command="compare", doing=doing, inputs=files, seed=seeds, keeps_runs=True) as result,
+        open_result(out, command="compare", doing=doing, inputs=inputs, seed=seeds) as result,
         workers(cluster, processes=processes) as made_by,
     ):
-        assert result.folder is not None
         league = run_league(
             described,
             made,
             courses,
             seeds=numbers,
-            processes=processes,
-            kept=kept_runs(result.folder.runs, made_from),
             workers=made_by,
+            threads=processes,
             run=Run(progress=result.report),
         )
         page = league_report(league)
         words = robot_words(robot, change)
         step = f"`ballbot limits {words} CONTROLLER --out limits`, with the controller that you choose."
-        result.write(league_results(league), page, next_step=step)
+        result.write(page, next_step=step)

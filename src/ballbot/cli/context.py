@@ -2,10 +2,10 @@
 
     with open_result(out, command="align", doing="aligning", inputs=[robot, log, mapping]) as result:
         found = align_log(run, film, progress=result.report)
-        result.write(found.to_dict(), align_report(found), findings=findings)
+        result.write(align_report(found))
 
-The provenance of a result is the command line itself (`main` records it), without the options that do not change the
-result. Logs and lists of seeds are read here, too, and a Dask cluster is found.
+The provenance of a result is the command line itself (`main` records it). Logs and lists of seeds are read here, too,
+and a Dask cluster is found.
 """
 
 from __future__ import annotations
@@ -17,24 +17,20 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter, Token
 from rich.console import Console, RenderableType
 
-from ballbot.cli import ARGV, OUTPUT
-from ballbot.cli.app import OUTPUT_OPTIONS
-from ballbot.cli.output import WRITING, print_parts, progress_bar, standard_output, suggest_page
-from ballbot.errors import InputError, either
-from ballbot.file_formats import results_text
+from ballbot.cli import ARGV
+from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standard_output, suggest_page
+from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
-from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Executor, Threads
 from ballbot.log.collection import named_files
-from ballbot.log.formats import WRITTEN_FORMATS, is_bag_folder
+from ballbot.log.formats import is_bag_folder
 from ballbot.printable import shell_line
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
-from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.blocks import PAGE, RESULTS, Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
 
@@ -42,45 +38,12 @@ if TYPE_CHECKING:
     from ballbot.fitting.cluster import Cluster
     from ballbot.fitting.sweep import Workers
     from ballbot.log import Log
-    from ballbot.report.blocks import Report
+    from ballbot.report.blocks import Result
 
 #: the robot file beside a log
 ROBOT_BESIDE = "robot.toml"
-#: the page that every result has
-PAGE = "report.html"
-#: what programs read of every result
-RESULTS = "results.json"
 
 _MAX_SEEDS = 100_000
-#: options that do not change a result, with the number of tokens that follow each
-_WITHOUT_EFFECT = {"--cluster": 1} | dict.fromkeys(OUTPUT_OPTIONS, 0)
-
-
-def _whole_number(_: type, tokens: Sequence[Token]) -> int:
-    """Return the whole number that is given; 1.5 is refused, where cyclopts would round it."""
-    given = tokens[0].value
-    if not re.fullmatch(r"[+-]?\d+", given):
-        raise ValueError(f"{given!r} is not a whole number.")
-    return int(given)
-
-
-_MAPPING = (
-    "A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it."
-)
-
-#: the robot of a command
-RobotName = Annotated[str, Parameter(help="A preset's name or a robot file.")]
-
-#: the option --set of the commands that take a robot
-Changes = Annotated[
-    list[str] | None,
-    Parameter(
-        name="--set",
-        negative="",
-        help="Another value of the robot for this run, in SI units, such as --set body.mass=9.0 or --set "
-        "friction.coulomb=[0.1,0.1,0.12]; one number stands for all wheels.",
-    ),
-]
 
 
 def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
@@ -108,50 +71,9 @@ def robot_words(source: str, changes: Sequence[str] | None) -> str:
     return shell_line([source, *(word for change in changes or () for word in ("--set", change))])
 
 
-#: the option --out of every command that needs a folder
-OutFolder = Annotated[Path, Parameter(help="The folder to write into.")]
-
-#: the mapping of a command's logs
-MappingFile = Annotated[Path | None, Parameter(help=_MAPPING)]
-
-#: every integer option
-WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
-
-#: the option --seed
-Seed = Annotated[
-    int,
-    Parameter(converter=_whole_number, help="Random seed. The same seed gives the same result."),
-]
-
-#: each log of a command that needs one or more
-LogPath = Annotated[Path, Parameter(required=True)]
-
-#: the option --format of the commands that write logs, checked by `ballbot.log.formats.check_format`
-LogFormatName = Annotated[
-    str, Parameter(help=f"File format of the log and other time series: {either(WRITTEN_FORMATS)}.")
-]
-
-
-#: the option --cluster of the commands whose work or runs can be spread
-ClusterAddress = Annotated[
-    str | None,
-    Parameter(help="The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786."),
-]
-
-
-def argv() -> list[str]:
-    """Return the command line that makes the running command's result: without options that do not change it."""
-    tokens: list[str] = []
-    skip = 0
-    for word in ARGV.get():
-        name, has_value, _ = word.partition("=")
-        if skip:
-            skip -= 1
-        elif name in _WITHOUT_EFFECT:
-            skip = 0 if has_value else _WITHOUT_EFFECT[name]
-        else:
-            tokens.append(word)
-    return ["ballbot", *tokens]
+def command_line() -> str:
+    """Return the command line that makes the running command's result, for its provenance."""
+    return shell_line(["ballbot", *ARGV.get()])
 
 
 def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
@@ -184,10 +106,8 @@ class CommandResult:
 
     def write(
         self,
-        results: Mapping[str, object],
-        page: Report,
+        found: Result,
         *,
-        findings: Collection[Finding] | None = None,  # part of results.json, if they are given
         files: Mapping[str, Content] = MappingProxyType({}),
         printed: Iterable[RenderableType] | None = None,  # what a terminal shows, if not the page's parts
         named: Sequence[str] = (),  # files whose places are printed before the page's
@@ -196,26 +116,20 @@ class CommandResult:
     ) -> None:
         """Write results.json, report.html and other files by their names, all of them or none; then print the page.
 
-        Of a result in a folder, a terminal shows `Report.parts` in brief; of another, everything.
+        Of a result in a folder, a terminal shows `Result.parts` in brief; of another, everything.
         """
-        page, whole = replace(page, made=self.origin, next_step=next_step), dict(results)
-        if findings is not None:
-            whole["findings"] = finding_results(findings)
-        whole.setdefault("provenance", self.origin)
-        text = results_text(whole)
+        found = replace(found, made=self.origin, next_step=next_step)
         if self.folder is not None:
             self.report(Progress(stage=WRITING))
-            written = {RESULTS: text, **files}
-            if paged:
-                # with templates and scripts, which a refusal does without
-                from ballbot.report.page import page_of
+            # with templates and scripts, which a refusal does without
+            from ballbot.report.page import render
 
-                written[PAGE] = page_of(page)
             with self.folder.replaced() as new:
-                for name, content in written.items():
+                render(found, new, paged=paged)
+                for name, content in files.items():
                     _write(new / name, content)
-        OUTPUT.get().results = text
-        parts = page.parts(brief=self.folder is not None) if printed is None else printed
+        emit(found.to_dict())
+        parts = found.parts(brief=self.folder is not None) if printed is None else printed
         print_parts(parts, self.console)
         if self.folder is not None:
             print_parts(map(self.path, (*named, PAGE if paged else RESULTS)), self.console)
@@ -242,18 +156,15 @@ def open_result(
     # the files that the result is made from, as the command line names them: see `input_files`
     inputs: Sequence[str | Path | Sequence[str | Path] | None] = (),
     seed: int | str = 0,  # for the provenance
-    keeps_runs: bool = False,  # whether the command goes on with finished runs in the folder
 ) -> Iterator[CommandResult]:
     """Hold a command's folder while the block runs, and show how far the work is.
 
     InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
     """
     files, console = input_files(*inputs), standard_output()
-    origin = provenance(command=shell_line(argv()), files=files, seed=seed)
+    origin = provenance(command=command_line(), files=files, seed=seed)
     names = {PAGE, RESULTS, *writes}
-    held = (
-        result_folder(out, command=command, names=names, inputs=files, keeps_runs=keeps_runs) if out else None
-    )
+    held = result_folder(out, command=command, names=names, inputs=files) if out else None
     bar = progress_bar(console, doing) if doing else nullcontext(ignore_progress)
     with held or nullcontext() as folder, bar as report:
         yield CommandResult(folder=folder, origin=origin, console=console, report=report)

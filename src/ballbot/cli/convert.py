@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import MappingFile
+from ballbot.cli import options
 from ballbot.cli.output import show_written
 from ballbot.files import check_new_file
 from ballbot.log import Log
@@ -16,7 +16,7 @@ def convert(
     out: Path,
     /,
     *,
-    mapping: MappingFile = None,
+    mapping: options.Mapping = None,
     force: bool = False,
 ) -> None:
     """Write a log in another file format, that of the suffix of OUT: .csv, .parquet, .npz, .mat, .mcap or .db3.

@@ -75,7 +75,7 @@ def demo(
             console.print(sentence, soft_wrap=True)
         for row in (shown.columns, *shown.rows):
             console.print("  ".join(f"{cell:>22}" for cell in row), soft_wrap=True)
-        write_report(found, runs[SOFT], folder / _REPORT)
+        write_report(found, runs[SOFT], folder)
         shown = replace(shown, links=((_REPORT, "The whole report on the friction found"),))
     finally:
         write_text(folder / _RESULT, result_text(shown))

@@ -2,39 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
-from ballbot.cli.context import (
-    Changes,
-    CommandResult,
-    OutFolder,
-    Seed,
-    WholeNumber,
-    changed_robot,
-    open_result,
-    robot_words,
-)
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result, robot_words
 from ballbot.cli.controllers import warn_of_idle_compensation
-from ballbot.cli.findings import Accept, check_robot
-from ballbot.control.controller import Compensation
+from ballbot.cli.findings import check_robot
 from ballbot.control.file import controller_text
-from ballbot.control.lqr import frictionless_model
 from ballbot.control.presets import KINDS, NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
-from ballbot.findings import Finding
 from ballbot.fitting.run import Run
 from ballbot.report.design import (
     controller_design_report,
     robust_design_report,
     search_comment,
 )
-from ballbot.results import to_results
-from ballbot.robot import Robot
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_design import (
     DEFAULT_PARTS,
@@ -42,7 +28,6 @@ from ballbot.workflows.controller_design import (
     PartOptions,
     design_controller,
 )
-from ballbot.workflows.robot_check import linearization_results
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, robust_design
 
 if TYPE_CHECKING:
@@ -81,38 +66,37 @@ class RobustSearchOptions:
     """Ranges of the perturbed robots: mass=0.2,height=0.2,friction=0.2 (fractions), delay=2 (samples), tilt=1 (degrees
     of the floor). Ranges that are not named keep these values."""
 
-    scenario: str = "nominal"
-    """Sensors, drive and play of the perturbed robots: a scenario's name or file."""
+    scenario: options.Scenario = "nominal"
 
-    robots: WholeNumber = Effort.robots
+    robots: options.WholeNumber = Effort.robots
     """Number of perturbed robots on which each candidate is tested."""
 
-    generations: WholeNumber = Effort.generations
+    generations: options.WholeNumber = Effort.generations
     """Largest number of generations of the search."""
 
-    population: WholeNumber = Effort.population
+    population: options.WholeNumber = Effort.population
     """Candidates in each generation."""
 
-    fresh: WholeNumber = Effort.fresh
+    fresh: options.WholeNumber = Effort.fresh
     """Number of other robots on which the result is compared with the nominal weights."""
 
-    seed: Seed = 0
+    seed: options.Seed = 0
 
 
 _WEIGHTS, _SEARCH = WeightOptions(), RobustSearchOptions()
 
 
 def design(
-    robot: str,
+    robot: options.Robot,
     /,
     *,
     weights: WeightOptions = _WEIGHTS,
     parts: Annotated[PartOptions, Parameter(name="*", negative="")] = DEFAULT_PARTS,
     robust: Annotated[bool, Parameter(negative="")] = False,
     search: RobustSearchOptions = _SEARCH,
-    accept: Accept = None,
-    change: Changes = None,
-    out: OutFolder,
+    accept: options.Accept = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Design a controller: sampled LQR on the exact model, with friction compensation.
 
@@ -132,97 +116,61 @@ def design(
 
     Parameters
     ----------
-    robot
-        A preset's name or a robot file. Its friction is compensated; the gain is designed without it.
     robust
         Search for the weights on perturbed simulated robots, to minimise the mean cost of the worst tenth of them.
         Takes minutes.
     """
     described, words = changed_robot(robot, change), robot_words(robot, change)
     findings = check_robot(described, accept=accept)
+    gain = GainOptions(
+        kind=weights.kind,
+        state_weights=None
+        if weights.q is None
+        else numbers_listed(weights.q, "--q", count=10, wanted="ten numbers with commas between"),
+        torque_weight=weights.r,
+        sample_time=weights.sample_time,
+    )
     if robust:
-        plain = replace(
-            parts,
-            compensation=DEFAULT_PARTS.compensation,
-            allow_overcompensation=DEFAULT_PARTS.allow_overcompensation,
-        )
-        if replace(weights, sample_time=None) != _WEIGHTS or plain != DEFAULT_PARTS:
+        plain = replace(DEFAULT_PARTS, compensation=parts.compensation)
+        if (
+            replace(gain, sample_time=None) != GainOptions()
+            or replace(parts, allow_overcompensation=False) != plain
+        ):
             raise InputError(
                 "--robust searches for the weights of the nominal kind; remove --kind, "
                 "--q, --r, --compensation-gain, --notch and --delay."
             )
-        if weights.sample_time is not None:
-            sensors = replace(described.sensors, sample_time=weights.sample_time)
-            described = described.replace(sensors=sensors)
-        compensation = parts.compensation or "none"
-        _search(
-            described, compensation, search=search, words=words, inputs=[robot], findings=findings, out=out
-        )
-        return
-    state_weights = None
-    if weights.q is not None:
-        state_weights = numbers_listed(weights.q, "--q", count=10, wanted="ten numbers with commas between")
-    gain = GainOptions(
-        kind=weights.kind,
-        state_weights=state_weights,
-        torque_weight=weights.r,
-        sample_time=weights.sample_time,
-    )
-    doing = "designing the controller"
-    with open_result(out, command="design", doing=doing, writes=_WRITTEN, inputs=[robot]) as result:
-        found = design_controller(described, gain=gain, parts=parts)
-        page = controller_design_report(found, findings)
-        files = {"controller.toml": controller_text(found.controller)}
-        result.write(found.to_dict(), page, files=files, named=_WRITTEN, next_step=_next(words, result))
-    warn_of_idle_compensation({"controller.toml": found.controller})
-
-
-def _search(
-    robot: Robot,
-    compensation: Compensation,
-    *,
-    search: RobustSearchOptions,
-    words: str,  # the robot as a command line has it
-    inputs: Sequence[str],
-    findings: Sequence[Finding],
-    out: OutFolder,
-) -> None:
-    """Search for the weights, and write the page, controller.toml and results.json."""
-    spread = PerturbationRanges.parse(search.perturb)
-    scenario = load_scenario(search.scenario, robot)
-    inputs = [*inputs, search.scenario]
+        if gain.sample_time is not None:
+            described = described.replace(sensors=replace(described.sensors, sample_time=gain.sample_time))
     effort = Effort(
         robots=search.robots,
         generations=search.generations,
         population=search.population,
         fresh=search.fresh,
     )
+    spread, scenario = PerturbationRanges.parse(search.perturb), load_scenario(search.scenario, described)
     with open_result(
-        out, command="design", doing="robust design", writes=_WRITTEN, inputs=inputs, seed=search.seed
+        out,
+        command="design",
+        doing="robust design" if robust else "designing the controller",
+        writes=_WRITTEN,
+        inputs=[robot, search.scenario] if robust else [robot],
+        seed=search.seed if robust else 0,
     ) as result:
-        found = robust_design(
-            robot,
-            compensation=compensation,
-            spread=spread,
-            scenario=scenario,
-            effort=effort,
-            run=Run(seed=search.seed, progress=result.report),
-        )
-        results = {
-            "robot": robot.name,
-            "sample_time": found.controller.sample_time,
-            "compensation": compensation,
-            "gain": found.controller.gain,
-            "poles": found.design.poles,
-            "loop_margins": found.loop_margins.to_dict(),
-            "linearization": linearization_results(frictionless_model(robot)),
-            **to_results(found),
-        }
-        page = robust_design_report(found, findings)
-        text = search_comment(found, result.origin.command) + controller_text(found.controller)
-        files = {"controller.toml": text}
-        result.write(results, page, files=files, named=_WRITTEN, next_step=_next(words, result))
-
-
-def _next(words: str, result: CommandResult) -> str:
-    return f"`ballbot compare {words} none {result.path('controller.toml')} --out compared`"
+        if robust:
+            found = robust_design(
+                described,
+                compensation=parts.compensation or "none",
+                spread=spread,
+                scenario=scenario,
+                effort=effort,
+                run=Run(seed=search.seed, progress=result.report),
+            )
+            page, text = robust_design_report(found, findings), search_comment(found, result.origin.command)
+        else:
+            found = design_controller(described, gain=gain, parts=parts)
+            page, text = controller_design_report(found, findings), ""
+        files = {"controller.toml": text + controller_text(found.controller)}
+        step = f"`ballbot compare {words} none {result.path('controller.toml')} --out compared`"
+        result.write(page, files=files, named=_WRITTEN, next_step=step)
+    warn_of_idle_compensation({"controller.toml": found.controller})

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import Changes, OutFolder, RobotName, changed_robot, open_result
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result
 from ballbot.control.file import controller_text
 from ballbot.control.references import write_reference
 from ballbot.control.source import named_controller
@@ -54,16 +55,16 @@ _LIMITS, _IDENTIFICATION = LimitOptions(), ExciteFitOptions()
 
 
 def excite(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *,
     within: LimitOptions = _LIMITS,
-    duration: float = 32.0,
-    scenario: str = "nominal",
+    duration: options.Duration = 32.0,
+    scenario: options.Scenario = "nominal",
     identification: ExciteFitOptions = _IDENTIFICATION,
     controller: str = "nominal",
-    change: Changes = None,
-    out: OutFolder,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Design an informative excitation within limits on lean, floor space and torque.
 
@@ -79,12 +80,8 @@ def excite(
 
     Parameters
     ----------
-    duration
-        Length of the run [s].
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
-    scenario
-        Sensors, drive, play and true friction of the loop: a scenario's name or file, as in ballbot record.
     """
     described = changed_robot(robot, change)
     limits = Extent(
@@ -117,4 +114,4 @@ def excite(
             f"`ballbot run PORT --reference {result.path('reference.csv')} --controller "
             f"{result.path('controller.toml')} --robot {named} --out run`, then `ballbot identify {named} run/log.csv`"
         )
-        result.write(found.to_dict(), page, files=files, named=["reference.csv"], next_step=step)
+        result.write(page, files=files, named=["reference.csv"], next_step=step)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import Changes, OutFolder, changed_robot, open_result
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
-from ballbot.cli.findings import Accept, check_robot
+from ballbot.cli.findings import check_robot
 from ballbot.control.file import read_controller
 from ballbot.firmware.export import check_belongs, export_controller, exported_names
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
-from ballbot.firmware.records import FIRMWARE
 from ballbot.progress import Progress
 from ballbot.report.export import export_report
 
@@ -19,12 +19,12 @@ def export(
     controller: Path,
     /,
     *,
-    robot: str,
-    lean: float = 0.35,
+    robot: options.Robot,
+    lean: options.LeanLimit = 0.35,
     clock: float = 72e6,
-    accept: Accept = None,
-    change: Changes = None,
-    out: OutFolder,
+    accept: options.Accept = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Write a controller as C99 firmware: sources, the controller's numbers, build files and examples.
 
@@ -41,11 +41,6 @@ def export(
     ----------
     controller
         A controller file.
-    robot
-        A preset's name or a robot file: the robot that the controller was designed for.
-    lean
-        Largest tilt [rad] at which the firmware gives torques; beyond it the robot is stopped. `ballbot limits` finds
-        the largest tilt from which a robot recovers.
     clock
         Clock of the processor [Hz], for the share of the period that an update takes.
     """
@@ -66,18 +61,8 @@ def export(
         if not to_install:
             result.report(Progress(stage="counting instructions"))
         load = None if to_install else measure_load(read, exported, clock=clock)
-        results = {
-            "robot": described.name,
-            "estimator": read.estimator,
-            "sample_time": read.sample_time,
-            "safety": exported.limits,
-            "schema": FIRMWARE.digest,
-            "parameter_bytes": exported.parameter_bytes,
-            "state_bytes": exported.state_bytes,
-            "processor": None if load is None else load.to_dict(),
-        }
         page = export_report(exported, read, load, to_install=to_install, findings=findings)
         named = "ROBOT" if change else robot  # `run` takes a file, in which the changes must stand
         step = f"build it as {result.path('README.md')} says; on the robot, `ballbot run wiring PORT --robot {named}`"
-        result.write(results, page, files=exported.files, named=["README.md"], next_step=step)
+        result.write(page, files=exported.files, named=["README.md"], next_step=step)
     warn_of_idle_compensation({controller.name: read})

@@ -5,29 +5,16 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING
 
 from ballbot.cli.output import notice_output
 from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
-from ballbot.report.console import finding_line
+from ballbot.report.blocks import finding_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
     from ballbot.log import Log
-
-#: the option of every command that checks its input
-Accept = Annotated[
-    list[str] | None,
-    Parameter(
-        name="--accept",
-        negative="",
-        help="Continue despite an error with this code, such as torque-sign. May be given more than once. "
-        "The error names its code.",
-    ),
-]
 
 
 def check_input(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,40 +9,23 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
-from ballbot.cli.context import (
-    Changes,
-    ClusterAddress,
-    LogPath,
-    OutFolder,
-    RobotName,
-    Seed,
-    changed_robot,
-    executor,
-    open_result,
-    read_balancing_log,
-)
-from ballbot.cli.findings import Accept, check_input
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, executor, open_result, read_balancing_log
+from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
 from ballbot.fitting.fit import Search
 from ballbot.fitting.run import Run
-from ballbot.identification import (
-    Bounds,
-    cross_validate,
-    read_bounds,
-)
+from ballbot.identification import Bounds, cross_validate, read_bounds
 from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import IdentificationOptions, identify_by_law
-from ballbot.identification.laws import law_results
 from ballbot.identification.sweep import read_sweep
 from ballbot.identification.windows import back_emf_of
-from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
 from ballbot.log.pose import causal_states
 from ballbot.report.identification import identification_report
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
-from ballbot.summary import counted
 
 
 @Parameter(name="*")
@@ -80,35 +62,23 @@ class FitOptions:
     """How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
     thesis, which takes longer."""
 
-    seed: Seed = 0
+    seed: options.Seed = 0
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class LogOptions:
-    """Mapping of the logs, and logs for validation only."""
-
-    holdout: Annotated[list[Path] | None, Parameter(negative="")] = None
-    """A log that is not fitted, on which the result is validated. May be given more than once."""
-
-    mapping: Annotated[list[Path] | None, Parameter(negative="")] = None
-    """A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it: one for all
-    logs, or one for each, in the order of the logs and then of those of --holdout."""
-
-
-_FIT, _READING = FitOptions(), LogOptions()
+_FIT = FitOptions()
 
 
 def identify(
-    robot: RobotName,
+    robot: options.Robot,
     /,
-    *logs: LogPath,
-    change: Changes = None,
-    out: OutFolder,
+    *logs: options.Log,
+    change: options.Changes = None,
+    out: options.Out,
     fit: FitOptions = _FIT,
-    reading: LogOptions = _READING,
-    accept: Accept = None,
-    cluster: ClusterAddress = None,
+    holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
+    mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
+    accept: options.Accept = None,
+    cluster: options.Cluster = None,
 ) -> None:
     """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr. --estimate adds other
     parameters.
@@ -124,15 +94,25 @@ def identify(
     ----------
     logs
         One or more logs of the robot balancing, with torques and states.
+    holdout
+        A log that is not fitted, on which the result is validated. May be given more than once.
+    mapping
+        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it: one for all
+        logs, or one for each, in the order of the logs and then of those of --holdout.
     """
     described = changed_robot(robot, change)
     sweep = read_sweep(fit.sweep, wheel_count=described.wheel_count) if fit.sweep else None
-    mappings = reading.mapping or []
-    named, others = _logs(logs, reading.holdout or [], mappings, described)
+    named, held_out = named_files(logs), named_files(holdout) if holdout else {}
+    paths = [*named.values(), *held_out.values()]
+    if len(mapping or ()) not in (0, 1, len(paths)):
+        raise InputError("Give one --mapping for all logs, or one for each, in the order of the logs.")
+    mappings = mapping if mapping and len(mapping) == len(paths) else (mapping or [None])[:1] * len(paths)
+    read = [read_balancing_log(*each, described) for each in zip(paths, mappings, strict=True)]
     bounds = read_bounds(fit.bounds) if fit.bounds else Bounds()
-    checked = _checked(described, named, others, accept)
-    back_emf = back_emf_of(mappings)
-    inputs = [robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep]
+    # all logs together, as they are one robot's
+    findings = check_input(described, paths, read, accept=accept, mappings=mappings)
+    checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
+    inputs = [robot, logs, holdout, mapping, fit.bounds, fit.sweep]
     with (
         open_result(
             out, command="identify", doing="identifying", writes=["robot.toml"], inputs=inputs, seed=fit.seed
@@ -148,21 +128,17 @@ def identify(
             window=fit.window,
             options=IdentificationOptions(
                 excluded_states=names_listed(fit.exclude_states),
-                back_emf=back_emf,
+                back_emf=back_emf_of(mapping or ()),
                 sweep=sweep,
                 search=fit.search,
             ),
             run=Run(seed=fit.seed, executor=made_by, progress=result.report),
         )
+        held = slice(len(named), None)
         holdouts = [
-            cross_validate(found, one.log, name=name, starts=one.starts(described))
-            for name, one in others.items()
+            cross_validate(found, log, name=name, starts=_states_at(path, each, described))
+            for name, path, log, each in zip(held_out, paths[held], read[held], mappings[held], strict=True)
         ]
-        results = found.to_dict()
-        if selection:
-            results["ladder"] = law_results(selection)
-        if holdouts:
-            results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
         page = identification_report(
             found,
             checked.logs,
@@ -172,63 +148,13 @@ def identify(
         )
         files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
-        result.write(results, page, files=files, named=[*files], next_step=step if files else "")
+        result.write(page, files=files, named=[*files], next_step=step if files else "")
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Named:
-    """A log and where it came from."""
-
-    log: Log
-    path: Path
-    mapping: Path | None
-
-    def starts(self, robot: Robot) -> InitialStates | None:
-        """Return what gives the states known at times of its rows; None where its rows are the file's own."""
-        mapping = self.mapping
-        if mapping is None:
-            return None
-        return lambda moments: causal_states(self.path, mapping=mapping, robot=robot, moments=moments)
-
-
-def _logs(
-    fitted: Sequence[Path], held_out: Sequence[Path], mappings: Sequence[Path], robot: Robot
-) -> tuple[dict[str, _Named], dict[str, _Named]]:
-    """Read the logs to fit and those to validate on; a log without a position gets that of its wheels."""
-    named = named_files(fitted)
-    others = named_files(held_out) if held_out else {}
-    count = len(named) + len(others)
-    if len(mappings) not in (0, 1, count):
-        each = "" if count == 1 else " for all logs, or once for each log, in the order of the logs"
-        raise InputError(
-            f"--mapping is given {len(mappings)} times for {counted(count, 'log')}. Give it once{each}."
-        )
-    of_each = iter(mappings if len(mappings) == count else (*mappings, None)[:1] * count)
-
-    def read(path: Path) -> _Named:
-        mapping = next(of_each)
-        return _Named(log=read_balancing_log(path, mapping, robot), path=path, mapping=mapping)
-
-    return {name: read(path) for name, path in named.items()}, {
-        name: read(path) for name, path in others.items()
-    }
-
-
-def _checked(
-    robot: Robot,
-    named: Mapping[str, _Named],
-    others: Mapping[str, _Named],
-    accept: list[str] | None,
-) -> CheckedLogs:
-    """Check all logs together, as they are one robot's; return those to fit, with the findings of all."""
-    both = (*named.values(), *others.values())
-    findings = check_input(
-        robot,
-        [one.path for one in both],
-        [one.log for one in both],
-        accept=accept,
-        mappings=[one.mapping for one in both],
-    )
-    return CheckedLogs(logs={name: one.log for name, one in named.items()}, findings=findings)
+def _states_at(path: Path, mapping: Path | None, robot: Robot) -> InitialStates | None:
+    """Return what gives the states known at times of a log's rows; None where its rows are the file's own."""
+    if mapping is None:
+        return None
+    return lambda moments: causal_states(path, mapping=mapping, robot=robot, moments=moments)

@@ -7,8 +7,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import OutFolder, open_result
-from ballbot.cli.findings import Accept, in_file, stop_or_show
+from ballbot.cli import options
+from ballbot.cli.context import open_result
+from ballbot.cli.findings import in_file, stop_or_show
 from ballbot.findings import check_codes
 from ballbot.fitting.run import Run
 from ballbot.identification.axis import AxisOptions
@@ -24,11 +25,11 @@ def identify_axis(
     record: Path,
     /,
     *against: Path,
-    out: OutFolder,
+    out: options.Out,
     also: Annotated[list[Path] | None, Parameter(negative="")] = None,
     columns: Annotated[AxisColumns, Parameter(name="*")] = _COLUMNS,
     method: Annotated[AxisOptions, Parameter(name="*")] = _METHOD,
-    accept: Accept = None,
+    accept: options.Accept = None,
 ) -> None:
     """Find the mass (or inertia) and friction of one axis in records of its force and position.
 
@@ -73,4 +74,4 @@ def identify_axis(
             if not against
             else ""
         )
-        result.write(found.to_dict(), page, findings=[*findings, *found.findings], next_step=step)
+        result.write(page, next_step=step)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import MappingFile, OutFolder, RobotName, open_result
-from ballbot.cli.findings import Accept, in_file, stop_or_show
+from ballbot.cli import options
+from ballbot.cli.context import open_result
+from ballbot.cli.findings import in_file, stop_or_show
 from ballbot.findings import by_severity
 from ballbot.fitting.run import Run
 from ballbot.identification.agreement import file_findings
@@ -14,20 +15,20 @@ from ballbot.identification.driveline import fit_drivelines, robot_with_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping import dead_band_findings
-from ballbot.report.driveline import driveline_report, driveline_results
+from ballbot.report.bench import driveline_report
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 
 
 def identify_driveline(
-    robot: RobotName,
+    robot: options.Robot,
     log: Path,
     /,
     *,
-    out: OutFolder,
-    mapping: MappingFile = None,
+    out: options.Out,
+    mapping: options.Mapping = None,
     speed_limit: float | None = None,
-    accept: Accept = None,
+    accept: options.Accept = None,
 ) -> None:
     """Identify b, c, s and v_s of each driveline from a torque sweep with the wheels off the ball.
 
@@ -67,4 +68,4 @@ def identify_driveline(
         files = {"robot.toml": robot_text(identified)}
         sweep = result.path("results.json")
         step = f"`ballbot identify {robot} LOG --sweep {sweep} --out found`, with logs of balancing"
-        result.write(driveline_results(fits, findings), page, files=files, next_step=step)
+        result.write(page, files=files, next_step=step)

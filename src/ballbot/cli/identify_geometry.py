@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.context import MappingFile, OutFolder, RobotName, open_result, read_logs
-from ballbot.cli.findings import Accept, in_file, stop_or_show
+from ballbot.cli import options
+from ballbot.cli.context import open_result, read_logs
+from ballbot.cli.findings import in_file, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import note
 from ballbot.identification.bench_checks import encoder_findings
@@ -26,15 +27,15 @@ _RADII = (0.4, 2.5)
 
 
 def identify_geometry(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *,
     upside_down: list[Path] | None = None,
     balancing: list[Path] | None = None,
     motion_capture: list[Path] | None = None,
-    mapping: MappingFile = None,
-    accept: Accept = None,
-    out: OutFolder,
+    mapping: options.Mapping = None,
+    accept: options.Accept = None,
+    out: options.Out,
 ) -> None:
     """Identify radii, tilt, azimuths and the mounting of the IMU from logs, by kinematics alone.
 
@@ -99,4 +100,4 @@ def identify_geometry(
             if files
             else ""
         )
-        result.write(found.to_dict(), page, findings=[*findings, *of_geometry], files=files, next_step=step)
+        result.write(page, files=files, next_step=step)

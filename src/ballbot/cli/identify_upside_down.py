@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-from ballbot.cli.context import (
-    LogPath,
-    MappingFile,
-    OutFolder,
-    RobotName,
-    Seed,
-    open_result,
-    read_logs,
-)
-from ballbot.cli.findings import Accept, in_file, stop_or_show
+from ballbot.cli import options
+from ballbot.cli.context import open_result, read_logs
+from ballbot.cli.findings import in_file, stop_or_show
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run, check_seed
 from ballbot.identification.bench_checks import upside_down_findings
@@ -23,14 +16,14 @@ from ballbot.robot.file import robot_text
 
 
 def identify_upside_down(
-    robot: RobotName,
+    robot: options.Robot,
     /,
-    *logs: LogPath,
-    out: OutFolder,
-    mapping: MappingFile = None,
-    seed: Seed = 0,
+    *logs: options.Log,
+    out: options.Out,
+    mapping: options.Mapping = None,
+    seed: options.Seed = 0,
     window: float = 1.0,
-    accept: Accept = None,
+    accept: options.Accept = None,
 ) -> None:
     """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
 
@@ -70,14 +63,11 @@ def identify_upside_down(
         )
         page = upside_down_report(found, described, named, findings=findings)
         files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
-        all_findings = [*findings, *found.findings]
         step = (
             f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
             if files
             else ""
         )
-        result.write(
-            found.to_dict(), page, findings=all_findings, files=files, named=[*files], next_step=step
-        )
+        result.write(page, files=files, named=[*files], next_step=step)
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")

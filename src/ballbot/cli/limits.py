@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ballbot.cli.context import Changes, OutFolder, RobotName, Seed, changed_robot, open_result
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, limits_report
-from ballbot.results import to_results
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, twin_limits
@@ -22,16 +22,15 @@ _ON_TWIN = (0, 9, 18, 27)
 
 
 def limits(
-    robot: RobotName,
-    controllers: tuple[str, ...] = ("none", "full"),
+    robot: options.Robot,
     /,
-    *,
-    grip: float = 1.0,
+    *controllers: str,
+    grip: options.Positive = 1.0,
     twin: bool = False,
-    scenario: str = "nominal",
-    seed: Seed = 1,
-    change: Changes = None,
-    out: OutFolder,
+    scenario: options.Scenario = "nominal",
+    seed: options.Seed = 1,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
@@ -46,23 +45,18 @@ def limits(
     Parameters
     ----------
     controllers
-        none, full and partial (the nominal gain with that compensation), precise, and controller files. As in
+        none and full if not given. none, full and partial (the nominal gain with that compensation), precise, and
+        controller files. As in
         compare, LABEL=... renames one, and a trailing @kalman selects the estimator.
     grip
-        Friction coefficient of the wheels on the ball.
+        Friction coefficient of the wheels on the ball, such as 1 for rubber on rubber.
     twin
         Also find the limits on the twin, in four directions: with slip and play.
-    scenario
-        A scenario's name or file.
     """
-    described, candidates = changed_robot(robot, change), parse_candidates(controllers)
+    described, candidates = changed_robot(robot, change), parse_candidates(controllers or ("none", "full"))
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     if len(chosen) > MOST_CONTROLLERS:
         raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")
-    if not grip > 0.0:
-        raise InputError(
-            f"--grip is {grip:g}; it must be a positive friction coefficient, such as 1 for rubber on rubber."
-        )
     check_seed(seed)
     truth = load_scenario(scenario, described)
     models: dict[str, RobotLimits] = {}
@@ -79,19 +73,11 @@ def limits(
             models[name] = find_limits(loop, run=run)
             if twin:
                 twins[name] = twin_limits(loop, models[name], directions=_ON_TWIN, run=run)
-        results = {
-            "robot": described.name,
-            "grip": grip,
-            "scenario": truth.name,
-            "controllers": {
-                name: to_results(one) | {"twin": twins.get(name, ())} for name, one in models.items()
-            },
-        }
         page = limits_report(described, models, twins, grip=grip, scenario=truth.name)
         step = (
             "`ballbot export CONTROLLER --robot ROBOT --lean RADIANS --out firmware`, below the tilt found."
         )
-        result.write(results, page, next_step=step)
+        result.write(page, next_step=step)
 
 
 def _law(name: str, controller: object) -> Controller:

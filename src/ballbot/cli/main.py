@@ -83,7 +83,7 @@ def _run(tokens: list[str]) -> int:
         tokens = named = [*named[1:], "--help"]
     quiet = len(named) < len(tokens)
     output = Output(waiting=None if quiet else Waiting(f"starting {named[0]}"))
-    running, printing = ARGV.set(tuple(tokens)), OUTPUT.set(output)
+    running, printing = ARGV.set(tuple(named)), OUTPUT.set(output)
     try:
         app = build_app(named)
         app.meta(tokens, exit_on_error=False, print_error=False, result_action="return_value")

@@ -25,8 +25,7 @@ from ballbot.cli import OUTPUT
 from ballbot.file_formats import results_text
 from ballbot.printable import printable_line
 from ballbot.progress import Progress, ProgressCallback, fraction, ignore_progress, progress_line, stage_words
-from ballbot.report.blocks import Sheet
-from ballbot.report.console import PLAIN_WIDTH, PlainConsole
+from ballbot.report.blocks import PLAIN_WIDTH, PlainConsole, Sheet
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
 #: the last stage of a command, which is not printed if no stage before it was

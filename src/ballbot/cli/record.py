@@ -7,20 +7,10 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli import OUTPUT
-from ballbot.cli.context import (
-    Changes,
-    ClusterAddress,
-    LogFormatName,
-    OutFolder,
-    Seed,
-    argv,
-    changed_robot,
-    parse_seeds,
-    workers,
-)
+from ballbot.cli import OUTPUT, options
+from ballbot.cli.context import changed_robot, command_line, parse_seeds, workers
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
-from ballbot.cli.findings import Accept, check_robot
+from ballbot.cli.findings import check_robot
 from ballbot.cli.output import emit, print_parts, progress_bar, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
@@ -28,11 +18,9 @@ from ballbot.file_formats import read_results
 from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
-from ballbot.printable import shell_line
 from ballbot.progress import Progress, in_stage
-from ballbot.report.blocks import verdict_lines
+from ballbot.report.blocks import provenance, verdict_lines
 from ballbot.report.page import page_of
-from ballbot.report.provenance import provenance
 from ballbot.report.twin import recording_report, seeds_report
 from ballbot.results import to_results
 from ballbot.simulation.run import sample_count
@@ -56,14 +44,12 @@ class ExperimentOptions:
     """balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the
     wheels)."""
 
-    reference: str = "square"
-    """The reference motion of a balancing robot: hold, square, change_pose, circle, figure_eight, or a file with
-    t, ref_x, ref_y and ref_psi, as ballbot excite writes it. The square stays at the start for 8 s."""
+    reference: options.Reference = "square"
 
     duration: float | None = None
     """Duration [s]. If not given, 40 s balancing, 125.66 s for the sweep, or 60 s upside down."""
 
-    format: LogFormatName = "csv"
+    format: options.LogFormat = "csv"
 
 
 @Parameter(name="*")
@@ -71,13 +57,13 @@ class ExperimentOptions:
 class SeedOptions:
     """Random seeds, and where the runs of several are made."""
 
-    seed: Seed = 1
+    seed: options.Seed = 1
 
     seeds: str | None = None
     """Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Runs that are there are kept
     if they have the same settings and their files are unchanged: the same command goes on after it was stopped."""
 
-    cluster: ClusterAddress = None
+    cluster: options.Cluster = None
 
 
 _EXPERIMENT, _SEEDS, _CONTROLLER = ExperimentOptions(), SeedOptions(), ControllerOptions()
@@ -87,16 +73,18 @@ def record(
     scenario: str,
     /,
     *,
-    robot: str = "alten",
+    robot: options.Robot = "alten",
     run: ExperimentOptions = _EXPERIMENT,
     chosen: ControllerOptions = _CONTROLLER,
     estimator: EstimatorName | None = None,
     random: SeedOptions = _SEEDS,
-    accept: Accept = None,
-    change: Changes = None,
-    out: OutFolder,
+    accept: options.Accept = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Record logs from the twin, a MuJoCo robot with real rollers, sensors and faults.
+
+    The controller compensates the friction in the robot's file; the twin has the friction of its scenario.
 
     Example: ballbot record nominal --robot alten --reference square --duration 40 --seed 1 --out run1
 
@@ -107,9 +95,6 @@ def record(
     scenario
         The twin's true properties, unknown to the controller: nominal, ideal, wide_rows, single_row, single_point,
         resonant, soft_ball, or a scenario file (ballbot twin scenario writes one to start from).
-    robot
-        A preset's name or a robot file. The controller compensates this robot's friction; the twin has the friction
-        of its scenario.
     estimator
         The state estimate that the controller feeds back and the log contains: onboard (a sum of wheel
         speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
@@ -173,7 +158,7 @@ def _next(job: RecordJob, folder: Path) -> str:
 def _many(job: RecordJob, seeds: list[int], out: Path, *, cluster: str | None) -> list[RecordOutcome]:
     console, doing = standard_output(), f"recording {counted(len(seeds), 'run')} of {job.duration:g} s"
     listed = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else str(seeds[0])
-    made = provenance(command=shell_line(argv()), files=(), seed=listed)
+    made = provenance(command=command_line(), files=(), seed=listed)
     with workers(cluster) as made_by, progress_bar(console, doing) as report:
         outcomes = record_runs(
             job,

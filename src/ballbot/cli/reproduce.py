@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from ballbot.cli.context import OutFolder, Seed, open_result
+from ballbot.cli import options
+from ballbot.cli.context import open_result
 from ballbot.fitting.run import check_seed
 from ballbot.report.blocks import Sheet, verdict_lines
 
 
-def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> None:
+def reproduce(*, out: options.Out, only: str | None = None, seed: options.Seed = 0) -> None:
     """Reproduce the figures and tables of the thesis from the twin and the models, and show its mistakes.
 
     Writes report.html and results.json.
@@ -25,7 +26,7 @@ def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> Non
     # imported late: the twin is an extra
     from ballbot.thesis.reproduce.campaign import items_named
     from ballbot.thesis.reproduce.campaign import reproduce as remake
-    from ballbot.thesis.reproduce.page import reproduction_report, reproduction_results
+    from ballbot.thesis.reproduce.page import reproduction_report
 
     items_named(only)
     with open_result(out, command="reproduce", doing="reproducing the thesis", seed=seed) as result:
@@ -33,4 +34,4 @@ def reproduce(*, out: OutFolder, only: str | None = None, seed: Seed = 0) -> Non
         rows = [[item.name, item.title, item.verdict] for item in found.items]
         sheet = Sheet(caption="The thesis reproduced", headings=("", "title", "verdict"), rows=rows)
         page = reproduction_report(found)
-        result.write(reproduction_results(found), page, printed=[*verdict_lines(page.verdict), sheet])
+        result.write(page, printed=[*verdict_lines(page.verdict), sheet])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,8 +15,7 @@ from cyclopts import Parameter
 from rich.live import Live
 from rich.text import Text
 
-from ballbot.cli import OUTPUT
-from ballbot.cli.context import WholeNumber
+from ballbot.cli import OUTPUT, options
 from ballbot.cli.output import notice_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
@@ -25,13 +23,13 @@ from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs
 from ballbot.fitting.run import check_seed
 from ballbot.link.emulated import emulated_robot
+from ballbot.link.lines import state_line
 from ballbot.link.live import LiveRobot
 from ballbot.link.messages import State
 from ballbot.link.operators import UPRIGHT, EmulatedCamera, EmulatedOperator, Movement, Operator
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
-from ballbot.report.console import PlainConsole
-from ballbot.report.live import state_line
+from ballbot.report.blocks import PlainConsole
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import Hold
 from ballbot.twin.scenario_file import load_scenario
@@ -44,14 +42,6 @@ _PICTURE, _LINE = 0.1, 5.0
 #: what is typed at the terminal to let the robot arm
 _CONFIRMATION = "arm"
 
-
-def _check_positive(_: type, value: float) -> None:
-    if not 0.0 < value < math.inf:
-        raise ValueError("It must be above 0.")
-
-
-#: the length of a live run
-Seconds = Annotated[float, Parameter(validator=_check_positive)]
 
 #: the robot's port
 Port = Annotated[str | None, Parameter(help="A serial port such as /dev/ttyACM0?baud=921600.")]
@@ -71,10 +61,9 @@ class LinkOptions:
     robot: str | None = None
     """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
 
-    scenario: str = "nominal"
-    """The true friction, sensors and play of an emulated robot: a scenario of the twin (name or file)."""
+    scenario: options.Scenario = "nominal"
 
-    seed: WholeNumber = 1
+    seed: options.WholeNumber = 1
     """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
 
     @property
@@ -97,8 +86,7 @@ class ControllerOnRobot:
     """A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
     controller runs."""
 
-    lean: float = 0.35
-    """Largest tilt [rad] at which the robot gives torques, sent with the controller; beyond it the robot stops."""
+    lean: options.LeanLimit = 0.35
 
     def read(self, link: LinkOptions) -> Controller | None:
         """Return the controller; None if the robot's own runs there."""
@@ -147,8 +135,6 @@ def connected(
     """
     if link.emulated == (port is not None):
         raise InputError("Give the robot's port, such as /dev/ttyACM0, or --emulated.")
-    if port is not None and link.plant != LinkOptions.plant:
-        raise InputError("--plant is of an emulated robot; give --emulated in place of the port.")
     with ExitStack() as held:
         if port is not None:
             robot = _robot_at(open_transport(port), time.monotonic, held)

@@ -11,21 +11,22 @@ import numpy as np
 from cyclopts import App
 from numpy.typing import NDArray
 
-from ballbot.cli.context import CommandResult, Content, OutFolder, WholeNumber, open_result
-from ballbot.cli.output import emit, notice_output, standard_output, suggest_page
+from ballbot.cli import options
+from ballbot.cli.context import CommandResult, Content, open_result
+from ballbot.cli.output import emit, notice_output, standard_output
 from ballbot.cli.robot_link import (
     Connection,
     ControllerOnRobot,
     LinkOptions,
     Monitor,
     Port,
-    Seconds,
     connected,
 )
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
+from ballbot.link.lines import bench_line, counts_line, sample_line
 from ballbot.link.live import (
     Commander,
     FollowReference,
@@ -37,23 +38,14 @@ from ballbot.link.live import (
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
-from ballbot.report.console import finding_line
-from ballbot.report.live import (
-    alternation_report,
-    alternation_results,
-    bench_line,
-    counts_line,
-    live_run_report,
-    sample_line,
-    wiring_report,
-    wiring_results,
-)
+from ballbot.report.blocks import finding_line
+from ballbot.report.live import alternation_report, live_run_report, wiring_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
 from ballbot.workflows.alternation import MIN_RUNS, alternate
 from ballbot.workflows.controller_prediction import check_controller, evaluate_log, read_prediction
-from ballbot.workflows.metrics import SETTLE, Performance, settled
+from ballbot.workflows.metrics import SETTLE, Performance, performance_of, settled
 
 ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
 
@@ -79,7 +71,7 @@ def balance(
     link: LinkOptions = _LINK,
     chosen: ControllerOnRobot = _CONTROLLER,
     reference: str = "hold",
-    duration: Seconds = 30.0,
+    duration: options.Positive = 30.0,
     ramp: float = 0.0,
     out: Path | None = None,
 ) -> None:
@@ -114,13 +106,6 @@ def balance(
             robot.use_parameters(export_controller(controller, lean=chosen.lean).parameters)
         check_balancing_parameters(robot.parameters)
         commander = FollowReference(driven, sample_time=robot.sample_time)
-        if out is None:
-            made = _made(connection, commander, duration=duration, ramp=ramp)
-            emit({"ended": made.ending.kind, "reason": made.ending.text})
-            _finish(connection, made)
-            standard_output().print(made.ending.text, soft_wrap=True)
-            suggest_page()
-            return
         file, then = chosen.controller, f"identify {link.name} LOG --out identified"
         if file is not None and (study := file.with_name("results.json")).exists():
             then = f"validate --prediction {study} LOG"
@@ -128,7 +113,7 @@ def balance(
 
 
 @run.command
-def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: Seconds = 60.0) -> None:
+def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: options.Positive = 60.0) -> None:
     """Show a robot's sensors, self-test and stops, and what it runs; nothing is driven.
 
     Example: ballbot run monitor /dev/ttyACM0
@@ -173,7 +158,7 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
         page = wiring_report(check, about=connection.words)
         printed = [*page.parts(), *map(finding_line, check.findings)]
         with open_result(out, command="run wiring", inputs=[link.robot, link.scenario]) as result:
-            result.write(wiring_results(check), page, findings=check.findings, printed=printed)
+            result.write(page, printed=printed)
         if check.passed:
             robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
@@ -188,9 +173,9 @@ def sweep(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: Seconds = 2.0 * SWEEP_PERIOD,
+    duration: options.Positive = 2.0 * SWEEP_PERIOD,
     torque: float = 1.0,
-    out: OutFolder,
+    out: options.Out,
 ) -> None:
     """Record a torque sweep with the wheels off the ball, for `ballbot identify-driveline`.
 
@@ -218,8 +203,8 @@ def upside_down(
     /,
     *,
     link: LinkOptions = _LINK,
-    duration: Seconds = 60.0,
-    out: OutFolder,
+    duration: options.Positive = 60.0,
+    out: options.Out,
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
 
@@ -265,7 +250,7 @@ def send(
     *,
     link: LinkOptions = _LINK,
     controller: Path,
-    lean: float = 0.35,
+    lean: options.LeanLimit = 0.35,
 ) -> None:
     """Send a controller to a disarmed robot, which keeps it until it is switched off.
 
@@ -275,8 +260,6 @@ def send(
     ----------
     controller
         A controller file.
-    lean
-        Largest tilt [rad] at which the robot gives torques.
     """
     read = ControllerOnRobot(controller=controller).read(link)
     assert read is not None
@@ -296,9 +279,9 @@ def compare(
     *,
     link: LinkOptions = _LINK,
     prediction: Path,
-    rounds: WholeNumber = MIN_RUNS // 2,
-    lean: float = 0.35,
-    out: OutFolder,
+    rounds: options.WholeNumber = MIN_RUNS // 2,
+    lean: options.LeanLimit = 0.35,
+    out: options.Out,
 ) -> None:
     """Compare a study's controller with the one before it on the robot: runs in turn on the same course, A B A B.
 
@@ -316,8 +299,6 @@ def compare(
         The results.json of a study, with controller.toml, previous_controller.toml and robot.toml beside it.
     rounds
         Runs of each controller, two or more.
-    lean
-        Largest tilt [rad] at which the robot gives torques.
     """
     if rounds < MIN_RUNS // 2:
         raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
@@ -350,17 +331,10 @@ def compare(
                 _finish(connection, made)
                 result.console.print(made.ending.text, soft_wrap=True)
                 logs.append(made.whole_log())
-        limits = [controllers[k % 2].torque_limit for k in range(len(logs))]
-        performances = [
-            Performance.of(log, torque_limit=limit) for log, limit in zip(logs, limits, strict=True)
-        ]
+        performances = [performance_of(log, controllers[k % 2]) for k, log in enumerate(logs)]
         verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
         found, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
-        page = alternation_report(found, logs, controllers=compared, about=connection.words)
-        results = alternation_results(found) | {
-            "controllers": dict(zip(("before", "after"), compared, strict=True)),
-            "provenance": about,
-        }
+        page = alternation_report(found, logs, controllers=compared, about=connection.words, origin=about)
         written: dict[str, Content] = {
             f"{name}.csv": log.write for name, log in zip(names, logs, strict=True)
         }
@@ -369,7 +343,7 @@ def compare(
             "weaken": "`ballbot design ROBOT --compensation-gain 0.8 --out weaker`",
             "revert": f"go back to {files[0]}.",
         }[found.recommendation]
-        result.write(results, page, files=written, next_step=step)
+        result.write(page, files=written, next_step=step)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
 
@@ -380,16 +354,17 @@ def _record(
     *,
     duration: float,
     ramp: float = 0.0,
-    out: Path,
+    out: Path | None,
     then: str,
     controller: Path | None = None,
 ) -> None:
-    """Make a run, and write its log and results into a folder; the log until then if the link is lost.
+    """Make a run, and write its log and results into a folder if there is one; the log so far if the link is lost.
 
     `then` is the command that takes the log, LOG, next.
     """
-    recording, link = out / f"log{SUFFIX}", connection.link
-    check_no_recording(recording)
+    recording, link = None if out is None else out / f"log{SUFFIX}", connection.link
+    if recording is not None:
+        check_no_recording(recording)
     files = [link.robot, controller, link.scenario]
     with open_result(out, command="run", writes=["log.csv"], inputs=files, seed=link.seed) as result:
         made = _made(connection, commander, duration=duration, ramp=ramp, recording=recording)
@@ -414,10 +389,12 @@ def _record(
             held=held,
             ending=made.ending.text,
             about=connection.words,
+            data=results,
         )
-        step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`"
-        result.write(results, page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
-        recording.unlink(missing_ok=True)
+        step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`" if out else ""
+        result.write(page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
+        if recording is not None:
+            recording.unlink(missing_ok=True)
     _finish(connection, made)
 
 

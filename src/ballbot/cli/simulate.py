@@ -6,18 +6,10 @@ from dataclasses import dataclass
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import (
-    ROBOT_BESIDE,
-    Changes,
-    Content,
-    LogFormatName,
-    OutFolder,
-    WholeNumber,
-    changed_robot,
-    open_result,
-)
+from ballbot.cli import options
+from ballbot.cli.context import ROBOT_BESIDE, Content, changed_robot, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
-from ballbot.cli.findings import Accept, check_robot
+from ballbot.cli.findings import check_robot
 from ballbot.cli.output import notice_output
 from ballbot.control.references import as_reference
 from ballbot.fitting.run import check_seed
@@ -30,7 +22,6 @@ from ballbot.robot.file import robot_text
 from ballbot.simulation.run import simulate as run
 from ballbot.twin.imperfections import left_out
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.metrics import run_results
 
 _WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), ROBOT_BESIDE)
 
@@ -43,12 +34,9 @@ class PlantOptions:
     formulation: Formulation = "exact"
     """exact, or thesis (approximate equations of a published ballbot model)."""
 
-    scenario: str | None = None
-    """A scenario of the twin (name or file), whose sensors, delay, play, torque noise and floor are added to the
-    equations of motion; friction is the robot's own. The controller uses the estimator that its file names. If not
-    given, sensors are perfect."""
+    scenario: options.Scenario | None = None
 
-    seed: WholeNumber = 1
+    seed: options.WholeNumber = 1
     """Random seed of a scenario's noise. The same seed gives the same run."""
 
 
@@ -56,36 +44,27 @@ _CONTROLLER, _PLANT = ControllerOptions(), PlantOptions()
 
 
 def simulate(
-    robot: str,
+    robot: options.Robot,
     /,
     *,
-    reference: str = "square",
-    duration: float = 32.0,
+    reference: options.Reference = "square",
+    duration: options.Duration = 32.0,
     chosen: ControllerOptions = _CONTROLLER,
     simulated: PlantOptions = _PLANT,
-    format: LogFormatName = "csv",
-    accept: Accept = None,
-    change: Changes = None,
-    out: OutFolder,
+    format: options.LogFormat = "csv",
+    accept: options.Accept = None,
+    change: options.Changes = None,
+    out: options.Out,
 ) -> None:
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
 
     Writes report.html, log.csv, results.json (position errors, torque, how the run ended) and robot.toml, the robot of
-    the log.
+    the log. A scenario is added to the equations of motion and friction of the robot's file; the controller then uses
+    the estimator that its own file names. Without a scenario, sensors are perfect.
 
     Example: ballbot simulate alten --reference square --duration 32 --out run1
 
     Example: ballbot simulate alten --controller mine.toml --scenario nominal --seed 3 --out run2
-
-    Parameters
-    ----------
-    robot
-        A preset's name or a robot file, with its friction.
-    reference
-        The reference motion: hold, square, change_pose, circle, figure_eight, or a file with t,
-        ref_x, ref_y and ref_psi, as ballbot excite writes it. The square stays at the start for 8 s.
-    duration
-        Length of the run [s].
     """
     described = changed_robot(robot, change)
     findings = check_robot(described, accept=accept)
@@ -127,4 +106,4 @@ def simulate(
         files: dict[str, Content] = {f"log.{format}": log.write, ROBOT_BESIDE: robot_text(described)}
         name = f"log.{format}"
         step = f"`ballbot view {result.path(name)}`"
-        result.write(run_results(log), page, files=files, named=[name], next_step=step)
+        result.write(page, files=files, named=[name], next_step=step)

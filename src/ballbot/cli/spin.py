@@ -9,12 +9,13 @@ from pathlib import Path
 from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
-from ballbot.cli.context import Content, MappingFile, OutFolder, open_result
-from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.cli import options
+from ballbot.cli.context import Content, open_result
+from ballbot.cli.findings import stop_or_show
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.report.spin import spin_report, spin_results
+from ballbot.report.spin import spin_report
 from ballbot.robot import Robot
 from ballbot.vision.seam import seam_named
 from ballbot.vision.spin import (
@@ -60,12 +61,12 @@ def spin(
     video: Path,
     /,
     *,
-    out: OutFolder,
+    out: options.Out,
     camera: CameraOptions = _CAMERA,
     log: Path | None = None,
     robot: str | None = None,
-    mapping: MappingFile = None,
-    accept: Accept = None,
+    mapping: options.Mapping = None,
+    accept: options.Accept = None,
 ) -> None:
     """Measure the ball's angular velocity from a video of its seam, seen from above on the upside-down robot.
 
@@ -129,11 +130,10 @@ def spin(
             picture=picture,
             log_findings=findings,
         )
-        results = spin_results(found, comparison, log_findings=findings)
         step = f"`ballbot identify-upside-down {robot} {result.path('log.csv')} --out found`"
         if run is None:
             step = "give the log of the run with --log and --robot."
-        result.write(results, page, files=files, named=["spin.csv"], next_step=step)
+        result.write(page, files=files, named=["spin.csv"], next_step=step)
 
 
 def _colour(text: str) -> tuple[int, int, int]:

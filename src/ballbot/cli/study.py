@@ -9,28 +9,15 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
-from ballbot.cli.context import (
-    Changes,
-    ClusterAddress,
-    LogPath,
-    MappingFile,
-    OutFolder,
-    RobotName,
-    Seed,
-    WholeNumber,
-    changed_robot,
-    executor,
-    open_result,
-    read_balancing_logs,
-)
-from ballbot.cli.findings import Accept, check_input
+from ballbot.cli import options
+from ballbot.cli.context import changed_robot, executor, open_result, read_balancing_logs
+from ballbot.cli.findings import check_input
 from ballbot.cli.output import notice_output
 from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
-from ballbot.report.study import next_step, study_report
-from ballbot.report.study_files import STUDY_FILES, study_results, study_texts
+from ballbot.report.study import STUDY_FILES, next_step, study_report, study_texts
 from ballbot.summary import counted
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.controller_prediction import MIN_RUNS
@@ -43,11 +30,9 @@ from ballbot.workflows.study import study as run_study
 class StudyTrialOptions:
     """The simulated robots that the candidates run on."""
 
-    scenario: str = "nominal"
-    """Delay, play, noise, sensors and floor of the simulated robots: nominal, another scenario of the twin, or a
-    scenario file."""
+    scenario: options.Scenario = "nominal"
 
-    draws: WholeNumber = StudyOptions.draws
+    draws: options.WholeNumber = StudyOptions.draws
     """Number of simulated robots; fewer than 6 are too few for 95 % intervals and for a prediction."""
 
     confirm: Annotated[bool, Parameter(negative="--no-confirm")] = True
@@ -63,7 +48,7 @@ class StudyFitOptions:
     """States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
     floor. They are still validated."""
 
-    mapping: MappingFile = None
+    mapping: options.Mapping = None
 
     bounds: Path | None = None
     """A TOML file with lower and upper bounds of the friction parameters."""
@@ -73,17 +58,17 @@ _TRIAL, _FIT = StudyTrialOptions(), StudyFitOptions()
 
 
 def study(
-    robot: RobotName,
+    robot: options.Robot,
     /,
-    *logs: LogPath,
-    change: Changes = None,
-    out: OutFolder,
+    *logs: options.Log,
+    change: options.Changes = None,
+    out: options.Out,
     trial: StudyTrialOptions = _TRIAL,
     fit: StudyFitOptions = _FIT,
-    seed: Seed = 0,
-    accept: Accept = None,
+    seed: options.Seed = 0,
+    accept: options.Accept = None,
     quick: Annotated[bool, Parameter(negative="")] = False,
-    cluster: ClusterAddress = None,
+    cluster: options.Cluster = None,
 ) -> None:
     """Identify a robot's friction from its logs, validate the model, and choose the best controller for it.
 
@@ -101,7 +86,7 @@ def study(
     logs
         One or more logs of the robot balancing, with torques and states.
     quick
-        Stop at the verdict: no report.html, and no measurement of where the gain comes from.
+        Stop at the verdict: no report.html, and no measurement of where friction matters.
     """
     described = changed_robot(robot, change)
     named = read_balancing_logs(logs, fit.mapping, described)
@@ -137,7 +122,6 @@ def study(
             run=Run(seed=seed, executor=made_by, progress=result.report),
         )
         result.write(
-            study_results(found),
             study_report(found),
             files=study_texts(found, result.folder.path),
             next_step=next_step(found, result.path),

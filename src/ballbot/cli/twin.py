@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cyclopts import App
 
-from ballbot.cli.context import RobotName
+from ballbot.cli import options
 from ballbot.cli.output import show_written
 from ballbot.errors import InputError
 from ballbot.files import check_file, check_new_file, write_text
@@ -26,7 +26,7 @@ twin = App(name="twin", help=ABOUT)
 
 @twin.command
 def export(
-    robot: RobotName,
+    robot: options.Robot,
     /,
     *,
     scenario: str | None = None,

@@ -13,9 +13,10 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import ROBOT_BESIDE, MappingFile, WholeNumber
+from ballbot.cli import options
+from ballbot.cli.context import ROBOT_BESIDE
 from ballbot.cli.output import notice_output, open_page, progress_bar, show_written, standard_output
-from ballbot.errors import InputError, every, nearest
+from ballbot.errors import InputError, every
 from ballbot.files import check_file, write_text
 from ballbot.log import Log
 from ballbot.log.collection import named_files
@@ -41,7 +42,7 @@ class LiveOptions:
     host: str = "127.0.0.1"
     """The address to listen on. Any but this computer's own lets others in who have the link with its token."""
 
-    port: WholeNumber = 0
+    port: options.WholeNumber = 0
     """The port to listen on; a free one by default."""
 
     browser: Annotated[bool, Parameter(negative="--no-browser")] = True
@@ -57,7 +58,7 @@ def view(
     layout: Layout = "side",
     start: float | None = None,
     end: float | None = None,
-    mapping: MappingFile = None,
+    mapping: options.Mapping = None,
     save: Path | None = None,
     video: Path | None = None,
     live: LiveOptions = _LIVE,
@@ -154,23 +155,20 @@ def _is_port(word: str) -> bool:
 def _sorted_out(shown: tuple[str, ...]) -> tuple[list[str], dict[str, Path]]:
     """Return the robots, and the logs' files by their names."""
     robots = [one for one in shown if one in Robot.presets() or Path(one).suffix == ".toml"]
-    labels: dict[str, str] = {}
-    plain = []
+    plain, labelled = [], []
     for one in (one for one in shown if one not in robots):
         label, equals, path = one.partition("=")
-        if not (equals or Path(one).suffix or Path(one).exists()) and nearest(one, Robot.presets()):
+        if equals and not Path(one).exists():
+            labelled.append((label, Path(path)))
+            continue
+        if not (Path(one).suffix or Path(one).exists()):
             Robot.load(one)  # refuses the misspelt preset, and names the nearest
-        if not equals or Path(one).exists():
-            plain.append(Path(one))
-        elif label in labels:
-            raise InputError(f"Two logs have the label {label!r}. Give each its own.")
-        else:
-            labels[label] = path
+        plain.append(Path(one))
     paths = named_files(plain) if plain else {}
-    both = [label for label in labels if label in paths]
-    if both:
-        raise InputError(f"Two logs are named {both[0]!r}. Give each its own label.")
-    return robots, paths | {label: Path(path) for label, path in labels.items()}
+    for label, path in labelled:
+        if paths.setdefault(label, path) != path:
+            raise InputError(f"Two logs have the label {label!r}. Give each its own.")
+    return robots, paths
 
 
 def _part(log: Log, path: Path, start: float | None, end: float | None) -> Log:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -108,7 +107,6 @@ class RunFolder(Generic[Made, Finished]):
     write: Callable[[Path, Made], object]  #: writes what a run has made, whole or not at all
     #: returns a finished run, None if it is not there or not whole; InputError if it may not be replaced
     read: Callable[[Path], Finished | None]
-    temporary: bool = False  #: whether the folder is deleted if a run is refused: the rest is then of no use
 
     def complete(
         self,
@@ -162,17 +160,13 @@ class RunFolder(Generic[Made, Finished]):
         return {name: found[name] for name in runs}, before
 
     def _made(self, making: Generator[Result, None, None]) -> Generator[Result, None, None]:
-        """Yield what runs have made; if one is refused, their folder is forgotten where it is of no other use."""
+        """Yield what runs have made; of lost workers, say that the finished runs are kept."""
         try:
             yield from making
         except ExecutorError as error:  # nothing is wrong with the run
             raise ExecutorError(
                 f"{error} Finished runs are kept; the same command goes on with them."
             ) from None
-        except InputError:
-            if self.temporary:
-                shutil.rmtree(self.path, ignore_errors=True)
-            raise
 
     def _kept(self, path: Path, made: Made) -> Finished:
         """Write what a run has made, with what it is made from before the first one, and read it."""

@@ -11,16 +11,16 @@ from scipy.spatial.transform import Rotation
 from ballbot.findings import Finding, finding_results
 from ballbot.identification.turning import ANGLE_NAMES
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Report, Sheet, section
+from ballbot.report.blocks import Bullets, Result, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.words import signed_with_error, state_mark, with_error, with_symbols
-from ballbot.rounding import digits
+from ballbot.report.words import state_mark, with_symbols
+from ballbot.rounding import digits, plus_minus, signed
 from ballbot.validation.alignment import POSITIONS, PREFIX, Alignment, SensorErrors, alignment_findings
 
 
 def alignment_report(
     alignment: Alignment, *, title: str, lead: str, log_findings: Sequence[Finding]
-) -> Report:
+) -> Result:
     """Return the page of an alignment."""
     verdict, *others = (finding.text for finding in alignment_findings(alignment))
     sensors = alignment.sensors
@@ -55,13 +55,14 @@ def alignment_report(
         else:
             seen = _seen_series(alignment.log, POSITIONS)
             sections.append(section("Position", seen, errors_series(alignment, sensors, POSITIONS)))
-    return Report(
+    return Result(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
         sections=sections,
         undecided=undecided,
         findings=log_findings,
+        data=_data(alignment, log_findings),
     )
 
 
@@ -150,7 +151,7 @@ def _estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
             for axis, (value, half) in zip("xyz", arms.tolist(), strict=True)
         ]
         found.append(("distances, log over cameras", path.scale, path.scale_half_width, ""))
-    return [(name, with_error(value, half), unit) for name, value, half, unit in found]
+    return [(name, plus_minus(value, half), unit) for name, value, half, unit in found]
 
 
 def _error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
@@ -158,16 +159,16 @@ def _error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
     rows = []
     for name, one in sensors.of.items():
         scale, unit = _UNITS[name]
-        drift = signed_with_error(60 * scale * one.drift, 60 * scale * one.drift_half_width)
+        drift = signed(plus_minus(60 * scale * one.drift, 60 * scale * one.drift_half_width))
         delay = "–"
         if one.delay is not None and one.delay_half_width is not None:
-            delay = signed_with_error(1e3 * one.delay, 1e3 * one.delay_half_width)
+            delay = signed(plus_minus(1e3 * one.delay, 1e3 * one.delay_half_width))
         sizes = (digits(scale * value) for value in (one.rms, one.largest))
         rows.append((state_mark(name), unit, *sizes, drift, digits(scale * one.wander), delay))
     return rows
 
 
-def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] = ()) -> dict[str, object]:
+def _data(alignment: Alignment, log_findings: Sequence[Finding]) -> dict[str, object]:
     """Return what results.json holds: SI units, quaternions wxyz, half widths of 95 %."""
     motion, frame, sensors = alignment.motion, alignment.frame, alignment.sensors
     position = sensors and sensors.position

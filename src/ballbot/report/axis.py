@@ -8,17 +8,16 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from ballbot.findings import Finding, texts
+from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.experiment import AxisEstimate, open_loop_error
 from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
 from ballbot.identification.axis.motion import motion_of
-from ballbot.report.blocks import Bullets, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Bullets, Paragraph, Result, Section, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED
 from ballbot.report.series import Line, Look, Panel, TimeSeries
-from ballbot.report.style import drawn_picture
-from ballbot.report.words import with_error
-from ballbot.rounding import DASH, digits, unit_heading
+from ballbot.report.style import drawn_picture, one_panel
+from ballbot.rounding import DASH, digits, plus_minus, unit_heading
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
 _SLOW = 0.02
@@ -41,8 +40,8 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     friction, fastest = record.force - others, float(np.abs(motion.speed).max())
     moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)
     moving = moving[:: max(1, len(moving) // _MOST_POINTS)]
-    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
-    axes = figure.subplots()
+    across, up = unit_heading("speed", f"{found.unit}/s"), unit_heading("friction", record.force_unit)
+    figure, axes = one_panel(across, up)
     dots = {"color": MUTED, "markersize": 1.6, "alpha": 0.5}
     axes.plot(motion.speed[moving], friction[moving], ".", label="record", **dots)
     side = np.linspace(1e-4, 1.0, 200) * fastest
@@ -52,8 +51,6 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
         axes.plot(speed, curve, color=color, linestyle=dash, linewidth=1.4, label=estimate.law)
     middle = float(np.quantile(np.abs(friction[moving]), 0.99))
     axes.set_ylim(-1.3 * middle, 1.3 * middle)
-    axes.set_xlabel(unit_heading("speed", f"{found.unit}/s"))
-    axes.set_ylabel(unit_heading("friction", record.force_unit))
     axes.legend(loc="upper left", markerscale=5.0)
     return figure
 
@@ -90,8 +87,7 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
 def laws_figure(found: AxisIdentification) -> Figure:
     """Return each law's gain on held-out blocks over the simpler law, with its 95 % interval."""
     compared = [(name, one.gain) for name, one in found.by_law.items() if one.gain]
-    figure = Figure(figsize=(7.4, 0.6 + 0.42 * len(compared)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = one_panel("less error on held-out blocks [%]", "", height=0.6 + 0.42 * len(compared))
     ends = np.array([(100.0 * gain.lower, 100.0 * gain.upper) for _, gain in compared])
     left = max(_LEAST_GAIN, min(-5.0, 1.1 * float(ends.min())))
     for place, (_, gain) in enumerate(reversed(compared)):
@@ -102,11 +98,10 @@ def laws_figure(found: AxisIdentification) -> Figure:
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(compared)), [f"{name} over {LAWS[name][1]}" for name, _ in reversed(compared)])
     axes.set_xlim(left, max(5.0, 1.1 * float(ends.max())))
-    axes.set_xlabel("less error on held-out blocks [%]")
     return figure
 
 
-def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequence[Finding] = ()) -> Report:
+def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequence[Finding] = ()) -> Result:
     """Return the page."""
     count, shown = len(found.records), found.findings[:_IN_VERDICT]
     records = "" if count == 1 else f"{count} records fitted together, the first of "
@@ -114,7 +109,7 @@ def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequenc
     if count == 1:
         text = "How much parameters differ from record to record: there is one (--also adds records)."
         undecided.insert(0, text)
-    return Report(
+    return Result(
         title=f"{', '.join(found.records)}: mass and friction",
         lead=f"{records}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
         f"{found.best.law}, fitted over windows of {found.window:.3g} s.",
@@ -126,6 +121,7 @@ def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequenc
         sections=list(_sections(found, record)),
         undecided=undecided,
         findings=findings,
+        data=found.to_dict() | {"findings": finding_results([*findings, *found.findings])},
     )
 
 
@@ -191,7 +187,7 @@ def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     rows = []
     for name, value in found.best.values.items():
         kind = PARAMETERS[name]
-        number = with_error(value, found.best.standard_errors[name])
+        number = plus_minus(value, found.best.standard_errors[name])
         rows.append((kind.symbol, kind.meaning, unit_for(kind, found.unit), number))
     return rows
 

@@ -7,27 +7,31 @@ fitted to it, and the residual.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from ballbot.findings import Finding, texts
-from ballbot.identification.driveline import QUANTITIES
+from ballbot.findings import Finding, finding_results, texts
+from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep, classical
 from ballbot.identification.geometry import Geometry, GeometryQuantity
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Bullets, Cell, Column, Paragraph, Result, Sheet, section, sheet_of
+from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
-    MEASURED,
-    WITHOUT_FRICTION,
+    drawn_picture,
+    one_panel,
     thinned,
 )
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
-from ballbot.rounding import digits, unit_heading, value_and_error
+from ballbot.rounding import between, digits, unit_heading, value_and_error
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import counted
 
@@ -35,23 +39,20 @@ from ballbot.summary import counted
 _WINDOWS_SHOWN = 8
 
 
-def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
-    """Return the recording, called by `label`, with the fitted pendulum, and below it their difference."""
-    swing, in_degrees = fit.swing, float(np.degrees(1.0))
-    unit = "deg" if swing.kind == "angle" else "deg/s"
-    t, measured, predicted = thinned(
-        swing.t - swing.t[0], swing.values - fit.values[5], fit.predicted - fit.values[5]
+def swing_series(fit: SwingFit, *, label: str = "measured") -> TimeSeries:
+    """Return the recording, called by `label`, with the pendulum fitted to it, and their difference."""
+    what, unit = ("angle", "deg") if fit.swing.kind == "angle" else ("rate", "deg/s")
+    measured, fitted = (np.degrees(one - fit.values[5]) for one in (fit.swing.values, fit.predicted))
+    lines = (Line(label, measured, "measured"), Line("pendulum fitted", fitted, "second"))
+    difference = (Line("difference", measured - fitted, "first"),)
+    return TimeSeries(
+        t=fit.swing.t - fit.swing.t[0],
+        panels=(
+            Panel(label=unit_heading(what, unit), lines=lines),
+            Panel(label=unit_heading("measured less fitted", unit), lines=difference),
+        ),
+        caption="The swing as recorded, and the pendulum with friction that was fitted to it.",
     )
-    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    upper.plot(t, in_degrees * measured, label=label, **MEASURED)
-    upper.plot(t, in_degrees * predicted, label="pendulum fitted", **WITHOUT_FRICTION)
-    upper.set_ylabel(unit_heading("angle" if swing.kind == "angle" else "rate", unit))
-    figure.legend(loc="outside upper center", ncols=2)
-    lower.plot(t, in_degrees * (measured - predicted), color=MEASURED["color"], linewidth=0.8)
-    lower.set_ylabel(f"difference\n[{unit}]")
-    lower.set_xlabel("time [s]")
-    return figure
 
 
 _COMPARISON = (
@@ -92,13 +93,22 @@ def _error_table(found: UpsideDown) -> Sheet:
 _SHOWN_IN = {"rad": (math.degrees(1.0), "deg"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
-def _row(one: GeometryQuantity) -> list[str]:
-    scale, unit = _SHOWN_IN.get(one.unit, (1.0, one.unit))
-    off = f"{round(one.deviation, 1) + 0.0:+.1f} s.e."  # adding zero keeps a minus sign off what prints as nothing
-    error = scale * one.standard_error
-    decimals = max(0, 1 - math.floor(math.log10(error)))
-    numbers = (f"{number:.{decimals}f}" for number in (scale * one.value, error, scale * one.in_file))
-    return [_quantity(one), *numbers, unit, off, one.kind]
+def _number(one: GeometryQuantity, value: float) -> str:
+    """Return a number of a quantity in the table's unit, to the second digit of its standard error."""
+    scale, _ = _SHOWN_IN.get(one.unit, (1.0, one.unit))
+    return f"{scale * value:.{max(0, 1 - math.floor(math.log10(scale * one.standard_error)))}f}"
+
+
+_GEOMETRY: tuple[Column[GeometryQuantity], ...] = (
+    Column("quantity", lambda one: _quantity(one)),
+    Column("from the logs", lambda one: _number(one, one.value)),
+    Column("standard error", lambda one: _number(one, one.standard_error)),
+    Column("in the file", lambda one: _number(one, one.in_file)),
+    Column("unit", lambda one: _SHOWN_IN.get(one.unit, (1.0, one.unit))[1]),
+    # adding zero keeps a minus sign off what prints as nothing
+    Column("difference", lambda one: f"{round(one.deviation, 1) + 0.0:+.1f} s.e."),
+    Column("from", lambda one: one.kind),
+)
 
 
 def _quantity(one: GeometryQuantity) -> str:
@@ -114,7 +124,7 @@ def upside_down_report(
     logs: Mapping[str, Log],
     *,
     findings: Sequence[Finding],
-) -> Report:
+) -> Result:
     """Return the page of friction identified upside down."""
     verdict = [("Verdict", found.verdict.sentence)]
     if found.verdict.usable:
@@ -124,7 +134,7 @@ def upside_down_report(
             f"{digits(float(dry.max()), 2)} N m and a part that grows with speed."
         )
         verdict.append(("Friction", text))
-    return Report(
+    return Result(
         title=f"{described.name}: friction with the ball on its wheels",
         lead=f"The robot clamped upside down, {logs_words(logs)}. Predictions over windows of {found.window:g} s.",
         verdict=verdict,
@@ -148,6 +158,7 @@ def upside_down_report(
             "floor.",
         ],
         findings=findings,
+        data=found.to_dict() | {"findings": finding_results([*findings, *found.findings])},
     )
 
 
@@ -207,19 +218,18 @@ def geometry_report(
     *,
     robot: Robot,
     log_findings: Sequence[Finding],
-) -> Report:
+) -> Result:
     """Return the page of a geometry identified from logs."""
     (first, *others), count = texts(findings), len([*found.measured, *found.wheel_ratios])
-    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *found.others)]
-    headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
-    return Report(
+    rows = (*found.measured, *found.wheel_ratios, *found.others)
+    return Result(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
         verdict=[("", f"{count} lengths, ratios and angles were identified. {first}")],
         sections=[
             section(
                 "Geometry",
-                Sheet(headings=headings, rows=rows, caption=_GEOMETRY_CAPTION),
+                sheet_of(rows, _GEOMETRY, caption=_GEOMETRY_CAPTION),
                 Bullets(items=others) if others else None,
             )
         ],
@@ -228,6 +238,7 @@ def geometry_report(
             "The shape of single rollers, and a ball that is not round.",
         ],
         findings=log_findings,
+        data=found.to_dict() | {"findings": finding_results([*log_findings, *findings])},
     )
 
 
@@ -237,3 +248,196 @@ _GEOMETRY_CAPTION = (
     "the wheels can cause 0.6 % or 0.4 degrees. Azimuths that are off alike are a rotation of the camera's frame. Play "
     "of the gears hides a part of the leaning from the encoders: without play they show all of it (1.00)."
 )
+
+
+_WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
+
+
+def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
+    """Return the thesis's Figure 3.1: torque over measured wheel speed."""
+    figure, axes = one_panel("wheel speed [rad/s]", "torque [N m]")
+    for sweep, (color, dash) in zip(sweeps, _WHEELS, strict=False):
+        speed, torque = thinned(sweep.speed, sweep.torque)
+        axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.1, label=f"wheel {sweep.wheel}")
+    axes.legend(loc="upper left")
+    return figure
+
+
+def comparison_series(sweep: Sweep, fit: DrivelineFit) -> TimeSeries:
+    """Return a wheel's speed over time: measured, with friction, and without."""
+    lines = (
+        Line(name="measured", values=sweep.speed, look="reference"),
+        Line(name="without friction", values=fit.without, look="second"),
+        Line(name="with friction", values=fit.predicted, look="first"),
+    )
+    error = (Line(name="with friction less measured", values=fit.predicted - sweep.speed, look="first"),)
+    return TimeSeries(
+        t=sweep.t,
+        panels=(
+            Panel(label=f"speed of wheel {sweep.wheel} [rad/s]", lines=lines),
+            Panel(label="with friction less measured [rad/s]", lines=error),
+        ),
+        caption=(
+            f"Wheel {sweep.wheel} over time, and the error of the model with friction. "
+            "Where the supply limits the speed, the torque recorded is not the one that acts, and the model starts "
+            "anew from the measured speed."
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Friction [N m] over speeds (k,) above zero [rad/s], and its standard error if it is known."""
+
+    torque: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    error: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.zeros_like
+
+
+def driveline_curves(fits: Sequence[DrivelineFit]) -> dict[str, Curve]:
+    """Return the friction of each wheel by name."""
+    return {f"wheel {fit.wheel}": Curve(fit.law.steady_friction, partial(curve_error, fit)) for fit in fits}
+
+
+def curve_figure(curves: Mapping[str, Curve], fastest: float) -> Figure:
+    """Return friction over speed with its 95 % band; the right panel looks at low speeds."""
+    figure = Figure(figsize=(7.4, 3.2), layout="constrained")
+    panels = figure.subplots(1, 2)
+    for axes, end in zip(panels, (fastest, min(fastest, 4.0)), strict=True):
+        speed = np.geomspace(1e-3, 1.0, 200) * end
+        for (name, curve), (color, dash) in zip(curves.items(), _WHEELS, strict=False):
+            torque, half = curve.torque(speed), 1.96 * curve.error(speed)
+            axes.fill_between(speed, torque - half, torque + half, color=color, alpha=0.2, linewidth=0)
+            axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.3, label=name)
+        axes.set_xlabel("wheel speed [rad/s]")
+        axes.set_ylim(bottom=0.0)
+    panels[0].set_ylabel("friction torque [N m]")
+    panels[0].legend(loc="upper left")
+    return figure
+
+
+def curve_error(fit: DrivelineFit, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the standard error [N m] of the friction at speeds (k,) above zero, by the delta method."""
+    values = np.array([getattr(fit.law, one.name) for one in QUANTITIES])
+    steps = 1e-5 * np.where(values == 0.0, 1.0, values)
+    moved = [values + step * one for step, one in zip(steps, np.eye(len(values)), strict=True)]
+    curves = np.array([classical(one).steady_friction(speed) for one in moved])
+    gradient = (curves - fit.law.steady_friction(speed)).T / steps
+    errors = np.nan_to_num(fit.standard_errors)
+    covariance = fit.correlation * np.outer(errors, errors)
+    return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradient, covariance, gradient), 0.0))
+
+
+def driveline_report(
+    robot: str,
+    sweeps: Sequence[Sweep],
+    fits: Sequence[DrivelineFit],
+    findings: Sequence[Finding] = (),
+) -> Result:
+    """Return the page."""
+    seconds = sweeps[0].t[-1] - sweeps[0].t[0]
+    largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
+    words = (
+        "A driveline resists with b ω + (c + s exp(−|ω/v_s|)) sgn ω. Each is identified as an axis of the file's "
+        "inertia (docs/axis.md)."
+    )
+    rows = [
+        # the interval in a second line, so that four wheels fit on a page
+        (name, unit, *(Cell(text=text, below=below) for text, _, below in parted))
+        for name, unit, *cells in parameter_rows(fits)
+        for parted in [[cell.removesuffix(")").partition(" (") for cell in cells]]
+    ]
+    return Result(
+        title=f"{robot}: friction of the drivelines",
+        lead=f"Wheels free, {seconds:.0f} s, up to {largest:.3g} N m and {sweeps[0].limit:.4g} rad/s.",
+        verdict=[(f"Wheel {fit.wheel}", _sentence(fit)) for fit in fits],
+        sections=[
+            section(
+                "Friction found",
+                Paragraph(text=words),
+                Sheet(
+                    headings=("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits)),
+                    rows=rows,
+                    caption="With 95 % intervals.",
+                ),
+                Paragraph(
+                    text="`ballbot identify --sweep results.json` takes b and c of each wheel from here, with their "
+                    "standard errors and correlation, and finds s, v_s and δ from its logs alone. `robot.toml` has b, "
+                    "c and s of each wheel and the mean of v_s."
+                ),
+                drawn_picture(
+                    "curve",
+                    partial(curve_figure, driveline_curves(fits), sweeps[0].limit),
+                    "Friction over speed with its 95 % band, up to the speed limit and at low speeds.",
+                ),
+            ),
+            section(
+                "Torque and speed, measured",
+                drawn_picture(
+                    "measured",
+                    partial(measured_figure, sweeps),
+                    "Torque over the speed of each wheel, free of the ball. The "
+                    "vertical ends are the supply's speed limit.",
+                ),
+            ),
+            section(
+                "Measured and modelled",
+                Sheet(
+                    headings=("", "RMS [rad/s]", "without friction"),
+                    rows=[(f"wheel {one.wheel}", digits(one.rmse), digits(one.rmse_without)) for one in fits],
+                    caption="Errors of the simulated speed.",
+                ),
+                *(comparison_series(*row) for row in zip(sweeps, fits, strict=True)),
+            ),
+        ],
+        undecided=[*texts([one for fit in fits for one in fit.findings]), _CLOSING],
+        findings=findings,
+        data=_data(fits, findings),
+    )
+
+
+_CLOSING = (
+    "A slow sweep stays long at high speeds and passes the low ones, where s and v_s act, in a few tenths of a second "
+    "each time. The inertia is from the robot file."
+)
+
+
+def _sentence(fit: DrivelineFit) -> str:
+    """Return a wheel's friction in words."""
+    b, c, s, _ = fit.values.tolist()
+    return (
+        f"The break-away torque is {digits(c + s, 2)} N m; in motion the friction is {digits(c, 2)} N m plus "
+        f"{digits(b, 2)} N m per rad/s. Without friction the error of the speed is "
+        f"{digits(fit.rmse_without / max(fit.rmse, 1e-12), 2)} times as large."
+    )
+
+
+def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
+    """Return each parameter's symbol, unit and values by wheel, with 95 % intervals."""
+    return [(one.symbol, one.unit, *(_written(fit, i) for fit in fits)) for i, one in enumerate(QUANTITIES)]
+
+
+def _written(fit: DrivelineFit, place: int) -> str:
+    """Return a parameter with its 95 % interval, or that it has none."""
+    value, (low, high) = float(fit.values[place]), fit.intervals[place]
+    if np.isfinite(high):
+        return between(value, low, high)
+    return "unknown" if value else "0, at its bound"
+
+
+def _data(fits: Sequence[DrivelineFit], findings: Sequence[Finding]) -> dict[str, object]:
+    """Return what results.json holds."""
+
+    def table(numbers: Sequence[NDArray[np.float64]]) -> dict[str, list[float]]:
+        return dict(zip(NAMES, np.transpose(numbers).tolist(), strict=True))
+
+    return {
+        "parameters": table([fit.values for fit in fits]),
+        "standard_errors": table([fit.standard_errors for fit in fits]),
+        "intervals": {
+            f"wheel {fit.wheel}": dict(zip(NAMES, fit.intervals.tolist(), strict=True)) for fit in fits
+        },
+        "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
+        "rmse": [fit.rmse for fit in fits],
+        "rmse_without_friction": [fit.rmse_without for fit in fits],
+        "findings": finding_results([*findings, *(one for fit in fits for one in fit.findings)]),
+    }

@@ -1,14 +1,23 @@
-"""The parts of a report's page: what a command gives to the one page builder, `ballbot.report.page.page_of`.
+"""What everything found is: a `Result`, and the parts of it that a page and a terminal show.
 
-    Report(
+    Result(
         title="alten: limits",
         lead="Two controllers, on the exact model.",
         verdict=(("full", "Recovers from a tilt of 9.1 degrees in every direction."),),
         sections=(Section(heading="Tilts and impulses", blocks=(Sheet(...), Picture(...))),),
         undecided=("How much a worn wheel slips: the grip is an assumption (--grip).",),
+        data={"full": limits},
     )
 
-A terminal shows `Report.parts` of it, so that both have the same words and numbers.
+From it come the terminal's lines (`parts`), the page and results.json (`ballbot.report.page.render`), and `summary()`,
+`repr` and `to_dict()` of what was found (`ballbot.report.plots`). A table and its entries in results.json come from one
+list of columns:
+
+    COLUMNS = (
+        Column("peak [mm]", lambda run: run.peak, millimetres, key="peak_position_error"),
+        Column("falls", lambda run: run.falls, key="falls"),
+    )
+    sheet_of(runs, COLUMNS), [entries_of(run, COLUMNS) for run in runs]
 
 Text is escaped when it is rendered, so that a name from a log or a file stays a name. Only a `Picture`, a `TimeSeries`
 and a `Film` bring markup of their own, which Ballbot made.
@@ -16,25 +25,38 @@ and a `Film` bring markup of their own, which Ballbot made.
 
 from __future__ import annotations
 
+import platform
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, ClassVar, Generic, TypeVar
 
+import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from ballbot.errors import InputError
+from ballbot.files import check_regular, sha256_of
 from ballbot.findings import Finding
 from ballbot.printable import printable, printable_line
 from ballbot.report.series import TimeSeries
+from ballbot.rounding import digits
+from ballbot.summary import Summary
 
 if TYPE_CHECKING:
-    from ballbot.report.provenance import Provenance
+    from ballbot.report.blocks import Provenance
     from ballbot.viewer.page import ReplayPart
 
+
+#: what people read of every result, and what programs read
+PAGE, RESULTS = "report.html", "results.json"
 #: a number alone or with its sign, interval or unit; what stands flush right in a table
 _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \.\. .*)?|falls|no|none")
 
@@ -87,6 +109,48 @@ class Sheet:
             index > 0 and all(_NUMERIC.fullmatch(str(cell.text)) for cell in cells)
             for index, cells in enumerate(columns)
         ]
+
+
+T = TypeVar("T")
+
+
+def _written(value: object) -> str:
+    """Return a number with three digits, and anything else as it is."""
+    return digits(value) if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class Column(Generic[T]):
+    """A column of a table, and an entry of results.json, of rows of one kind."""
+
+    heading: str | None  #: with its unit; None for what results.json alone has
+    value: Callable[[T], object]  #: of a row, as results.json has it
+    shown: Callable[..., str | Cell] = _written  #: the value, as the table has it
+    key: str = ""  #: in results.json; "" for what the table alone has
+
+
+def sheet_of(
+    rows: Iterable[T],
+    columns: Sequence[Column[T]],
+    *,
+    caption: str = "",
+    groups: Sequence[tuple[str, int]] = (),
+    shaded: Callable[[T], bool] = lambda _: False,
+) -> Sheet:
+    """Return the table of rows, with those columns that have a heading."""
+    listed, there = list(rows), [one for one in columns if one.heading is not None]
+    return Sheet(
+        headings=[str(one.heading) for one in there],
+        rows=[[one.shown(one.value(row)) for one in there] for row in listed],
+        caption=caption,
+        groups=groups,
+        shaded=frozenset(place for place, row in enumerate(listed) if shaded(row)),
+    )
+
+
+def entries_of(row: T, columns: Sequence[Column[T]]) -> dict[str, object]:
+    """Return what results.json has of a row: those columns that have a key."""
+    return {one.key: one.value(row) for one in columns if one.key}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,8 +210,8 @@ class Section:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
-    """What a command found, for people."""
+class Result:
+    """What was found: for people its sentences, tables and figures, for programs its data."""
 
     title: str
     lead: str  #: what was examined, in a sentence
@@ -160,6 +224,20 @@ class Report:
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
     #: whether the errors among them were accepted, so that results follow in spite of them
     accepted: bool = True
+    data: Mapping[str, object] = field(default_factory=dict)  #: what results.json holds
+
+    def summary(self) -> Summary:
+        """Return the verdict on one screen; one without headings stands below the first table."""
+        if all(heading for heading, _ in self.verdict):
+            return Summary(title=self.title, rows=tuple(self.verdict))
+        sheets = [block for one in self.sections[:1] for block in one.blocks if isinstance(block, Sheet)]
+        table = [(sheet.headings, *sheet.rows) for sheet in sheets[:1]]
+        rows = [(str(name), tuple(map(str, cells))) for lines in table for name, *cells in lines]
+        return Summary(title=self.title, rows=tuple(rows), sentences=tuple(text for _, text in self.verdict))
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds: the data, and where they come from."""
+        return ({} if self.made is None else {"provenance": self.made}) | dict(self.data)
 
     def parts(self, *, brief: bool = False) -> Iterator[RenderableType]:
         """Yield what a terminal shows: tables, texts and lists of the page, and the doubts; then the verdict.
@@ -211,3 +289,78 @@ def section(heading: str, *blocks: Block | None) -> Section:
 def details(heading: str, *blocks: Block | None) -> Section:
     """Return a section that is folded: what a reader looks up."""
     return replace(section(heading, *blocks), folded=True)
+
+
+PLAIN_WIDTH = 100  #: columns if no terminal states its width
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+
+
+class PlainConsole(Console):
+    """A console that shows text as it is: what looks like markup, emoji or an escape sequence is not obeyed."""
+
+    def __init__(self, *, file: IO[str] | None = None, width: int | None = None) -> None:
+        """Print to a file, standard output by default; the width is the terminal's by default."""
+        super().__init__(file=file, width=width, highlight=False, markup=False, emoji=False)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Render as rich does, what a terminal would obey in texts escaped."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+
+def matrix_text(name: str, matrix: NDArray[np.float64]) -> str:
+    """Return a matrix to four decimals below its name."""
+    # rounding first and adding zero keeps a minus sign off what prints as nothing
+    rows = np.array2string(np.round(matrix, 4) + 0.0, precision=4, floatmode="fixed", max_line_width=200)
+    return f"{name} =\n{rows}"
+
+
+def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
+    """Return a finding as a line: its severity, whether an error is accepted, the file, the sentence and the code."""
+    file = f"{finding.where.file}: " if finding.where.file else ""
+    word = f"{finding.severity}{' (accepted)' if accepted and finding.severity == 'error' else ''}"
+    return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")
+
+
+_PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceFile:
+    """A file that a result was made from."""
+
+    name: str  #: as it was given
+    sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """What a result was made from and with."""
+
+    command: str  #: that makes it again
+    files: tuple[SourceFile, ...]
+    seed: int | str  #: or several, as 1-20
+    versions: dict[str, str]  #: Python's and the packages' that the numbers depend on
+
+
+def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Provenance:
+    """Return the provenance of a result made from `files`; InputError if one cannot be read."""
+    sources = []
+    for path in _single_files(files):
+        check_regular(path)  # reading a pipe would never end
+        try:
+            sources.append(SourceFile(name=str(path), sha256=sha256_of(path)))
+        except OSError as error:
+            raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    return Provenance(
+        command=command,
+        files=tuple(sources),
+        seed=seed,
+        versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+    )
+
+
+def _single_files(paths: Sequence[Path]) -> Iterator[Path]:
+    """Yield the files, and in place of a ROS 2 bag's folder those that it consists of."""
+    for path in paths:
+        yield from sorted(path.iterdir()) if path.is_dir() else (path,)

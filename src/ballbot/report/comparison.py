@@ -16,21 +16,20 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.log import Log
-from ballbot.report.blocks import Cell, Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Cell, Column, Paragraph, Result, Section, Sheet, section, sheet_of
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import (
     LOOKS,
-    REFERENCE,
     LineStyle,
     drawn_picture,
     label_of,
+    one_panel,
     thinned,
 )
 from ballbot.report.words import capital
 from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
-from ballbot.workflows.comparison import Estimate
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import (
     METRIC_BY_KEY,
@@ -38,10 +37,12 @@ from ballbot.workflows.league import (
     RATIOS,
     League,
     Standing,
+    league_results,
     overall,
     standing,
 )
 from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
+from ballbot.workflows.statistics import Estimate
 
 #: looks and names of a study's candidates
 RUN_LOOKS: Mapping[str, Look] = {
@@ -66,7 +67,7 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
     panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (name, log) in zip(panels, runs.items(), strict=True):
         place = true_place(log)
-        axes.plot(log["ref_x"], log["ref_y"], label="reference", **REFERENCE)
+        axes.plot(log["ref_x"], log["ref_y"], label="reference", **LOOKS["reference"])
         x, y = thinned(place["x"], place["y"])
         axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
         axes.plot(place["x"][:1], place["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none")
@@ -100,17 +101,26 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     )
 
 
-OVERALL_HEADINGS = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
-
-
-def overall_rows(league: League) -> list[list[str]]:
+def _overall_sheet(league: League) -> Sheet:
     """Return a row for each controller: its ratios to the first one over all courses, and its falls."""
-    rows = []
-    for name in league.controllers:
+
+    def ratio(key: str) -> Column[str]:
+        def value(name: str) -> str:
+            found = overall(league, name).ratios
+            return _estimate(found[key]) if found else "1"
+
+        return Column(METRIC_BY_KEY[key].heading, value)
+
+    def falls(name: str) -> str:
         found = overall(league, name)
-        ratios = [_estimate(found.ratios[key]) if found.ratios else "1" for key in RATIOS]
-        rows.append([name, *ratios, f"{found.falls} of {found.runs}"])
-    return rows
+        return f"{found.falls} of {found.runs}"
+
+    columns = [Column("controller", str), *map(ratio, RATIOS), Column("falls", falls)]
+    caption = (
+        f"Each number over {league.controllers[0]}'s on the same course with the same seed: geometric means over the "
+        "courses, with 95 % intervals over the seeds."
+    )
+    return sheet_of(league.controllers, columns, caption=caption)
 
 
 def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
@@ -155,16 +165,14 @@ _TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth",
 
 def course_figure(league: League, course: Course) -> Figure:
     """Draw each controller's path over the floor, of one run each, with the first seed."""
-    figure = Figure(figsize=(5.2, 3.4), layout="constrained")
-    floor = figure.subplots()
+    figure, floor = one_panel("$x$ [m]", "$y$ [m]", width=5.2)
     asked = _asked(course, np.arange(0.0, course.duration, 0.1))
-    floor.plot(asked[:, 0], asked[:, 1], marker="o" if np.ptp(asked) == 0.0 else None, **REFERENCE)
+    floor.plot(asked[:, 0], asked[:, 1], marker="o" if np.ptp(asked) == 0.0 else None, **LOOKS["reference"])
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
         label = label_of(name) + (" (fell)" if track.ended else "")
         floor.plot(track.x, track.y, label=label, **line_of(index))
     floor.set_aspect("equal", adjustable="datalim")
-    floor.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
     figure.legend(*floor.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
 
@@ -208,29 +216,22 @@ def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)
 
 
-def league_report(league: League) -> Report:
+def league_report(league: League) -> Result:
     """Return the page of a league."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
-    first, courses = league.controllers[0], counted(len(league.courses), "course")
-    caption = (
-        f"Each number over {first}'s on the same course with the same seed: geometric means over the courses, with "
-        "95 % intervals over the seeds."
-    )
-    beyond = (
-        "How the controllers compare on a real robot: these are simulated runs of the robot as described."
-    )
-    return Report(
+    courses = counted(len(league.courses), "course")
+    return Result(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
         verdict=[("", _verdict(league))],
         sections=[
-            section(
-                "Over all courses",
-                Sheet(headings=OVERALL_HEADINGS, rows=overall_rows(league), caption=caption),
-            ),
+            section("Over all courses", _overall_sheet(league)),
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
-        undecided=[beyond],
+        undecided=[
+            "How the controllers compare on a real robot: these are simulated runs of the robot as described."
+        ],
+        data=league_results(league),
     )
 
 

@@ -12,18 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.file_formats import results_text
-from ballbot.files import write_text
 from ballbot.fitting.run import Run
 from ballbot.identification import Identification, identify
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.mechanics.friction import wheel_friction
+from ballbot.report.blocks import provenance
 from ballbot.report.demo_runs import ROBOT, SOFT, robot_of_runs
 from ballbot.report.identification import friction_curve, identification_report
-from ballbot.report.page import page_of
-from ballbot.report.provenance import provenance
+from ballbot.report.page import render
 from ballbot.robot import Robot
 from ballbot.rounding import digits
 from ballbot.viewer.page import ResultState
@@ -46,18 +44,11 @@ def _part(log: Log) -> Log:
     return log.without_truth().between(0.0, LOG_END)
 
 
-def write_report(found: Identification, log: Log, page: Path) -> None:
-    """Write the report on the friction found in the first run's log, and results.json beside it."""
+def write_report(found: Identification, log: Log, folder: Path) -> None:
+    """Write the report on the friction found in the first run's log, and results.json."""
     made = provenance(command="ballbot demo", files=[], seed=0)
-    report = identification_report(
-        found,
-        {SOFT: _part(log)},
-        findings=(),
-        selection=None,
-        holdouts=(),
-    )
-    write_text(page.with_name("results.json"), results_text(found.to_dict() | {"provenance": made}))
-    write_text(page, page_of(replace(report, made=made)))
+    report = identification_report(found, {SOFT: _part(log)}, findings=(), selection=None, holdouts=())
+    render(replace(report, made=made), folder)
 
 
 def state_found(found: Identification) -> ResultState:

@@ -2,25 +2,48 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from ballbot.control.controller import torque_limit_words
+from ballbot.control.linear import RobotLoop, step_response
 from ballbot.control.lqr import frictionless_model
+from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.control.overcompensation import has_friction
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Sheet, details, section
-from ballbot.report.loop import linear_section, loop_section
-from ballbot.report.style import STATE_UNITS
+from ballbot.mechanics.model import LinearModel
+from ballbot.report.blocks import (
+    Block,
+    Bullets,
+    Column,
+    Paragraph,
+    Result,
+    Section,
+    Sheet,
+    Verbatim,
+    details,
+    matrix_text,
+    section,
+    sheet_of,
+)
+from ballbot.report.palette import BLUE, MUTED, SHADE
+from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
+from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture, one_panel
 from ballbot.report.words import NO_FRICTION, capital, state_mark
+from ballbot.results import to_results
 from ballbot.robot import Friction
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.robust_design import RobustDesign
+from ballbot.workflows.robot_check import linearization_results, state_order
+from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
 
 
 def search_comment(found: RobustDesign, command: str) -> str:
@@ -61,7 +84,7 @@ def _certain_fractions(stated: Friction, certain: Friction) -> str:
     )
 
 
-def controller_design_report(found: ControllerDesign, findings: Sequence[Finding]) -> Report:
+def controller_design_report(found: ControllerDesign, findings: Sequence[Finding]) -> Result:
     """Return the page of a design without a search."""
     controller = found.controller
     robot = controller.robot
@@ -88,7 +111,7 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
     ]
     if not found.uncertainty.parts:
         undecided.append("How uncertain the gain is: no value in the robot file has a standard_deviation.")
-    return Report(
+    return Result(
         title=f"{robot.name}: a controller",
         lead=lead,
         verdict=verdict,
@@ -100,6 +123,7 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
         ],
         undecided=undecided,
         findings=findings,
+        data=found.to_dict(),
     )
 
 
@@ -147,34 +171,35 @@ def gain_sheet(
     return Sheet(headings=("state", *wheels), rows=rows, caption=caption)
 
 
-def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Report:
+_DESIGNS: tuple[Column[tuple[str, ComparedDesign]], ...] = (
+    Column("design", lambda one: one[0]),
+    Column("worst tenth of J", lambda one: f"{one[1].worst_tenth:.2f}"),
+    Column("mean J", lambda one: f"{one[1].mean:.2f}"),
+    Column("worst error [mm]", lambda one: f"{1e3 * one[1].worst_error:.1f}"),
+    Column("worst roughness [N m]", lambda one: f"{one[1].worst_roughness:.3f}"),
+    Column("falls", lambda one: one[1].falls),
+)
+
+
+def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Result:
     """Return the page of a design by search."""
-    headings = ("design", "worst tenth of J", "mean J", "worst error [mm]", "worst roughness [N m]", "falls")
-    rows = [
-        (
-            *(name, f"{one.worst_tenth:.2f}", f"{one.mean:.2f}", f"{1e3 * one.worst_error:.1f}"),
-            *(f"{one.worst_roughness:.3f}", f"{one.falls}"),
-        )
-        for name, one in found.compared.items()
-    ]
     caption = (
         f"On {found.fresh} perturbed robots that the search did not use. The cost J of a robot is its error over the "
         "nominal gain's median plus its torques' roughness over the nominal gain's median, so that J is about 2 with "
         "the nominal weights; a fall costs 10 to 20. The worst tenth is the mean of the largest tenth."
     )
     spread = {name: getattr(found.spread, name) for name in ("mass", "height", "friction")}
+    controller = found.controller
     ranges = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in spread.items())
-    return Report(
-        title=f"{found.controller.robot.name}: a robust controller",
+    return Result(
+        title=f"{controller.robot.name}: a robust controller",
         lead=f"Perturbed robots: {ranges}; --perturb changes a range.",
         verdict=robust_verdict(found),
         sections=[
-            section("Compared with other weights", Sheet(headings=headings, rows=rows, caption=caption)),
             section(
-                "Gain",
-                gain_sheet(found.controller.gain),
-                Bullets(items=[_weights(found)]),
+                "Compared with other weights", sheet_of(found.compared.items(), _DESIGNS, caption=caption)
             ),
+            section("Gain", gain_sheet(controller.gain), Bullets(items=[_weights(found)])),
             loop_section(found.loop_margins),
         ],
         undecided=[
@@ -182,6 +207,16 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
             f"The cost's tail beyond {found.fresh} robots: rarer ones may fall.",
         ],
         findings=findings,
+        data={
+            "robot": controller.robot.name,
+            "sample_time": controller.sample_time,
+            "compensation": controller.compensation,
+            "gain": controller.gain,
+            "poles": found.design.poles,
+            "loop_margins": found.loop_margins.to_dict(),
+            "linearization": linearization_results(frictionless_model(controller.robot)),
+            **to_results(found),
+        },
     )
 
 
@@ -196,3 +231,106 @@ def robust_verdict(found: RobustDesign) -> list[tuple[str, str]]:
     )
     falls = f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."
     return [("Cost", text), ("Falls", falls)]
+
+
+#: of what acts on all wheels alike, beside the wheels' looks
+_MODES: tuple[Look, ...] = ("quiet", "fifth", "sixth")
+#: frequencies of a Bode diagram, and the lowest [rad/s]
+_POINTS, _LOWEST = 400, 0.1
+#: steps of the reference [m, rad]
+STEPS = {"x": 0.1, "psi": math.radians(10.0)}
+
+
+def poles_figure(poles: NDArray[np.complex128]) -> Figure:
+    """Return the poles of a closed loop; the unstable half is shaded.
+
+    To the left is fast; on the real line nothing oscillates.
+    """
+    figure, axes = one_panel("real part [rad/s]", "imaginary part [rad/s]", width=4.6, height=2.6)
+    axes.plot(poles.real, poles.imag, "o", color=BLUE, markersize=4.5, mfc="none")
+    axes.axvspan(0.0, 1e3, color=SHADE)
+    axes.axvline(0.0, color=MUTED, linewidth=0.8)
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    height = max(1.0, 1.25 * float(np.abs(poles.imag).max()))
+    left, right = min(-1.0, 1.12 * float(poles.real.min())), max(1.0, 1.5 * float(poles.real.max()))
+    axes.set(xlim=(left, right), ylim=(-height, height))
+    return figure
+
+
+def linear_section(linear: LinearModel, *, caption: str) -> Section:
+    """Return the section on a linear model about upright."""
+    order = state_order(linear.B.shape[1])
+    text = "\n".join((order, matrix_text("A", linear.A), matrix_text("B", linear.B)))
+    return details(
+        "Linear model", Verbatim(text=text, caption=f"x_dot = A x + B u about upright, {caption}.")
+    )
+
+
+def loop_section(margins: Margins, *, of: str = "") -> Section:
+    """Return the section on a loop; `of` names its controller, if that is not the page's own."""
+    loop = margins.loop
+    bode = (
+        "Bode diagram of the loop broken at the wheels' torques: at one wheel with the others closed, and at all "
+        "wheels together, as the eigenvalues for the two leans and the heading."
+    )
+    return section(
+        f"Stability margins{f' with {of}' if of else ''}",
+        Sheet(headings=HEADINGS, rows=margins.rows(), caption=MEANING),
+        drawn_picture("bode", partial(bode_figure, margins), bode),
+        *(step_series(loop, name) for name in STEPS),
+    )
+
+
+def step_series(loop: RobotLoop, name: str) -> TimeSeries:
+    """Return the response to a step of the reference in x or psi as time series of a page."""
+    size = STEPS[name]
+    step = step_response(loop, name=name, size=size)
+    late = f" Torques act {1e3 * loop.delay:g} ms late, as predicted." if loop.delay else ""
+    if name == "psi":
+        what, degrees = f"{math.degrees(size):g}° of the heading", np.degrees(step.states[:, 4])
+        line = Line("heading", degrees, "measured")
+        panels = [Panel(label="heading [deg]", lines=(line,), levels=(math.degrees(size),))]
+    else:
+        what, degrees = f"{1e3 * size:g} mm in x", np.degrees(step.states[:, 3])
+        line = Line("x", 1e3 * step.states[:, 0], "measured")
+        panels = [
+            Panel(label="x [mm]", lines=(line,), levels=(1e3 * size,)),
+            Panel(label="lean φ [deg]", lines=(Line("lean", degrees, "measured"),)),
+        ]
+    return TimeSeries(
+        t=step.t,
+        panels=[*panels, Panel(label="torques [N m]", lines=wheel_lines(list(step.torques.T)))],
+        caption=(
+            f"Response of the linear loop to a step of the reference by {what}, without reference shaping, "
+            f"feed-forward, limits and friction.{late}"
+        ),
+        level="reference",
+    )
+
+
+def bode_figure(margins: Margins) -> Figure:
+    """Return the Bode diagram of the loop broken at each wheel."""
+    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
+    gain, phase = figure.subplots(2, 1, sharex=True)
+    loop = margins.loop
+    omega = np.geomspace(_LOWEST, 0.999 * math.pi / loop.sample_time, _POINTS)
+    alike = len(margins.rows()) == 2  # one row of each wheel, one of all
+    wheels, names = loop.wheel_responses(omega), ("one wheel",) if alike else loop.wheels
+    modes = zip(("lean 1", "lean 2", "heading"), loop.mode_responses(omega).T, _MODES, strict=True)
+    for name, response, look in (*zip(names, wheels.T, IN_TURN, strict=False), *modes):
+        gain.plot(omega, 20.0 * np.log10(np.abs(response)), label=name, **LOOKS[look])
+        degrees = np.degrees(np.unwrap(np.angle(response)))
+        # a stable loop crosses 0 dB about -180 degrees; whole turns are only the unwrapping's
+        crossing = np.argmin(np.abs(np.log(np.abs(response))))
+        phase.plot(omega, degrees - 360.0 * np.round((degrees[crossing] + 180.0) / 360.0), **LOOKS[look])
+    for axes, level in ((gain, 0.0), (phase, -180.0)):
+        axes.axhline(level, color=MUTED, linewidth=0.9)
+        axes.set_xscale("log")
+        axes.margins(x=0.0)
+    gain.set_ylabel("gain [dB]")
+    # outside: within the axes it would cover the crossing of 0 dB of some loops
+    figure.legend(*gain.get_legend_handles_labels(), loc="outside upper left", ncols=4)
+    phase.set_ylabel("phase [deg]")
+    phase.yaxis.set_major_locator(MultipleLocator(90.0))
+    phase.set_xlabel("frequency [rad/s]")
+    return figure

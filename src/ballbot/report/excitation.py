@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.identification.quantities import BY_NAME
-from ballbot.report.blocks import Report, Sheet, details, section
+from ballbot.report.blocks import Result, Sheet, details, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot.parameters import DIMENSIONLESS
 from ballbot.rounding import digits, unit_heading
@@ -74,10 +74,10 @@ def gain_sentence(gain: float) -> str:
     return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
 
 
-def excitation_report(result: Excitation) -> Report:
+def excitation_report(result: Excitation) -> Result:
     """Return the page."""
     limits = result.task.limits
-    return Report(
+    return Result(
         title=f"{result.task.robot.name}: an informative excitation",
         lead=(
             f"{result.task.duration:.0f} s within {np.degrees(limits.lean):.2g}° of lean, {limits.floor:g} m of floor "
@@ -92,6 +92,7 @@ def excitation_report(result: Excitation) -> Report:
             "How much the real robot's friction differs from the file's, with which the errors are computed.",
             "Whether the real robot stays within the limits: the simulation is not the robot. Have a hand near it.",
         ],
+        data=result.to_dict(),
     )
 
 

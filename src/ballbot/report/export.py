@@ -9,7 +9,8 @@ from ballbot.findings import Finding
 from ballbot.firmware.emulator import CYCLES
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
-from ballbot.report.blocks import Report, Sheet, section
+from ballbot.firmware.records import FIRMWARE
+from ballbot.report.blocks import Result, Sheet, section
 
 _HEADINGS = ("quantity", "value")
 
@@ -56,7 +57,7 @@ def export_report(
     *,
     to_install: str,
     findings: Sequence[Finding],
-) -> Report:
+) -> Result:
     """Return the page of an exported firmware; `to_install` says what a measurement of the load needs."""
     verdict = [("Firmware", _about(exported, controller))]
     sections = [section("The controller", Sheet(headings=_HEADINGS, rows=_limit_rows(exported, controller)))]
@@ -83,13 +84,23 @@ def export_report(
         undecided.insert(
             0, "What interrupts and drivers of a board take: they come on top of the library's cycles."
         )
-    return Report(
+    return Result(
         title=f"{controller.robot.name}: a controller as firmware",
         lead="In C99; README.md says how to build it.",
         verdict=verdict,
         sections=sections,
         undecided=undecided,
         findings=findings,
+        data={
+            "robot": controller.robot.name,
+            "estimator": controller.estimator,
+            "sample_time": controller.sample_time,
+            "safety": exported.limits,
+            "schema": FIRMWARE.digest,
+            "parameter_bytes": exported.parameter_bytes,
+            "state_bytes": exported.state_bytes,
+            "processor": None if load is None else load.to_dict(),
+        },
     )
 
 

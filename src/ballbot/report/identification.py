@@ -21,19 +21,20 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, texts
 from ballbot.fitting.intervals import Interval
-from ballbot.fitting.model_selection import Gain, ModelSelection
+from ballbot.fitting.model_selection import Candidate, Gain, ModelSelection
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
-from ballbot.identification.laws import law_named
+from ballbot.identification.holdout import FrictionAtHorizon
+from ballbot.identification.laws import law_named, law_results
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
 from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.blocks import Block, Bullets, Report, Sheet, details, section
+from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, details, section, sheet_of
 from ballbot.report.palette import BLUE, MUTED
 from ballbot.report.style import STATE_UNITS, drawn_picture
-from ballbot.report.validation_figures import correlation_figure
+from ballbot.report.validation import correlation_figure
 from ballbot.report.words import driveline_symbols, interval_text, logs_words, state_mark
 from ballbot.robot import Friction
 from ballbot.rounding import digits, unit_heading, value_and_error
@@ -46,12 +47,12 @@ def identification_report(
     findings: Sequence[Finding],
     selection: ModelSelection[Identification] | None,
     holdouts: Sequence[HoldoutResult],
-) -> Report:
+) -> Result:
     """Return the page; `selection` compares laws, if several were fitted."""
     undecided = texts((*found.findings, *(finding for one in holdouts for finding in one.findings)))
     if found.variation.logs == 1:
         undecided.append("How much the estimate differs from log to log: there is one log.")
-    return Report(
+    return Result(
         title=f"{found.robot.name}: friction from balancing logs",
         lead=f"Identified from {logs_words(logs)}, with predictions over windows of {found.window:g} s.",
         verdict=[("Verdict", found.verdict.sentence), ("Friction", friction_sentence(found))],
@@ -66,6 +67,11 @@ def identification_report(
         ],
         undecided=[*undecided, "The friction at speeds, loads and temperatures that the logs do not have."],
         findings=findings,
+        data={
+            **found.to_dict(),
+            **({"ladder": law_results(selection)} if selection else {}),
+            **({"judged_on": {one.name: one.to_dict() for one in holdouts}} if holdouts else {}),
+        },
     )
 
 
@@ -150,20 +156,19 @@ def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sh
 
 def _horizon_sheet(holdout: HoldoutResult) -> Sheet:
     """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
-    rows = []
-    for one in holdout.horizons:
-        speed, lean = one.wheel_speed, one.lean
-        errors = (speed.with_friction, speed.viscous_part, speed.without_friction)
-        leans = (math.degrees(lean.with_friction), math.degrees(lean.without_friction))
-        cells = (*map(digits, errors), digits(speed.share, 2), *map(digits, leans), digits(lean.share, 2))
-        rows.append((f"{one.horizon:.3g}", *cells))
+    columns: list[Column[FrictionAtHorizon]] = [
+        Column("after, s", lambda one: f"{one.horizon:.3g}"),
+        Column("wheel speed, rad/s", lambda one: one.wheel_speed.with_friction),
+        Column("viscous part", lambda one: one.wheel_speed.viscous_part),
+        Column("without friction", lambda one: one.wheel_speed.without_friction),
+        Column("missing friction", lambda one: digits(one.wheel_speed.share, 2)),
+        Column("lean, deg", lambda one: math.degrees(one.lean.with_friction)),
+        Column("without friction", lambda one: math.degrees(one.lean.without_friction)),
+        Column("missing friction", lambda one: digits(one.lean.share, 2)),
+    ]
     known = "past rows" if holdout.causal else "its rows"
-    headings = (
-        *("after, s", "wheel speed, rad/s", "viscous part", "without friction", "missing friction"),
-        *("lean, deg", "without friction", "missing friction"),
-    )
     caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
-    return Sheet(headings=headings, rows=rows, caption=caption)
+    return sheet_of(holdout.horizons, columns, caption=caption)
 
 
 #: of laws in words
@@ -176,16 +181,16 @@ def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
     def gain(one: Gain | None) -> str:
         return f"{100 * one.share:.1f} % ({100 * one.lower:.1f} .. {100 * one.upper:.1f})" if one else ""
 
-    rows = [
-        (
-            *(one.name, law_named(one.name).formula, f"{one.error:.3f}", one.within or "no friction"),
-            *(gain(one.gain), "best" if one is selection.best else _DECISIONS[one.decision]),
-        )
-        for one in selection.candidates
+    columns: list[Column[Candidate[Identification]]] = [
+        Column("law", lambda one: one.name),
+        Column("friction", lambda one: law_named(one.name).formula),
+        Column("error", lambda one: f"{one.error:.3f}"),
+        Column("compared with", lambda one: one.within or "no friction"),
+        Column("gain, 95 % interval", lambda one: one.gain, gain),
+        Column("", lambda one: "best" if one is selection.best else _DECISIONS[one.decision]),
     ]
-    headings = ("law", "friction", "error", "compared with", "gain, 95 % interval", "")
     caption = "Friction laws on held-out windows: error relative to no friction."
-    return Sheet(headings=headings, rows=rows, caption=caption)
+    return sheet_of(selection.candidates, columns, caption=caption)
 
 
 def friction_curve(

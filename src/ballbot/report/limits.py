@@ -12,10 +12,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ballbot.control.overcompensation import has_friction
-from ballbot.report.blocks import Report, Sheet, section
+from ballbot.report.blocks import Column, Result, section, sheet_of
 from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
 from ballbot.report.style import drawn_picture, label_of
 from ballbot.report.words import NO_FRICTION
+from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.limits import RobotLimits, TwinLimit
@@ -116,15 +117,18 @@ def limit_words(one: RobotLimits) -> str:
     return f"a tilt at rest of {leans} degrees and an impulse of {impulses} N s"
 
 
-def _twin_sheet(on_twin: Mapping[str, Sequence[TwinLimit]]) -> Sheet:
-    rows = []
-    for name, limits in on_twin.items():
-        for limit in limits:
-            unit, word = (_DEGREES, "tilt [deg]") if limit.kind == "lean" else (1.0, "impulse [N s]")
-            sizes = [f"{unit * size:.1f}" for size in (limit.lower, limit.twin, limit.upper)]
-            rows.append([name, word, f"{np.degrees(limit.direction):.0f}°", *sizes])
-    headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
-    return Sheet(headings=headings, rows=rows)
+def _on_twin(limit: TwinLimit, size: float) -> str:
+    return f"{(_DEGREES if limit.kind == 'lean' else 1.0) * size:.1f}"
+
+
+_TWIN: tuple[Column[tuple[str, TwinLimit]], ...] = (
+    Column("controller", lambda one: one[0]),
+    Column("limit", lambda one: "tilt [deg]" if one[1].kind == "lean" else "impulse [N s]"),
+    Column("towards", lambda one: f"{np.degrees(one[1].direction):.0f}°"),
+    Column("no wheel slips", lambda one: _on_twin(one[1], one[1].lower)),
+    Column("on the twin", lambda one: _on_twin(one[1], one[1].twin)),
+    Column("wheels never slip", lambda one: _on_twin(one[1], one[1].upper)),
+)
 
 
 def limits_report(
@@ -134,9 +138,9 @@ def limits_report(
     *,
     grip: float,
     scenario: str,
-) -> Report:
+) -> Result:
     """Return the page."""
-    verdict = []
+    verdict, twins = [], [(name, limit) for name, limits in on_twin.items() for limit in limits]
     for name, one in found.items():
         text = f"Recovers in every direction from {limit_words(one)}"
         words = "up to the first number no wheel slips, up to the second if wheels never slip"
@@ -151,7 +155,7 @@ def limits_report(
         "The tilts and tilt rates that each controller recovers from, in its worst direction. Strong: no wheel slips; "
         "faint: only if wheels never slip. Without an outline, an area continues beyond what was tried."
     )
-    return Report(
+    return Result(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
         lead=(
             f"{counted(len(found), 'controller')}, friction coefficient of the wheels on the ball {grip:g}, sensors, "
@@ -159,7 +163,7 @@ def limits_report(
         ),
         verdict=verdict,
         sections=[
-            *([section("On the twin", _twin_sheet(on_twin))] if on_twin else []),
+            *([section("On the twin", sheet_of(twins, _TWIN))] if twins else []),
             section(
                 "Over all directions",
                 drawn_picture("directions", partial(directions_figure, found, on_twin), directions),
@@ -167,6 +171,14 @@ def limits_report(
             section("Tilt and tilt rate", drawn_picture("planes", partial(planes_figure, found), planes)),
         ],
         undecided=_undecided(on_twin),
+        data={
+            "robot": robot.name,
+            "grip": grip,
+            "scenario": scenario,
+            "controllers": {
+                name: to_results(one) | {"twin": on_twin.get(name, ())} for name, one in found.items()
+            },
+        },
     )
 
 

@@ -1,97 +1,29 @@
-"""A live robot: its samples and states while it runs, and the pages of a run, of its wiring and of runs in turn."""
+"""The pages of a live robot: of a run, of its wiring, and of two controllers in turn."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ballbot.firmware.records import SelfTestOutcome
-from ballbot.link.live import Sample
-from ballbot.link.messages import State
-from ballbot.link.session import stop_reason
-from ballbot.link.wiring import WiringCheck
+from ballbot.findings import finding_results
+from ballbot.link.wiring import Turn, WiringCheck
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Report, Sheet, section
+from ballbot.report.blocks import Bullets, Column, Result, Sheet, entries_of, section, sheet_of
 from ballbot.report.run import run_report
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
 from ballbot.results import to_results
 from ballbot.robot import Robot
-from ballbot.rounding import percent, unit_heading
+from ballbot.rounding import unit_heading
 from ballbot.workflows.alternation import Alternation
 from ballbot.workflows.controller_prediction import SHOWN
 from ballbot.workflows.metrics import position_error
 
-_SELF_TESTS = {
-    SelfTestOutcome.NOT_RUN: "not run",
-    SelfTestOutcome.RUNNING: "running",
-    SelfTestOutcome.PASSED: "passed",
-    SelfTestOutcome.HOLD_UPRIGHT: "waits for the robot upright",
-    SelfTestOutcome.TILT_FORWARD: "waits for a tilt forward",
-    SelfTestOutcome.TILT_LEFT: "waits for a tilt to the left",
-    SelfTestOutcome.TURN_LEFT: "waits for a turn to the left",
-    SelfTestOutcome.IMU_PASSED: "the IMU's axes are right",
-    SelfTestOutcome.IMU_AXES: "failed (the IMU's axes)",
-    SelfTestOutcome.IMU_GYRO: "failed (the gyro)",
-}
 
-
-def sample_line(sample: Sample, *, torque_limit: float) -> str:
-    """Return a sample in one line."""
-    x, y, theta, phi, psi = sample.state[:5]
-    away = math.hypot(*(sample.state[:2] - sample.reference[:2]))
-    lean = math.acos(min(1.0, math.cos(theta) * math.cos(phi)))
-    return (
-        f"{sample.t:.1f} s, at ({x:+.3f}, {y:+.3f}) m, psi {math.degrees(psi):+.1f} degrees, "
-        f"{1e3 * away:.0f} mm from the reference, lean {math.degrees(lean):.1f} degrees, "
-        f"torque {percent(_share(sample, torque_limit))} of the limit"
-    )
-
-
-def bench_line(sample: Sample, *, torque_limit: float) -> str:
-    """Return a sample of a held robot in one line."""
-    speeds = " ".join(f"{one:+.1f}" for one in sample.wheel_speeds)
-    torques = " ".join(f"{one:+.2f}" for one in sample.torques)
-    return (
-        f"{sample.t:.1f} s, torques {torques} N m ({percent(_share(sample, torque_limit))} of the limit), "
-        f"wheel speeds {speeds} rad/s"
-    )
-
-
-def state_line(state: State, *, wheel_count: int) -> str:
-    """Return a state in one line."""
-    theta, phi, psi = np.degrees(state.attitude)
-    gyro = " ".join(f"{one:+.2f}" for one in state.gyro)
-    counts = " ".join(map(str, state.wheel_counts[:wheel_count].tolist()))
-    speeds = " ".join(f"{one:+.1f}" for one in state.wheel_speeds[:wheel_count])
-    stop = stop_reason(state)
-    return (
-        f"{'armed' if state.armed else 'disarmed'}, self-test {_self_test(state)}, "
-        f"theta {theta:+.1f}, phi {phi:+.1f}, psi {psi:+.1f} degrees, gyro {gyro} rad/s, counts {counts}, "
-        f"wheel speeds {speeds} rad/s" + (f", stopped: {stop}" if stop else "")
-    )
-
-
-def _self_test(state: State) -> str:
-    return _SELF_TESTS.get(SelfTestOutcome(state.self_test), f"failed (wheel {state.self_test_wheel})")
-
-
-def _share(sample: Sample, torque_limit: float) -> float:
-    return float(np.abs(sample.torques).max()) / torque_limit
-
-
-def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
-    """Return a line on frames that either side refused, by the layers' counts; None if there are none."""
-    if not (any(host) or any(robot)):
-        return None
-    return (
-        f"Frames refused: {sum(host)} by this computer, {sum(robot)} by the robot; the cable, the baud rate or the "
-        "radio loses bytes."
-    )
-
-
-def live_run_report(log: Log, robot: Robot | None, *, held: bool, ending: str, about: str) -> Report:
+def live_run_report(
+    log: Log, robot: Robot | None, *, held: bool, ending: str, about: str, data: Mapping[str, object]
+) -> Result:
     """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
     undecided = ["How much runs differ: this is one. `ballbot run compare` makes several in turn."]
     if not held:
@@ -102,29 +34,19 @@ def live_run_report(log: Log, robot: Robot | None, *, held: bool, ending: str, a
     if robot is None:
         undecided.append("What is a wheel's share of its limit: the robot is not described (--robot).")
     return run_report(
-        log, robot, title="A run of a live robot", lead=about, undecided=undecided, held=held, ending=ending
+        log,
+        robot,
+        title="A run of a live robot",
+        lead=about,
+        undecided=undecided,
+        held=held,
+        ending=ending,
+        data=data,
     )
 
 
-def wiring_sheet(check: WiringCheck) -> Sheet:
-    """Return what each sensor measured of each movement."""
-
-    def cell(angles: np.ndarray) -> str:
-        # zero is added to a rounded number so that it is never written as -0
-        return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
-
-    return Sheet(
-        headings=("the robot was", "attitude [deg]", "wheels [deg]"),
-        rows=[(one.movement.words, cell(one.attitude), cell(one.wheels)) for one in check.turns],
-        caption=(
-            "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
-        ),
-    )
-
-
-def wiring_report(check: WiringCheck, *, about: str) -> Report:
+def wiring_report(check: WiringCheck, *, about: str) -> Result:
     """Return the page of a wiring check."""
-    verdict = "The wiring is right." if check.passed else f"The wiring is not right. {check.findings[0].text}"
     undecided = [
         "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs."
     ]
@@ -132,31 +54,99 @@ def wiring_report(check: WiringCheck, *, about: str) -> Report:
         undecided.append(
             "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
         )
-    return Report(
+    columns: list[Column[Turn]] = [
+        Column("the robot was", lambda one: one.movement.words, key="movement"),
+        Column("attitude [deg]", lambda one: one.attitude, _in_degrees, key="attitude"),
+        Column("wheels [deg]", lambda one: one.wheels, _in_degrees, key="wheels"),
+    ]
+    wrong = "" if check.passed else f" {check.findings[0].text}"
+    caption = (
+        "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
+    )
+    return Result(
         title="Wiring of a robot",
         lead=about,
-        verdict=[("", verdict)],
-        sections=[section("Turns by hand", wiring_sheet(check))],
+        verdict=[("", f"The wiring is {'not ' if wrong else ''}right.{wrong}")],
+        sections=[section("Turns by hand", sheet_of(check.turns, columns, caption=caption))],
         undecided=undecided,
         findings=check.findings,
         accepted=False,
+        data={
+            "passed": check.passed,
+            "turns": [entries_of(one, columns) for one in check.turns],
+            "wheel_scales": check.wheel_scales,
+            "findings": finding_results(check.findings),
+        },
     )
 
 
-def wiring_results(check: WiringCheck) -> dict[str, object]:
-    """Return what results.json holds of a wiring check."""
-    turns = [
-        {"movement": one.movement.words, "attitude": one.attitude, "wheels": one.wheels}
-        for one in check.turns
-    ]
-    return {"passed": check.passed, "turns": turns, "wheel_scales": check.wheel_scales}
+def _in_degrees(angles: NDArray[np.float64]) -> str:
+    # zero is added to a rounded number so that it is never written as -0
+    return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
 
 
 def alternation_report(
-    found: Alternation, logs: Sequence[Log], *, controllers: tuple[str, str], about: str
-) -> Report:
-    """Return the page of two controllers in turn; `controllers` names the files of the one before and the one after."""
+    found: Alternation,
+    logs: Sequence[Log],
+    *,
+    controllers: tuple[str, str],  # the files of the one before and the one after
+    about: str,
+    origin: Mapping[str, object],  # the provenance with the robot's
+) -> Result:
+    """Return the page of two controllers in turn."""
     runs = [f"{k} {'after' if k % 2 == 0 else 'before'}" for k in range(1, len(logs) + 1)]
+    verdicts = [
+        f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
+        for k, one in enumerate(found.verdicts, start=1)
+    ]
+    undecided = ["Where the robot truly was: the errors are those of its own position, which drifts."]
+    open_ones = [name.replace("_", " ") for name, gain in found.gains.items() if gain.verdict == "undecided"]
+    if open_ones:
+        text = f"Whether {', '.join(open_ones)} differ: their intervals contain one. More --rounds make them narrow."
+        undecided.insert(0, text)
+    return Result(
+        title="Two controllers in turn on a live robot",
+        lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
+        verdict=[("", _conclusion(found))],
+        sections=[
+            section("Compared", *_gains_and_runs(found, runs), Bullets(items=verdicts)),
+            section("Over time", _errors_in_turn(runs, logs)),
+        ],
+        undecided=undecided,
+        data={
+            "recommendation": found.recommendation,
+            "conclusion": _conclusion(found),
+            "runs": found.performances,
+            "gains": {
+                name: to_results(gain) | {"verdict": gain.verdict} for name, gain in found.gains.items()
+            },
+            "verdicts": [
+                {
+                    "recommendation": one.recommendation,
+                    "reason": one.reason,
+                    "outside": [quantity.name for quantity in one.quantities if quantity.place != "inside"],
+                }
+                for one in found.verdicts
+            ],
+            "controllers": dict(zip(("before", "after"), controllers, strict=True)),
+            "provenance": origin,
+        },
+    )
+
+
+def _gains_and_runs(found: Alternation, runs: Sequence[str]) -> tuple[Sheet, Sheet]:
+    names = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
+    gains = sheet_of(
+        found.gains.items(),
+        [
+            Column("quantity", lambda one: names[one[0]]),
+            Column("factor", lambda one: f"{one[1].factor:.2f}"),
+            Column("95 % interval", lambda one: f"{one[1].low:.2f} to {one[1].high:.2f}"),
+            Column("", lambda one: one[1].verdict),
+            Column("drift from run to run", lambda one: f"{round(100.0 * (one[1].drift - 1.0)):+d} %"),
+        ],
+        caption="After over before, the drift removed.",
+    )
     performances = [
         (
             unit_heading(shown.words, shown.unit),
@@ -164,19 +154,10 @@ def alternation_report(
         )
         for name, shown in SHOWN.items()
     ]
-    names = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
-    gains = [
-        (
-            *(names[name], f"{gain.factor:.2f}", f"{gain.low:.2f} to {gain.high:.2f}", gain.verdict),
-            f"{round(100.0 * (gain.drift - 1.0)):+d} %",
-        )
-        for name, gain in found.gains.items()
-    ]
-    headings = ("quantity", "factor", "95 % interval", "", "drift from run to run")
-    verdicts = [
-        f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
-        for k, one in enumerate(found.verdicts, start=1)
-    ]
+    return gains, Sheet(headings=("quantity", *runs), rows=performances, caption="Runs in turn.")
+
+
+def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
     t, errors = together([(log.t - log.t[0], 1e3 * position_error(log)) for log in logs])
     looks: tuple[Look, ...] = ("second", "first", "third", "fourth", "fifth", "sixth")
     lines = [
@@ -184,47 +165,7 @@ def alternation_report(
         for k, (name, values) in enumerate(zip(runs, errors, strict=True))
     ]
     panel = Panel(label="distance from the reference [mm]", lines=lines, from_zero=True)
-    undecided = ["Where the robot truly was: the errors are those of its own position, which drifts."]
-    open_ones = [name.replace("_", " ") for name, gain in found.gains.items() if gain.verdict == "undecided"]
-    if open_ones:
-        text = f"Whether {', '.join(open_ones)} differ: their intervals contain one. More --rounds make them narrow."
-        undecided.insert(0, text)
-    return Report(
-        title="Two controllers in turn on a live robot",
-        lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
-        verdict=[("", _conclusion(found))],
-        sections=[
-            section(
-                "Compared",
-                Sheet(headings=headings, rows=gains, caption="After over before, the drift removed."),
-                Sheet(headings=("quantity", *runs), rows=performances, caption="Runs in turn."),
-                Bullets(items=verdicts),
-            ),
-            section(
-                "Over time",
-                TimeSeries(t=t, panels=(panel,), caption="The runs one over another, from their starts."),
-            ),
-        ],
-        undecided=undecided,
-    )
-
-
-def alternation_results(found: Alternation) -> dict[str, object]:
-    """Return what results.json holds of two controllers in turn."""
-    return {
-        "recommendation": found.recommendation,
-        "conclusion": _conclusion(found),
-        "runs": found.performances,
-        "gains": {name: to_results(gain) | {"verdict": gain.verdict} for name, gain in found.gains.items()},
-        "verdicts": [
-            {
-                "recommendation": one.recommendation,
-                "reason": one.reason,
-                "outside": [quantity.name for quantity in one.quantities if quantity.place != "inside"],
-            }
-            for one in found.verdicts
-        ],
-    }
+    return TimeSeries(t=t, panels=(panel,), caption="The runs one over another, from their starts.")
 
 
 def _conclusion(found: Alternation) -> str:

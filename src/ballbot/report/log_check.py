@@ -15,9 +15,10 @@ from ballbot.log import Log
 from ballbot.log.checks import check, check_uses, uses_of
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
+from ballbot.log.mapping_search.placement import Placement
 from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
-from ballbot.report.blocks import Report, Sheet, Verbatim, section
+from ballbot.report.blocks import Column, Result, Sheet, Verbatim, section, sheet_of
 from ballbot.report.run import over_time
 from ballbot.robot import Robot
 from ballbot.summary import counted
@@ -112,19 +113,18 @@ def _placed(log: Log, robot: Robot) -> Log:
         return log  # the findings name what it lacks
 
 
-def _column_table(summaries: tuple[ColumnSummary, ...]) -> Sheet:
-    rows = [
-        (
-            column.name,
-            column.unit or "?",
-            *("-" if limit is None else f"{limit + 0.0:.4g}" for limit in (column.least, column.greatest)),
-            f"{column.change_rate:.4g}",
-            str(column.missing),
-        )
-        for column in summaries
-    ]
-    headings = ("column", "unit", "from", "to", "changes per second", "missing")
-    return Sheet(headings=headings, rows=rows)
+def _limit(value: float | None) -> str:
+    return "-" if value is None else f"{value + 0.0:.4g}"
+
+
+_COLUMNS: tuple[Column[ColumnSummary], ...] = (
+    Column("column", lambda one: one.name),
+    Column("unit", lambda one: one.unit or "?"),
+    Column("from", lambda one: one.least, _limit),
+    Column("to", lambda one: one.greatest, _limit),
+    Column("changes per second", lambda one: one.change_rate, _limit),
+    Column("missing", lambda one: one.missing),
+)
 
 
 def _wheel_table(wheels: WheelAgreement) -> Sheet:
@@ -137,18 +137,18 @@ def _wheel_table(wheels: WheelAgreement) -> Sheet:
     return Sheet(headings=headings, rows=rows, caption="Wheels, compared with the robot's kinematics.")
 
 
-def log_check_report(checked: CheckedLog, robot: Robot | None) -> Report:
+def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
     """Return the page of a checked log."""
     log, findings = checked.log, checked.findings
     rate = f" at {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
     wheels = _wheel_table(checked.wheels) if checked.wheels else None
     robotless = "Whether wheels, signs and units are a robot's: name it with --robot."
-    return Report(
+    return Result(
         title=f"{checked.file.name}: what the log shows",
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
         verdict=[("", _log_verdict(findings, checked.uses))],
         sections=[
-            section("Columns", _column_table(checked.columns), wheels),
+            section("Columns", sheet_of(checked.columns, _COLUMNS), wheels),
             section("Over time", *over_time(log, robot)),
         ],
         undecided=[
@@ -158,6 +158,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Report:
         ],
         findings=findings,
         accepted=False,
+        data=checked.to_dict(),
     )
 
 
@@ -174,12 +175,14 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
     return f"A good log{use}." if use else "No problems were found."
 
 
-def proposal_report(found: Evaluation, robot: Robot) -> Report:
-    """Return the page of a mapping proposed for a foreign file."""
+def proposal_report(
+    found: Evaluation, evaluated: Sequence[Evaluation], robot: Robot, *, kept: bool
+) -> Result:
+    """Return the page of a mapping proposed for foreign files, by the surest of them; `kept`: it has a file."""
     file, proposal = found.proposal.file, found.proposal
     verdict = found.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     said = Verbatim(text="\n".join(answer_lines(found)))
-    return Report(
+    return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", f"{verdict[0].upper()}{verdict[1:]}")],
@@ -191,28 +194,29 @@ def proposal_report(found: Evaluation, robot: Robot) -> Report:
         undecided=[f"{one.text[0].upper()}{one.text[1:]}." for one in proposal.questions],
         findings=found.findings,
         accepted=False,
+        data={
+            "files": [_proposal_data(one) for one in evaluated],
+            **({} if kept else {"mapping_file": found.text}),
+        },
     )
 
 
 def _placement_table(proposal: Proposal) -> Sheet:
     placements = proposal.tested.placements if proposal.tested else ()
     least = min((one.misfit for one in placements), default=1.0)
-    rows = [
-        (
-            one.description,
-            f"{math.degrees(one.phase):.1f}",
-            f"{one.gain:.2f}",
-            f"{100.0 * one.unexplained:.1f}",
-            f"{100.0 * one.together:.1f}",
-            f"{one.misfit / least:.1f}",
-        )
-        for one in sorted(placements, key=lambda one: one.misfit)
+    columns: list[Column[Placement]] = [
+        Column("wheel order", lambda one: one.description),
+        Column("phase [deg]", lambda one: f"{math.degrees(one.phase):.1f}"),
+        Column("gain", lambda one: f"{one.gain:.2f}"),
+        Column("lean unexplained [%]", lambda one: f"{100.0 * one.unexplained:.1f}"),
+        Column("wheels together [%]", lambda one: f"{100.0 * one.together:.1f}"),
+        Column("misfit", lambda one: f"{one.misfit / least:.1f}"),
     ]
-    headings = ("wheel order", "phase [deg]", "gain", "lean unexplained [%]", "wheels together [%]", "misfit")
-    return Sheet(headings=headings, rows=rows, caption="Wheel orders, by the response of the lean")
+    ordered = sorted(placements, key=lambda one: one.misfit)
+    return sheet_of(ordered, columns, caption="Wheel orders, by the response of the lean")
 
 
-def proposal_results(found: Evaluation) -> dict[str, object]:
+def _proposal_data(found: Evaluation) -> dict[str, object]:
     """Return the entries of results.json for the mapping proposed for a foreign file."""
     proposal, tested = found.proposal, found.proposal.tested
     return {

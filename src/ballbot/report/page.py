@@ -1,4 +1,4 @@
-"""The one page of every command: a `Report` as HTML that opens from disk, needs no network, and prints.
+"""The one page of every command: a `Result` as HTML that opens from disk, needs no network, and prints.
 
 The page has no address of anything else: scripts, styles and data are in it. Its Content-Security-Policy allows its own
 scripts by their SHA-256 and nothing more, so that no script that a log's name could bring runs, and nothing is sent or
@@ -13,12 +13,15 @@ from __future__ import annotations
 import base64
 import re
 from functools import cache
+from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from ballbot.file_formats import results_text
+from ballbot.files import write_text
 from ballbot.printable import printable
-from ballbot.report.blocks import Film, Report
+from ballbot.report.blocks import PAGE, RESULTS, Film, Result
 from ballbot.report.palette import themed
 from ballbot.report.series import TimeSeries
 from ballbot.report.words import RAISED, with_symbols
@@ -27,7 +30,14 @@ from ballbot.viewer.page import hash_source, web_file
 _POWER = re.compile(r"\^(-?\d)\b")
 
 
-def page_of(report: Report) -> str:
+def render(result: Result, folder: Path, *, paged: bool = True) -> None:
+    """Write a result into a folder: its results.json, and its page unless it is not `paged`."""
+    write_text(folder / RESULTS, results_text(result.to_dict()))
+    if paged:
+        write_text(folder / PAGE, page_of(result))
+
+
+def page_of(report: Result) -> str:
     """Return the page of what a command found, as HTML."""
     anchors = [_anchor(place, one.heading) for place, one in enumerate(report.sections)]
     contents = list(zip(anchors, (one.heading for one in report.sections), strict=True))

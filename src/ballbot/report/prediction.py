@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.findings import Finding
+from ballbot.findings import Finding, finding_results
 from ballbot.printable import shell_line
-from ballbot.report.blocks import Block, Bullets, Report, Sheet, section
+from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, section, sheet_of
 from ballbot.results import to_results
 from ballbot.rounding import unit_heading
 from ballbot.workflows.controller_choice import CANDIDATES
@@ -25,15 +25,6 @@ from ballbot.workflows.controller_prediction import (
 _WEAKER = 0.8
 
 
-def prediction_results(
-    verdict: ControllerVerdict, prediction: Prediction, steps: Sequence[str]
-) -> dict[str, object]:
-    """Return what results.json holds of a verdict."""
-    quantities = {one.name: to_results(one) | to_results(one.predicted) for one in verdict.quantities}
-    own = {"next_steps": steps, "course": prediction.course, "controller": prediction.controller}
-    return to_results(verdict) | {"quantities": quantities} | own
-
-
 def prediction_report(
     verdict: ControllerVerdict,
     prediction: Prediction,
@@ -41,10 +32,13 @@ def prediction_report(
     title: str,
     series: Sequence[Block],
     findings: Sequence[Finding],
-) -> Report:
+    steps: Sequence[str],
+) -> Result:
     """Return the page of a verdict; `series` shows the run over time."""
     course, differences = prediction.course, verdict.differences
-    return Report(
+    quantities = {one.name: to_results(one) | to_results(one.predicted) for one in verdict.quantities}
+    own = {"next_steps": steps, "course": course, "controller": prediction.controller}
+    return Result(
         title=title,
         lead=(
             f"The course {course.name}, {course.duration:g} s, with the controller {prediction.controller} of a "
@@ -64,44 +58,48 @@ def prediction_report(
             "What caused a difference: several faults move one number alike, and several may act at once.",
         ],
         findings=findings,
+        data={
+            "prediction": to_results(verdict) | {"quantities": quantities} | own,
+            "findings": finding_results(findings),
+        },
     )
 
 
 def _quantities(verdict: ControllerVerdict) -> Sheet:
     """Return each quantity as measured and as predicted."""
-    rows = [
-        (
-            unit_heading(SHOWN[one.name].words, SHOWN[one.name].unit),
-            SHOWN[one.name].shown(one.value),
-            SHOWN[one.name].shown(one.predicted.median),
-            _interval(one.name, one.predicted),
-            _place(one),
-            _interval(one.name, verdict.none[one.name]) if verdict.none else "falls",
-        )
-        for one in verdict.quantities
+    none = verdict.none
+    columns: list[Column[QuantityResult]] = [
+        Column("quantity", lambda one: _name(one.name)),
+        Column("measured", lambda one: SHOWN[one.name].shown(one.value)),
+        Column("predicted", lambda one: SHOWN[one.name].shown(one.predicted.median)),
+        Column("95 % interval", lambda one: _interval(one.name, one.predicted)),
+        Column("verdict", _place),
+        Column("without compensation", lambda one: _interval(one.name, none[one.name]) if none else "falls"),
     ]
-    return Sheet(
-        headings=("quantity", "measured", "predicted", "95 % interval", "verdict", "without compensation"),
-        rows=rows,
-        caption=(
-            "Predicted and measured. Of 50 simulated robots with unknown faults 92 % of all quantities were inside "
-            "their intervals, 87 % of the peak errors."
-        ),
-        shaded=frozenset(place for place, one in enumerate(verdict.quantities) if one.worse),
+    caption = (
+        "Predicted and measured. Of 50 simulated robots with unknown faults 92 % of all quantities were inside their "
+        "intervals, 87 % of the peak errors."
     )
+    return sheet_of(verdict.quantities, columns, caption=caption, shaded=lambda one: one.worse)
 
 
-def predicted_rows(prediction: Prediction) -> list[tuple[str, ...]]:
-    """Return rows: quantity and unit, predicted, its 95 % interval, predicted without compensation."""
-    return [
-        (
-            unit_heading(SHOWN[name].words, SHOWN[name].unit),
-            SHOWN[name].shown(one.median),
-            _interval(name, one),
-            _interval(name, prediction.none[name]) if prediction.none else "falls",
-        )
-        for name, one in prediction.chosen.items()
+def predicted_sheet(prediction: Prediction) -> Sheet:
+    """Return each quantity as predicted, with the chosen controller and without compensation."""
+    none = prediction.none
+    columns: list[Column[tuple[str, PredictionInterval]]] = [
+        Column("quantity", lambda row: _name(row[0])),
+        Column("predicted", lambda row: SHOWN[row[0]].shown(row[1].median)),
+        Column("95 % interval", lambda row: _interval(*row)),
+        Column(
+            "soft gain, no compensation", lambda row: _interval(row[0], none[row[0]]) if none else "falls"
+        ),
     ]
+    caption = "Each interval holds the value of one new run with 95 % probability."
+    return sheet_of(prediction.chosen.items(), columns, caption=caption)
+
+
+def _name(quantity: str) -> str:
+    return unit_heading(SHOWN[quantity].words, SHOWN[quantity].unit)
 
 
 def next_steps(

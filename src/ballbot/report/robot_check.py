@@ -9,47 +9,45 @@ from functools import partial
 import numpy as np
 
 from ballbot.control.presets import KINDS
+from ballbot.report.bench import swing_series
 from ballbot.report.blocks import (
     Bullets,
     Paragraph,
-    Picture,
-    Report,
+    Result,
     Section,
     Sheet,
     Verbatim,
     details,
+    matrix_text,
     section,
 )
-from ballbot.report.console import matrix_text
-from ballbot.report.loop import linear_section, loop_section
-from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.style import drawn
+from ballbot.report.design import linear_section, loop_section
+from ballbot.report.style import drawn_picture
 from ballbot.report.words import capital
 from ballbot.robot.figure import robot_figure
-from ballbot.rounding import unit_heading
 from ballbot.summary import counted, pole_words
 from ballbot.workflows.reference_check import MARGIN_HEADINGS, margin_rows, reference_verdict
 from ballbot.workflows.robot_check import (
     MATRICES,
     MATRIX_EQUATIONS,
     CheckedRobot,
-    CheckedSwing,
     PoleSpread,
 )
 
 
-def robot_check_report(checked: CheckedRobot) -> Report:
+def robot_check_report(checked: CheckedRobot) -> Result:
     """Return the page."""
     robot = checked.robot
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    return Report(
+    return Result(
         title=f"{robot.name}: check of the robot file",
         lead=f"A robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}.",
         verdict=_verdict(checked),
         sections=list(_sections(checked)),
         undecided=_undecided(checked),
         findings=checked.findings,
+        data=checked.to_dict(),
     )
 
 
@@ -94,9 +92,10 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
     robot = checked.robot
     yield section(
         "Derived quantities",
-        Picture(
-            markup=partial(drawn, partial(robot_figure, robot), name="robot"),
-            caption="To scale, from its right and from above. The body appears as two discs with its mass and inertia.",
+        drawn_picture(
+            "robot",
+            partial(robot_figure, robot),
+            "To scale, from its right and from above. The body appears as two discs with its mass and inertia.",
         ),
         Sheet(
             headings=("quantity", "value", "unit"),
@@ -118,7 +117,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
                 caption=f"From {swing.fit.swing.source}.",
             ),
             Bullets(items=[one.text for one in (*swing.findings, *swing.inertia_findings())]),
-            _swing_series(swing),
+            swing_series(swing.fit),
         )
     if following := checked.following:
         caption = "Largest use of each limit."
@@ -135,23 +134,6 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
             )
             for name, words in MATRICES.items()
         ),
-    )
-
-
-def _swing_series(swing: CheckedSwing) -> TimeSeries:
-    """Return the recording with the pendulum fitted to it, and their difference."""
-    fit = swing.fit
-    what, unit = ("angle", "deg") if fit.swing.kind == "angle" else ("rate", "deg/s")
-    measured, fitted = (np.degrees(one - fit.values[5]) for one in (fit.swing.values, fit.predicted))
-    lines = (Line("measured", measured, "measured"), Line("pendulum fitted", fitted, "second"))
-    difference = Line("difference", measured - fitted, "first")
-    return TimeSeries(
-        t=fit.swing.t - fit.swing.t[0],
-        panels=(
-            Panel(label=unit_heading(what, unit), lines=lines),
-            Panel(label=unit_heading("measured less fitted", unit), lines=(difference,)),
-        ),
-        caption="The swing as recorded, and the pendulum with friction that was fitted to it.",
     )
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.blocks import Block, Film, Paragraph, Report, Sheet, section
+from ballbot.report.blocks import Block, Film, Paragraph, Result, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent
@@ -27,6 +28,7 @@ from ballbot.workflows.metrics import (
     rms,
     rms_torque,
     rms_torque_change,
+    run_results,
     settled,
     settling_time,
 )
@@ -47,7 +49,7 @@ def simulation_report(
     formulation: Formulation,
     scenario: str | None,
     findings: Sequence[Finding],
-) -> Report:
+) -> Result:
     """Return the page of a run of the equations of motion; without a scenario its sensors are perfect."""
     sensors = "perfect sensors" if scenario is None else f"the sensors and faults of the scenario {scenario}"
     equations = "exact" if formulation == "exact" else "thesis's"
@@ -70,6 +72,7 @@ def simulation_report(
         ),
         undecided=undecided,
         findings=findings,
+        data=run_results(log),
     )
 
 
@@ -83,9 +86,10 @@ def run_report(
     held: bool = False,
     ending: str = "",
     findings: Sequence[Finding] | None = None,
-) -> Report:
+    data: Mapping[str, object] = MappingProxyType({}),
+) -> Result:
     """Return the page of a run; of a `held` robot, which does not balance, it has the time series only."""
-    return Report(
+    return Result(
         title=title,
         lead=lead,
         verdict=[*([] if held else run_verdict(log)), *([("Ending", ending)] if ending else [])],
@@ -95,6 +99,7 @@ def run_report(
         ],
         undecided=undecided,
         findings=findings,
+        data=data,
     )
 
 

@@ -11,17 +11,17 @@ from functools import partial
 import numpy as np
 
 from ballbot.findings import Finding, finding_results
-from ballbot.report.blocks import Bullets, Picture, Report, Sheet, section
+from ballbot.report.blocks import Bullets, Picture, Result, Sheet, section
 from ballbot.report.page import picture_data
 from ballbot.report.series import Line, Panel, TimeSeries, true_spans
-from ballbot.report.words import signed_with_error, with_error
+from ballbot.rounding import plus_minus, signed
 from ballbot.vision.spin import Spin, WheelComparison, spin_findings
 
 _AXES = ("x", "y", "z")
 
 
-def spin_results(
-    spin: Spin, comparison: WheelComparison | None, *, log_findings: Sequence[Finding] = ()
+def _data(
+    spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
 ) -> dict[str, object]:
     """Return what results.json holds of a video's ball."""
     view, errors, colour = spin.view, spin.calibration.errors, spin.colour
@@ -83,7 +83,7 @@ def spin_report(
     video: str,
     picture: bytes,
     log_findings: Sequence[Finding],
-) -> Report:
+) -> Result:
     """Return the page; `picture` is the overlay as PNG."""
     verdict, *others = (finding.text for finding in spin_findings(spin, comparison))
     overlay = "Frames of the video with their times, the ball's outline (green) and the seam that was found (magenta)."
@@ -94,7 +94,7 @@ def spin_report(
         )
     if not spin.known.all():
         undecided.append("The velocity where the seam was lost, which is shaded.")
-    return Report(
+    return Result(
         title=f"{video}: the ball's angular velocity",
         lead=f"{len(spin.t)} frames in {spin.t[-1] - spin.t[0]:.1f} s. Shape of the seam: {spin.seam.name}.",
         verdict=[("", verdict)],
@@ -110,16 +110,17 @@ def spin_report(
         ],
         undecided=undecided,
         findings=log_findings if comparison else None,
+        data=_data(spin, comparison, log_findings),
     )
 
 
 def _view_sheet(spin: Spin) -> Sheet:
     view, errors = spin.view, spin.calibration.errors
     rows = [
-        ("ball's centre, across", with_error(view.x, errors[0]), "pixels"),
-        ("ball's centre, down", with_error(view.y, errors[1]), "pixels"),
-        ("ball's radius", with_error(view.radius, errors[2] * view.radius), "pixels"),
-        ("distance of the lens", with_error(view.distance, errors[3] * view.distance**2), "ball radii"),
+        ("ball's centre, across", plus_minus(view.x, errors[0]), "pixels"),
+        ("ball's centre, down", plus_minus(view.y, errors[1]), "pixels"),
+        ("ball's radius", plus_minus(view.radius, errors[2] * view.radius), "pixels"),
+        ("distance of the lens", plus_minus(view.distance, errors[3] * view.distance**2), "ball radii"),
         ("frames with the seam tracked", f"{100.0 * float(np.mean(spin.track.tracked)):.1f}", "%"),
     ]
     return Sheet(
@@ -128,11 +129,11 @@ def _view_sheet(spin: Spin) -> Sheet:
 
 
 def _comparison_sheet(comparison: WheelComparison) -> Sheet:
-    clock = signed_with_error(comparison.clock.offset, comparison.offset_half_width)
+    clock = signed(plus_minus(comparison.clock.offset, comparison.offset_half_width))
     rows = [
         ("clock of the video after the log's", clock, "s"),
         *(
-            (f"gain about {axis}, video over wheels", with_error(float(gain), float(half)), "")
+            (f"gain about {axis}, video over wheels", plus_minus(float(gain), float(half)), "")
             for axis, gain, half in zip(_AXES, comparison.gain, comparison.gain_half_width, strict=True)
         ),
         ("RMS difference, of the peak", f"{100.0 * comparison.rms_share:.2g}", "%"),

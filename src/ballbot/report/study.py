@@ -2,58 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ballbot.control.controller import torque_limit_words
+from ballbot.control.controller import Controller, torque_limit_words
+from ballbot.control.file import controller_text
 from ballbot.errors import InputError, every
+from ballbot.file_formats import without_format
+from ballbot.files import LARGEST_SETTINGS, read_text
 from ballbot.findings import texts
 from ballbot.report.blocks import (
     Block,
     Bullets,
+    Column,
     Film,
     Paragraph,
     Picture,
-    Report,
+    Result,
     Section,
     Sheet,
     details,
+    entries_of,
     section,
+    sheet_of,
 )
 from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
 from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.prediction import predicted_rows
-from ballbot.report.style import drawn_picture, plain_log_ticks
-from ballbot.report.validation import undecided_by, validation_sections
+from ballbot.report.prediction import predicted_sheet
+from ballbot.report.style import drawn_picture, one_panel, plain_log_ticks
+from ballbot.report.validation import undecided_by, validation_results, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
+from ballbot.robot.file import robot_text
 from ballbot.rounding import digits
 from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
 from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
-from ballbot.workflows.comparison import MedianEstimate
-from ballbot.workflows.controller_choice import ControllerChoice, Step, Trial
+from ballbot.workflows.controller_choice import ControllerChoice, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
+from ballbot.workflows.statistics import MedianEstimate
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
 from ballbot.workflows.twin_confirmation import Confirmation
 
-#: candidates in words
-_CANDIDATE_NAMES = {
-    "none": "soft gain",
-    "full": "soft gain, full compensation",
-    "partial": "soft gain, partial compensation",
-    "precise": "precise",
-    "precise_without_compensation": "precise without compensation",
-}
 #: the status of a result that is not measured yet
 _PREDICTION = "This is a prediction until a log of the robot confirms it."
 
@@ -119,14 +119,14 @@ def controller_sentence(choice: ControllerChoice) -> str:
     if chosen != "none" and gain.runs:
         compared = f", {digits(gain.median)} times smaller ({interval_words(gain)})"
     peak = millimetres(choice.trials[chosen].peak.median)
-    return f"{capital(_CANDIDATE_NAMES[chosen])}: {peak} mm{compared}, on {robots}."
+    return f"{capital(CANDIDATE_NAMES[chosen])}: {peak} mm{compared}, on {robots}."
 
 
 def _falls_words(choice: ControllerChoice) -> str:
     runs = len(choice.plants)
     return every(
         [
-            f"{_CANDIDATE_NAMES[name]} in {one.falls} of {runs}"
+            f"{CANDIDATE_NAMES[name]} in {one.falls} of {runs}"
             for name, one in choice.trials.items()
             if one.falls
         ]
@@ -146,14 +146,14 @@ def _reasons(study: Study) -> list[str]:
     ]
     if any(one.falls for one in choice.trials.values()):
         sentences.append(f"Excluded because they fall: {_falls_words(choice)} runs.")
-    if others := [_CANDIDATE_NAMES[one] for one in choice.equals if one != choice.chosen]:
+    if others := [CANDIDATE_NAMES[one] for one in choice.equals if one != choice.chosen]:
         sentences.append(f"These count as equal: {', '.join(others)}.")
     if count < MIN_RUNS:
         sentences.append(f"{too_few(count)} how certain this choice is.")
     chosen = choice.controller
     if chosen is not None and choice.compensated is not None and chosen.compensation == "none":
         sentences.append(
-            f"The best that compensates friction, {_CANDIDATE_NAMES[choice.compensated]}, is "
+            f"The best that compensates friction, {CANDIDATE_NAMES[choice.compensated]}, is "
             "compensated_controller.toml."
         )
     return [*sentences, confirmation_sentence(study.confirmation)]
@@ -164,7 +164,7 @@ def confirmation_sentence(confirmation: Confirmation | None) -> str:
     if confirmation is None:
         return "The choice was not confirmed on the physics-engine twin."
     words = [
-        f"{_CANDIDATE_NAMES[name]} {_reached(twin)} ({_reached(confirmation.on_loop[name])} on the compiled loop)"
+        f"{CANDIDATE_NAMES[name]} {_reached(twin)} ({_reached(confirmation.on_loop[name])} on the compiled loop)"
         for name, twin in confirmation.on_twin.items()
     ]
     runs = counted(len(next(iter(confirmation.on_twin.values())).scores), "run")
@@ -191,15 +191,15 @@ def interval_words(estimate: MedianEstimate) -> str:
     return f"95 % interval {bounds}" if estimate.runs >= MIN_RUNS else f"{bounds} in {estimate.runs} draws"
 
 
-def study_report(study: Study) -> Report:
+def study_report(study: Study) -> Result:
     """Return the page of a study."""
-    return Report(
+    return Result(
         title=f"{study.robot.name}: friction, model and controller",
         lead=f"{capital(logs_words({one.name: one.log for one in study.logs}))}.",
         verdict=summary(study),
         sections=[
             section("The controllers", *_comparison_blocks(study)),
-            details("Why this controller", Bullets(items=_reasons(study)), *_gain_blocks(study)),
+            details("Why this controller", Bullets(items=_reasons(study)), *_gain_blocks(study.choice)),
             *_stiffness_sections(study.stiffness),
             details("What the next log should show", *_prediction_blocks(study)),
             details("Friction found", *parameter_blocks(study.found, [one.log for one in study.logs])),
@@ -207,6 +207,7 @@ def study_report(study: Study) -> Report:
         ],
         undecided=[*texts(study.found.findings), *undecided_by(study.validation), _PREDICTION],
         findings=study.log_findings,
+        data=study_results(study),
     )
 
 
@@ -221,11 +222,8 @@ def _comparison_blocks(study: Study) -> Iterator[Block]:
         yield film
 
 
-def _gain_blocks(study: Study) -> Iterator[Block]:
-    """Yield where the gain comes from, and the gain itself."""
-    choice = study.choice
-    if study.steps:
-        yield _step_sheet(study.steps, choice.course.name)
+def _gain_blocks(choice: ControllerChoice) -> Iterator[Block]:
+    """Yield the gain of the chosen controller, or of the soft one if none is chosen."""
     controller = choice.controller or choice.trials["none"].controller
     yield gain_sheet(controller.gain)
     yield Paragraph(text=f"Torque limit of each wheel: {torque_limit_words(controller)}.")
@@ -256,56 +254,15 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
         "--prediction results.json LOG`: it says whether the prediction is confirmed, what else differs from the "
         "logs, and whether to keep the controller, weaken it, or go back to previous_controller.toml."
     )
-    yield Sheet(
-        headings=("quantity", "predicted", "95 % interval", "soft gain, no compensation"),
-        rows=predicted_rows(prediction),
-        caption="Each interval holds the value of one new run with 95 % probability.",
-    )
+    yield predicted_sheet(prediction)
 
 
 def _candidate_sheet(choice: ControllerChoice) -> Sheet:
-    first = choice.trials["none"]
-    rows = [
-        (
-            _CANDIDATE_NAMES[name],
-            millimetres(trial.peak.median),
-            f"{millimetres(trial.peak.low)} – {millimetres(trial.peak.high)}",
-            "–" if name == "none" else f"{digits(first.ratio_to(trial).median)} ×",
-            *(digits(trial.roughness.median), f"{trial.falls} of {len(trial.scores)}"),
-        )
-        for name, trial in choice.trials.items()
-    ]
     caption = (
         f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
         "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
     )
-    headings = ("controller", "peak [mm]", "95 % interval", "smaller by", "roughness [N m]", "falls")
-    return Sheet(headings=headings, rows=rows, caption=caption)
-
-
-def _step_sheet(steps: Mapping[Step, tuple[Trial, Trial]], course: str) -> Sheet:
-    """Return what each step from the soft gain to the precise controller does; the candidates ran on `course`."""
-    rows = []
-    for step, (before, after) in steps.items():
-        ratio = before.ratio_to(after)
-        interval = f" ({digits(ratio.low)} – {digits(ratio.high)})" if ratio.runs >= MIN_RUNS else ""
-        rows.append(
-            (
-                *(step.adds, step.to, step.course.name if step.course else course),
-                *(millimetres(one.peak.median) for one in (before, after)),
-                f"{digits(ratio.median)}{interval}",
-                f"{digits(before.roughness.median)} and {digits(after.roughness.median)}",
-                f"{before.falls} and {after.falls} of {len(before.scores)}",
-            )
-        )
-    headings = (
-        *("added", "to", "course", "before [mm]", "after [mm]", "before / after", "roughness [N m]", "falls"),
-    )
-    caption = (
-        "Each row compares two controllers that differ in one thing; what it gains depends on what else the controller "
-        "has. Medians over the simulated robots, and of the ratio of the peak errors with its 95 % interval."
-    )
-    return Sheet(headings=headings, rows=rows, caption=caption)
+    return sheet_of(choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption)
 
 
 def _replay(study: Study) -> Film | None:
@@ -383,8 +340,7 @@ def _stiffness_picture(found: FrictionByStiffness) -> Picture:
 
 def stiffness_figure(found: FrictionByStiffness) -> Figure:
     """Draw the peak error over the position gain, a line and a band for each variant."""
-    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = one_panel("position gain [N m/m]", "peak error [mm]")
     for variant in VARIANTS:
         _draw(axes, found, variant)
     axes.set(xscale="log", yscale="log")
@@ -394,8 +350,6 @@ def stiffness_figure(found: FrictionByStiffness) -> Figure:
         axes.text(gain, 0.99, f" {name}", transform=place, va="top", color=INK, fontsize=7)
     for axis in (axes.xaxis, axes.yaxis):
         plain_log_ticks(axis)
-    axes.set_xlabel("position gain [N m/m]")
-    axes.set_ylabel("peak error [mm]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
 
@@ -418,3 +372,169 @@ def _draw(axes: Axes, found: FrictionByStiffness, variant: Variant) -> None:
     height = 0.96 - 0.04 * VARIANTS.index(variant)
     mark = {"color": color, "marker": "x", "linestyle": "", "transform": axes.get_xaxis_transform()}
     axes.plot(fell, np.full(len(fell), height), **mark)
+
+
+#: candidates in words
+CANDIDATE_NAMES = {
+    "none": "soft gain",
+    "full": "soft gain, full compensation",
+    "partial": "soft gain, partial compensation",
+    "precise": "precise",
+    "precise_without_compensation": "precise without compensation",
+}
+
+
+def study_results(study: Study) -> dict[str, object]:
+    """Return what a study's results.json holds; the controller's kind is None if every candidate falls."""
+    identification = study.found.to_dict()
+    by_log = {one.name: part for one, part in zip(study.logs, study.by_log, strict=True)}
+    validation = validation_results(study.validation, by_log)
+    validation["held_out"] = {one.name: one.held_out for one in study.logs}
+    chosen = study.choice.controller
+    return {
+        "robot": study.robot.name,
+        "parameters": identification.pop("parameters"),
+        "standard_errors": identification.pop("standard_errors"),
+        "findings": identification.pop("findings"),
+        "identification": identification,
+        "validation": validation,
+        "controller": {
+            "kind": study.choice.chosen,
+            "compensation": chosen and chosen.compensation,
+            "estimator": chosen and chosen.estimator,
+            "gain": chosen and chosen.gain,
+            "sample_time": study.design.sample_time,
+            "nominal_gain": study.design.gain,
+            "nominal_poles": study.design.poles,
+        },
+        "comparison": _comparison(study),
+        "prediction": study.prediction,
+    }
+
+
+def _trial_columns(soft: Trial) -> Sequence[Column[tuple[str, Trial]]]:
+    """Return what is said of a controller's runs: columns of the table, and entries of results.json [m, N m]."""
+    return (
+        Column("controller", lambda row: CANDIDATE_NAMES[row[0]]),
+        Column("peak [mm]", lambda row: row[1].peak.median, millimetres, key="peak_position_error"),
+        Column(
+            "95 % interval",
+            lambda row: [row[1].peak.low, row[1].peak.high],
+            lambda ends: " – ".join(map(millimetres, ends)),
+            key="peak_position_error_interval",
+        ),
+        Column(
+            "smaller by", lambda row: "–" if row[1] is soft else f"{digits(soft.ratio_to(row[1]).median)} ×"
+        ),
+        Column(None, lambda row: float(np.fmax.reduce(row[1].peaks)), key="worst_position_error"),
+        Column(None, lambda row: row[1].rms.median, key="rms_position_error"),
+        Column("roughness [N m]", lambda row: row[1].roughness.median, key="rms_torque_change"),
+        Column("falls", lambda row: row[1].falls, key="falls"),
+        Column("runs", lambda row: len(row[1].scores), key="runs"),
+        Column(None, lambda row: row[1].controller.estimator, key="estimator"),
+    )
+
+
+def _trial(trial: Trial) -> dict[str, object]:
+    return entries_of(("", trial), _trial_columns(trial))
+
+
+def _comparison(study: Study) -> dict[str, object]:
+    choice = study.choice
+    return {
+        **{name: _trial(trial) for name, trial in choice.trials.items()},
+        "scenario": study.scenario.name,
+        "confirmation": study.confirmation and _confirmation(study.confirmation),
+        "draws": len(choice.plants),
+        "course": choice.course,
+        "chosen": choice.chosen,
+        "counted_as_equal": choice.equals,
+        "gain": choice.gain,
+        "compensated": choice.compensated,
+        "stiffness": study.stiffness and _stiffness(study.stiffness),
+    }
+
+
+def _confirmation(made: Confirmation) -> dict[str, object]:
+    return {
+        "course": made.course,
+        "contradiction": made.contradiction,
+        **{
+            name: {"twin": _trial(twin), "loop": _trial(made.on_loop[name])}
+            for name, twin in made.on_twin.items()
+        },
+    }
+
+
+def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
+    """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
+    gains = [
+        {
+            "position_gain": one.position_gain,
+            "compensation": variant.compensation,
+            "observer": variant.observer,
+            "sensitivity": one.sensitivity,
+            **_trial(trial),
+        }
+        for one in found.gains
+        for variant, trial in one.trials.items()
+    ]
+    verdicts = [
+        {
+            "observer": plain.observer,
+            "stiffest": None if (one := found.stiffest(plain)) is None else one.position_gain,
+            "compensation_pays_over": [one.position_gain for one in found.pays_over(observer=plain.observer)],
+        }
+        for plain in VARIANTS
+        if not plain.compensation
+    ]
+    return {"course": found.course, "gains": gains, "verdicts": verdicts}
+
+
+#: the files of a study besides results.json and its page
+STUDY_FILES = (
+    "robot.toml",
+    *("controller.toml", "compensated_controller.toml", "previous_controller.toml"),
+)
+
+_BASELINE = """\
+# The controller without friction compensation: to go back to if the new one does not do what was predicted. This
+# folder held no other controller before.
+"""
+
+
+def study_texts(study: Study, before: Path) -> dict[str, str]:
+    """Return the texts of a study's files by name; `before` is the folder of an earlier study's."""
+    choice, chosen = study.choice, study.choice.controller
+    baseline = choice.trials["none"].controller
+    texts = {
+        "robot.toml": robot_text(study.found.robot),
+        "previous_controller.toml": previous_controller_text(before, new=chosen, baseline=baseline),
+    }
+    if chosen is not None:
+        texts["controller.toml"] = controller_text(chosen)
+        if choice.compensated is not None and chosen.compensation == "none":
+            compensated = choice.trials[choice.compensated].controller
+            texts["compensated_controller.toml"] = controller_text(compensated)
+    return texts
+
+
+def previous_controller_text(folder: Path, *, new: Controller | None, baseline: Controller) -> str:
+    """Return the text of the previous_controller.toml that a study writes.
+
+    It is the controller.toml that an earlier study left in the folder. If the folder has no such file, or its file is
+    the new controller itself (None if the study recommends none), the folder's previous_controller.toml is kept;
+    without either it is the baseline, which compensates nothing.
+    """
+    held = _text(folder / "controller.toml")
+    if held is not None and (new is None or without_format(held) != without_format(controller_text(new))):
+        return held
+    before = _text(folder / "previous_controller.toml")
+    return _BASELINE + controller_text(baseline) if before is None else before
+
+
+def _text(path: Path) -> str | None:
+    try:
+        return read_text(path, largest=LARGEST_SETTINGS)
+    except InputError:  # not there, or no file of ours
+        return None

@@ -12,15 +12,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypedDict, TypeVar, cast
+from typing import TYPE_CHECKING, TypedDict, TypeVar
 from urllib.parse import quote
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
@@ -29,7 +29,7 @@ from ballbot.log.columns import unit_of
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
 from ballbot.report.palette import AXIS, BLUE, GREEN, GRID, INK, MUTED, ORANGE, PALE, VIOLET, YELLOW
-from ballbot.report.series import Line, Look, Panel
+from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.words import state_mark
 from ballbot.rounding import unit_heading
 
@@ -61,8 +61,6 @@ LOOKS: Mapping[Look, LineStyle] = MappingProxyType(
 )
 #: marks of looks `IN_TURN`
 MARKS = ("o", "s", "^", "D", "v", "P")
-MEASURED, REFERENCE = LOOKS["measured"], LOOKS["reference"]
-WITH_FRICTION, WITHOUT_FRICTION = LOOKS["first"], LOOKS["second"]
 
 T = TypeVar("T")
 
@@ -131,14 +129,7 @@ def _drawn(draw: Callable[[], Figure], name: str) -> tuple[str, Figure]:
     with mpl.rc_context(_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
         figure = draw()
-        try:
-            svg = _svg(figure)
-        except (ValueError, TypeError):  # what cannot be set, of a name that did not come by `label_of`
-            for one in figure.findobj(Text):
-                text = cast("Text", one)
-                text.set_parse_math(False)
-                text.set_text(printable(text.get_text()))
-            svg = _svg(figure)
+        svg = _svg(figure)
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\b(id=")', rf"\g<1>{name}-", svg)
@@ -196,6 +187,29 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
     """Return a figure for a page; see `drawn`."""
     return Picture(markup=partial(_markup, draw, name), caption=caption)
+
+
+def one_panel(across: str, up: str, *, height: float = 3.4, width: float = 7.4) -> tuple[Figure, Axes]:
+    """Return a figure [in] of one panel, with the labels of its axes."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots()
+    axes.set(xlabel=across, ylabel=up)
+    return figure, axes
+
+
+def series_figure(series: TimeSeries) -> Figure:
+    """Return time series as a figure."""
+    figure = Figure(figsize=(7.4, 0.6 + 1.4 * len(series.panels)), layout="constrained")
+    rows = figure.subplots(len(series.panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, panel in zip(rows, series.panels, strict=True):
+        for line in panel.lines:
+            axes.plot(*thinned(series.t, line.values), label=line.name, **LOOKS[line.look])
+        axes.set_ylabel(panel.label)
+        axes.margins(x=0.01)
+        if len(panel.lines) > 1:
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(panel.lines), borderpad=0.0)
+    rows[-1].set_xlabel(series.across)
+    return figure
 
 
 def _svg(figure: Figure) -> str:

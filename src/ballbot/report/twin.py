@@ -10,8 +10,7 @@ import numpy as np
 
 from ballbot.control.references import is_reference_file
 from ballbot.file_formats import read_results
-from ballbot.report.blocks import Report, Sheet, section
-from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.blocks import Provenance, Result, Sheet, provenance, section
 from ballbot.report.run import run_report
 from ballbot.report.words import millimetres
 from ballbot.twin.recording import Recording
@@ -24,7 +23,7 @@ _NOT_A_ROBOT = (
 )
 
 
-def recording_report(job: RecordJob, seed: int, recording: Recording) -> Report:
+def recording_report(job: RecordJob, seed: int, recording: Recording) -> Result:
     """Return the page of one recorded run."""
     held = job.experiment != "balance"
     if held:
@@ -61,7 +60,7 @@ def _command(job: RecordJob, seed: int) -> str:
 _DISTANCES = ("peak_position_error_whole_run", "rms_position_error_whole_run")
 
 
-def seeds_report(job: RecordJob, outcomes: Sequence[RecordOutcome], made: Provenance) -> Report:
+def seeds_report(job: RecordJob, outcomes: Sequence[RecordOutcome], made: Provenance) -> Result:
     """Return the page of runs of several seeds, each in a folder of its own."""
     found = [cast("dict[str, float]", read_results(one.folder / "results.json")) for one in outcomes]
     early = sum(outcome.ended is not None for outcome in outcomes)
@@ -81,7 +80,7 @@ def seeds_report(job: RecordJob, outcomes: Sequence[RecordOutcome], made: Proven
     ]
     caption = "The distance is that of the true position from the reference, over the whole run."
     headings = ("seed", "folder", "largest distance [mm]", "distance, RMS [mm]", "ended early")
-    return Report(
+    return Result(
         title=f"{job.robot.name}: {len(outcomes)} runs of the twin",
         lead=f"Scenario {job.scenario.name}, experiment {job.experiment}, reference {job.reference}.",
         verdict=verdict,

@@ -6,23 +6,32 @@ In results.json a model's numbers stand under its name, with_friction and withou
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from ballbot.findings import finding_results
 from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.report.blocks import Block, Bullets, Paragraph, Report, Section, Sheet, details, section
-from ballbot.report.series import Line, TimeSeries
-from ballbot.report.style import STATE_UNITS, drawn_picture, state_panels
-from ballbot.report.validation_figures import (
-    correlation_figure,
-    horizon_figure,
-    symbols,
-    wheels_figure,
+from ballbot.report.blocks import Block, Bullets, Paragraph, Result, Section, Sheet, details, section
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
+from ballbot.report.series import IN_TURN, Line, TimeSeries
+from ballbot.report.style import (
+    LOOKS,
+    MARKS,
+    STATE_SYMBOLS,
+    STATE_UNITS,
+    drawn_picture,
+    label_of,
+    one_panel,
+    state_panels,
 )
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.results import to_results
@@ -31,13 +40,15 @@ from ballbot.summary import counted
 from ballbot.validation import ErrorPair, ModelPair, StateErrors, Validation, findings
 from ballbot.validation.models import FINEST, Trajectories
 from ballbot.validation.prediction import HorizonComparison, Prediction
-from ballbot.validation.residuals import ResidualAnalysis, residual_findings
+from ballbot.validation.residuals import ResidualAnalysis, SpeedEffect, residual_findings
 from ballbot.validation.result import model_findings, whole_log_verdict
 from ballbot.validation.whole_log import QUANTITIES, RUNS, WholeLog
 
 
-def validation_results(validation: Validation) -> dict[str, object]:
-    """Return what results.json holds of one validation."""
+def validation_results(
+    validation: Validation, by_log: Mapping[str, Validation] = MappingProxyType({})
+) -> dict[str, object]:
+    """Return what results.json holds of one validation, and of its logs if there are several."""
     loop, closed, models = validation.open_loop, validation.closed_loop, validation.models
     return {
         "models": [
@@ -64,6 +75,7 @@ def validation_results(validation: Validation) -> dict[str, object]:
         "prediction": _prediction_results(validation.prediction, validation.residuals, models),
         "horizon": _horizon_results(validation.horizon, models),
         "recovered_gain": validation.recovered,
+        **({"by_log": {name: validation_results(one) for name, one in by_log.items()}} if by_log else {}),
     }
 
 
@@ -159,20 +171,30 @@ def _prediction_results(
     }
 
 
-def validation_report(validation: Validation, *, title: str, lead: str) -> Report:
+def validation_report(
+    validation: Validation,
+    *,
+    title: str = "Validation",
+    lead: str = "",
+    by_log: Mapping[str, Validation] = MappingProxyType({}),
+) -> Result:
     """Return a validation's own page."""
     verdict, *others = (finding.text for finding in model_findings(validation))
     sections = validation_sections(validation)
     if others:
         found = details("What else was found", Bullets(items=[with_symbols(one) for one in others]))
         sections.insert(1, found)
-    return Report(
+    return Result(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
         sections=sections,
         undecided=undecided_by(validation),
         findings=validation.log_findings,
+        data={
+            "validation": validation_results(validation, by_log),
+            "findings": finding_results(validation.log_findings),
+        },
     )
 
 
@@ -308,3 +330,111 @@ def _trajectories(shown: Trajectories, validation: Validation, caption: str) -> 
     )
     panels = state_panels(_SHOWN, lines)
     return TimeSeries(t=shown.t, panels=panels, caption=caption, across="time of the log [s]")
+
+
+def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure:
+    """Return the forecast's RMSE against how far it looks ahead, a panel for each state.
+
+    A filled dot is a horizon at which the first model is better by the whole interval, an empty one where it is not.
+    """
+    figure = Figure(figsize=(7.4, 3.6), layout="constrained")
+    panels = figure.subplots(2, 5, sharex=True)
+    errors = horizon.errors
+    ahead, better = 1e3 * errors.horizons, errors.ratio_interval()[0] > 1.0
+    # what is below any sensor's resolution is drawn at it
+    first_model, second_model = np.maximum(errors.rmse, FINEST)
+    for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
+        first = first_model[:, index]
+        axes.loglog(ahead, first, label=label_of(names[0]), **LOOKS["first"])
+        axes.loglog(ahead, second_model[:, index], label=label_of(names[1]), **LOOKS["second"])
+        axes.loglog(
+            ahead, horizon.noise_floor[:, index], label="noise of the start alone", color=MUTED, linestyle=":"
+        )
+        for which, face in ((better[:, index], BLUE), (~better[:, index], "white")):
+            axes.loglog(ahead[which], first[which], "o", color=BLUE, markerfacecolor=face, markersize=3)
+        axes.set_title(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
+        axes.set_xticks([10, 100, 500], ["10", "100", "500"])
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.tick_params(labelsize=7)
+    for axes in panels[-1]:
+        axes.set_xlabel("ahead [ms]")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("RMSE")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=2)
+    return figure
+
+
+#: sides of a map of few cells and of all [in]
+_SMALLEST, _LARGEST = 3.2, 5.6
+
+
+def correlation_figure(
+    labels: Sequence[str],
+    correlation: NDArray[np.float64],
+    *,
+    marked: NDArray[np.bool_] | None = None,
+) -> Figure:
+    """Return a correlation matrix as a map with its numbers; what correlates with nothing is left out.
+
+    Cells that are `marked`, the significant ones, have a frame.
+    """
+    known, inches = np.flatnonzero(np.isfinite(correlation).any(axis=1)).tolist(), _LARGEST
+    if 0 < len(known) < len(labels):
+        among = np.ix_(known, known)
+        inches = max(_SMALLEST, inches * len(known) / len(labels))
+        labels, correlation = [labels[place] for place in known], correlation[among]
+        marked = None if marked is None else marked[among]
+    figure, axes = one_panel("", "", width=inches, height=inches)
+    for (row, column), value in np.ndenumerate(correlation[::-1]):
+        if not np.isfinite(value):
+            continue
+        # the page shows through a color, so that a small number is pale in either theme
+        fill = to_rgba(ORANGE if value > 0.0 else BLUE, alpha=min(abs(value), 1.0))
+        axes.add_patch(Rectangle((column, row), 1.0, 1.0, facecolor=fill, edgecolor="white", linewidth=0.6))
+        if abs(value) >= 0.095:
+            color = "white" if abs(value) > 0.6 else INK
+            at = (column + 0.5, row + 0.5)
+            axes.text(*at, _two_digits(value), ha="center", va="center", fontsize=6.3, color=color)
+    if marked is not None:
+        for row, column in np.argwhere(marked[::-1]):
+            place = (column + 0.06, row + 0.06)
+            axes.add_patch(Rectangle(place, 0.88, 0.88, fill=False, edgecolor=INK, linewidth=0.8))
+    count = len(labels)
+    axes.set(xlim=(0.0, count), ylim=(0.0, count), aspect="equal")
+    axes.set_xticks(np.arange(count) + 0.5, labels, rotation=90)
+    axes.set_yticks(np.arange(count) + 0.5, labels[::-1])
+    axes.grid(visible=False)
+    axes.tick_params(length=0, labelsize=7.5, labelcolor=INK)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    legend = [Patch(color=ORANGE, label="positive"), Patch(color=BLUE, label="negative")]
+    if marked is not None:
+        legend.append(Patch(facecolor="none", edgecolor=INK, label="significant"))
+    figure.legend(handles=legend, loc="outside upper left", ncols=len(legend))
+    return figure
+
+
+def _two_digits(value: float) -> str:
+    text = f"{value:.2f}".replace("0.", ".")
+    return {"1.00": "1", "-1.00": "-1"}.get(text, text)
+
+
+def symbols(labels: Sequence[str]) -> list[str]:
+    """Return labels such as e_theta_dot or u1 as the thesis's symbols."""
+    return [
+        rf"$\varepsilon$({STATE_SYMBOLS[label[2:]]})" if label.startswith("e_") else rf"$u_{{{label[1:]}}}$"
+        for label in labels
+    ]
+
+
+def wheels_figure(by_speed: Sequence[SpeedEffect]) -> Figure:
+    """Return the wheels' residual torques against their speed."""
+    figure, axes = one_panel("wheel speed [rad/s]", "residual torque [N m]", height=2.7)
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    for wheel, (effect, look, mark) in enumerate(zip(by_speed, IN_TURN, MARKS, strict=False), start=1):
+        axes.errorbar(effect.speeds, effect.torques, yerr=effect.half_widths, fmt=mark, color=LOOKS[look]["color"],
+                      markersize=3.2, linewidth=0.9, label=f"wheel {wheel}")  # fmt: skip
+    figure.legend(loc="outside upper left", ncols=len(by_speed))
+    return figure

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 from ballbot.identification.quantities import FRICTION
-from ballbot.rounding import digits, plus_minus
+from ballbot.rounding import digits
 
 if TYPE_CHECKING:
     from ballbot.fitting.intervals import Interval
@@ -21,7 +21,6 @@ NO_FRICTION = (
     "The robot file has no friction, so there is none to compensate; `ballbot identify` finds it from logs."
 )
 
-_EXPONENT = re.compile(r"\b(\d[.\d]*)e([-+]?\d+)\b")
 
 STATE_MARKS = {
     "x": "x",
@@ -64,25 +63,6 @@ def millimetres(metres: float) -> str:
 
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def with_powers(words: str) -> str:
-    """Return words with the powers of ten of their numbers raised: 8.58·10⁻⁶ for 8.58e-06."""
-    return _EXPONENT.sub(lambda found: f"{found[1]}·10{str(int(found[2])).translate(RAISED)}", words)
-
-
-def with_error(value: float, error: float) -> str:
-    """Return a value and its standard error in words, rounded alike."""
-    if not math.isfinite(value):
-        return "not identified by these logs"
-    known = math.isfinite(error) and error > 0.0
-    return plus_minus(value, error) if known else f"{digits(value)} (no standard error)"
-
-
-def signed_with_error(value: float, error: float) -> str:
-    """Return a value with its sign and its error, both to the second digit of the error."""
-    text = with_error(value, error)
-    return text if text.startswith("-") or not math.isfinite(value) else f"+{text}"
 
 
 def with_symbols(words: str) -> str:

@@ -1,7 +1,7 @@
 """Many robots in closed loop at once: the law and the mechanics in one compiled call, robots side by side.
 
-The numbers are those of `simulate` on a `Model`, to rounding. A lane may have late torques or a floor that is not
-level (`conditions`), and may be left as soon as its outcome is known (`Verdict`).
+The numbers are those of `simulate` on a `Model`, to rounding, at the same instants. A lane may have sensors, late
+torques or a floor that is not level (`Imperfections`), and may be left as soon as its outcome is known (`Verdict`).
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def simulate_batch(
     verdict : Verdict, optional
         Leaves lanes as soon as their outcome is known; all are run to the end by default.
     every : int
-        Record every so many samples; 0 records the last only.
+        Record every so many samples, the first of them included; 0 records the first only, and `finals`.
     threads : int, optional
         All cores by default. The result does not depend on it.
 
@@ -180,7 +180,7 @@ def simulate_batch(
     else:
         raise InputError("A verdict needs controllers of Ballbot in every lane; your own run to the end.")
     leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])
-    return _result(out, initial, sampling, leans)
+    return _result(out, sampling, leans)
 
 
 def _side_by_side(
@@ -196,7 +196,7 @@ def _side_by_side(
     robots, sample_time = [one.robot for one in models], sampling.sample_time
     n = _common_wheel_count([*robots, *(one.known for one in borne if one.known)], controllers)
     samples = len(sampling.references)
-    out = empty_outcome(lanes, samples // sampling.every, samples, n)
+    out = empty_outcome(lanes, -(-samples // sampling.every), samples, n)
     selected = models[0].selected
     loops, filters = _loops(borne, robots, controllers, sample_time)
     inputs = Inputs(
@@ -238,7 +238,7 @@ def _one_by_one(
 ) -> Outcome:
     """Run controllers that are called from Python by `simulate`, one lane after another.
 
-    One sample more is run: it begins with the state at the end of the last.
+    One sample more is run: it begins with the state at the end of the run.
     """
     samples, n = len(sampling.references), models[0].robot.wheel_count
     out = empty_outcome(lanes, samples, samples, n)
@@ -262,7 +262,7 @@ def _one_by_one(
         # row after row; a lane that ended stays where it was
         begun = np.minimum(np.arange(samples), done - 1)
         truth = log.truth().states
-        out.states[k] = truth[np.minimum(begun + 1, len(truth) - 1)]
+        out.states[k], out.finals[k] = truth[begun], truth[-1]
         out.torques[k] = out.commanded[k] = log.torques[begun]
         out.seen[k] = log.states[begun]
         wheels = [log[name] for name in (*wheel_angle_names(n), *wheel_speed_names(n))]
@@ -271,28 +271,25 @@ def _one_by_one(
         out.changes[k] = (np.diff(log.torques[:done], axis=0) ** 2).sum()
         if len(log) <= samples:
             out.ended[k], out.lifted[k] = done, LIFTED in str(log.ended)
-    rows = slice(sampling.every - 1, None, sampling.every)
     recorded = ("states", "torques", "seen", "commanded", "encoders", "gyro")
-    return out._replace(**{name: getattr(out, name)[:, rows] for name in recorded})
+    return out._replace(**{name: getattr(out, name)[:, :: sampling.every] for name in recorded})
 
 
-def _result(
-    out: Outcome, initial: NDArray[np.float64], sampling: Sampling, fallen_leans: NDArray[np.float64]
-) -> ClosedLoopBatch:
+def _result(out: Outcome, sampling: Sampling, fallen_leans: NDArray[np.float64]) -> ClosedLoopBatch:
     """Return an outcome as the batch that users see."""
     _, records, n = out.torques.shape
     samples, sample_time = len(sampling.references), sampling.sample_time
     decided = np.minimum(out.ended, out.settled)
     return ClosedLoopBatch(
-        t=np.arange(1.0, records + 1.0) * (sampling.every * sample_time),
+        t=np.round(np.arange(records) * (sampling.every * sample_time), 9),
         states=out.states,
+        finals=out.finals,
         torques=out.torques,
         seen=out.seen,
         commanded=out.commanded,
         wheel_angles=out.encoders[:, :, :n],
         wheel_speeds=out.encoders[:, :, n:],
         gyro=out.gyro,
-        initial=initial,
         references=sampling.references,
         sample_time=sample_time,
         fallen_leans=fallen_leans,

@@ -38,16 +38,16 @@ def column_names(wheel_count: int, *, accelerometer: bool = False) -> list[str]:
 class ClosedLoopBatch:
     """The result of `simulate_batch`, a lane for each robot."""
 
-    t: NDArray[np.float64]  #: (records,) [s]
-    states: NDArray[np.float64]  #: (lanes, records, 10); a lane that ended or settled stays where it was
-    torques: NDArray[np.float64]  #: (lanes, records, n) at the end of the sample that ends at t [N m]
-    #: (lanes, records, 10) the state that the controller was given at the sample that ends at t
-    seen: NDArray[np.float64]
+    t: NDArray[np.float64]  #: (records,) the first is 0, as in a log of `simulate` [s]
+    #: (lanes, records, 10) the true states at t; a lane that ended or settled stays where it was
+    states: NDArray[np.float64]
+    finals: NDArray[np.float64]  #: (lanes, 10) the states at the end of the run, a sample after the last row
+    torques: NDArray[np.float64]  #: (lanes, records, n) at the end of the sample that begins at t [N m]
+    seen: NDArray[np.float64]  #: (lanes, records, 10) the state that the controller was given at t
     commanded: NDArray[np.float64]  #: (lanes, records, n) what it asked for then [N m]
     wheel_angles: NDArray[np.float64]  #: (lanes, records, n) as they were measured then [rad]
     wheel_speeds: NDArray[np.float64]  #: (lanes, records, n) [rad/s]
     gyro: NDArray[np.float64]  #: (lanes, records, 3) body frame [rad/s]
-    initial: NDArray[np.float64]  #: (1 or lanes, 10) the states at t = 0
     references: NDArray[np.float64]  #: (samples, 10)
     sample_time: float  #: [s]
     fallen_leans: NDArray[np.float64]  #: (1 or lanes,) at which a lane counts as fallen [rad]
@@ -60,9 +60,9 @@ class ClosedLoopBatch:
     torque_change: NDArray[np.float64]
 
     @property
-    def finals(self) -> NDArray[np.float64]:
-        """The last states (lanes, 10)."""
-        return self.states[:, -1]
+    def next_states(self) -> NDArray[np.float64]:
+        """The states (lanes, records, 10) one row later: after the last row those at the end of the run."""
+        return np.concatenate([self.states[:, 1:], self.finals[:, None]], axis=1)
 
     @property
     def survived(self) -> NDArray[np.bool_]:
@@ -87,7 +87,6 @@ class ClosedLoopBatch:
             raise InputError(f"The lane is {lane}; it must be 0 to {lanes - 1}.")
         end = min(self.ended[lane], self.settled[lane])
         rows = records if np.isinf(end) else round(end / self.sample_time)
-        start = self.initial[lane if len(self.initial) > 1 else 0]
         parts = (
             np.round(np.arange(rows) * self.sample_time, 9)[:, None],
             self.commanded[lane, :rows],
@@ -96,7 +95,7 @@ class ClosedLoopBatch:
             self.wheel_speeds[lane, :rows],
             self.gyro[lane, :rows],
             self.references[:rows, REFERENCES],
-            np.vstack([start, self.states[lane, : rows - 1]])[:rows],
+            self.states[lane, :rows],
         )
         table = np.vstack([part.T for part in parts])
         table.flags.writeable = False
@@ -137,7 +136,7 @@ class ClosedLoopBatch:
                 f"{counted(records, 'time')}, states {self.states.shape}, {counted(wheels, 'wheel')}",
             ),
         ]
-        title = f"Batch of {counted(lanes, 'robot')} over {self.t[-1]:.4g} s"
+        title = f"Batch of {counted(lanes, 'robot')} over {len(self.references) * self.sample_time:.4g} s"
         return Summary(title=title, rows=tuple(rows))
 
 

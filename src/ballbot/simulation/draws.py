@@ -53,6 +53,7 @@ def empty_outcome(lanes: int, records: int, samples: int, n: int) -> Outcome:
     """Return the arrays for the outcome of so many lanes, which so far run to the end."""
     return Outcome(
         states=np.empty((lanes, records, 10)),
+        finals=np.empty((lanes, 10)),
         torques=np.empty((lanes, records, n)),
         seen=np.empty((lanes, records, 10)),
         commanded=np.empty((lanes, records, n)),

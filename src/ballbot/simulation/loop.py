@@ -124,7 +124,8 @@ class Sampling(NamedTuple):
 class Outcome(NamedTuple):
     """The arrays that the compiled call fills, for each robot."""
 
-    states: NDArray[np.float64]  #: (robots, records, 10)
+    states: NDArray[np.float64]  #: (robots, records, 10) at the start of each recorded sample
+    finals: NDArray[np.float64]  #: (robots, 10) at the end of the run
     torques: NDArray[np.float64]  #: (robots, records, n)
     seen: NDArray[np.float64]  #: (robots, records, 10) the state that the controller was given
     commanded: NDArray[np.float64]  #: (robots, records, n) and what it asked for
@@ -774,6 +775,10 @@ def run_block(selected, inputs, draws, sampling, block, first, width, out):
     moving = width
     for sample in range(samples):
         reference = sampling.references[sample]
+        record, recorded = sample // sampling.every, sample % sampling.every == 0
+        if recorded:
+            for robot in range(width):
+                fill(out.states[first + robot, record], block.truths[robot])
         if moving > 0:
             for lane in range(width):
                 if _runs(work, lane, out, first, samples):
@@ -796,14 +801,14 @@ def run_block(selected, inputs, draws, sampling, block, first, width, out):
             if _runs(work, lane, out, first, samples):
                 _end_where_due(selected, work, lane, inputs, sampling, block, first, sample + 1, out)
                 moving -= 1 if work[STEP * LANES + lane] == 0.0 else 0
-            if (sample + 1) % sampling.every == 0:
-                record = (sample + 1) // sampling.every - 1
-                fill(out.states[robot, record], block.truths[robot - first])
+            if recorded:
                 fill(out.torques[robot, record], block.acting[robot - first])
                 fill(out.seen[robot, record], block.states[robot - first])
                 fill(out.commanded[robot, record], block.commanded[robot - first])
                 fill(out.encoders[robot, record], block.encoders[robot - first])
                 fill(out.gyro[robot, record], block.gyros[robot - first])
+    for robot in range(width):
+        fill(out.finals[first + robot], block.truths[robot])
 
 
 @compiled

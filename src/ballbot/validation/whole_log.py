@@ -127,7 +127,7 @@ def compare_whole_log(
             imperfections=borne,
             every=every,
         )
-        runs.append(batch.states + noise[:, 1:])
+        runs.append(batch.next_states + noise[:, 1:])
         fell.append(~batch.survived)
     deviations = np.concatenate([measured[None], *runs]) - references[every::every]
     numbers = np.array([_numbers(one, every * log.sample_time) for one in deviations])

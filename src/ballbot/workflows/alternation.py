@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.summary import counted
-from ballbot.workflows.comparison import student_quantile
 from ballbot.workflows.controller_prediction import ControllerVerdict, Recommendation
 from ballbot.workflows.metrics import QUANTITIES, Performance
+from ballbot.workflows.statistics import student_quantile
 
 #: fewest runs: gain, drift and offset are estimated, and one run is left for the scatter
 MIN_RUNS = 4

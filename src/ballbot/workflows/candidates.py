@@ -198,19 +198,13 @@ def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
         name, equals, source = word.partition("=")
         if not equals:  # by its file's name, if that is unique
             name, source = ending if short.count(ending) == 1 else word, word
-        source, estimator = _split_estimator(source)
-        one = Candidate(name=name, source=source, estimator=estimator)
-        if not (one.name and one.source):
+        before, at, estimator = source.rpartition("@")
+        if not at or "/" in estimator:
+            before, estimator = source, ""
+        if not (name and before):
             raise InputError(f"The controller {word!r} lacks its name or its source; write NAME=SOURCE.")
-        if one.name in found:
-            raise InputError(f"Two controllers are called {one.name!r}; rename one with NAME=SOURCE.")
-        found[one.name] = one
+        if name in found:
+            raise InputError(f"Two controllers are called {name!r}; rename one with NAME=SOURCE.")
+        known = checked_name(estimator) if estimator else None
+        found[name] = Candidate(name=name, source=before, estimator=known)
     return tuple(found.values())
-
-
-def _split_estimator(source: str) -> tuple[str, EstimatorName | None]:
-    """Return the source and the estimator, if one is named, of SOURCE or SOURCE@ESTIMATOR."""
-    before, at, after = source.rpartition("@")
-    if at and "/" not in after:
-        return before, checked_name(after)
-    return source, None

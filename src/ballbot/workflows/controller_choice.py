@@ -1,4 +1,4 @@
-"""Which controller a study recommends: candidates on the same perturbed robots, and what each part of the best gains.
+"""Which controller a study recommends: candidates on the same perturbed robots.
 
 The true robot is never the identified one. So its numbers are drawn from their standard deviations and correlations
 (`ballbot.robot.variations`), those that were identified and those that the robot file states, and the robot has the
@@ -11,25 +11,19 @@ identified. Every candidate runs the same course on every robot with the same se
 - Among these the smoothest is chosen: the one whose torques change least from sample to sample (median of the RMS).
 
 If the chosen controller compensates no friction, the same rule among those that do gives the best compensated one.
-
-What brings the gain depends on what else the controller has: with the stiff gain and the disturbance observer little is
-left for friction compensation, with the soft gain much. `STEPS` therefore leads from the soft gain to the precise
-controller by pairs of controllers that differ in one thing, on the same robots with the same seeds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import TypeVar
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
-from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -39,17 +33,10 @@ from ballbot.robot import Robot
 from ballbot.robot.variations import draw_robots
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.comparison import (
-    ComparedRun,
-    LoopRobot,
-    MedianEstimate,
-    Paired,
-    RunResult,
-    median_with_interval,
-    run_comparison,
-)
 from ballbot.workflows.courses import ReferenceSpec
+from ballbot.workflows.grid import Condition, Grid, GridRun, InThreads, LoopRobot, Name, TwinRobot, run_grid
 from ballbot.workflows.metrics import Performance, Score, performance_of
+from ballbot.workflows.statistics import MedianEstimate, Paired, median_with_interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,6 +53,12 @@ class PlantDraw:
         """The robot on the compiled loop."""
         scenario = with_identified(self.scenario, self.robot.friction)
         return LoopRobot.of(self.robot, scenario, known=self.known)
+
+    @property
+    def on_twin(self) -> TwinRobot:
+        """The robot on the physics engine."""
+        scenario = replace(self.scenario, friction=self.robot.friction)
+        return TwinRobot(robot=self.robot, scenario=scenario, known=self.known)
 
 
 def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: int) -> tuple[PlantDraw, ...]:
@@ -108,65 +101,17 @@ CANDIDATES: Mapping[str, tuple[str, Compensation]] = {
 class NamedCourse:
     """A reference and how long it is followed."""
 
-    name: str  #: of `ballbot.control.references`, or "slow circle"
+    name: str  #: of `ballbot.control.references`
     duration: float  #: [s]
 
     @property
     def reference_spec(self) -> ReferenceSpec:
         """The specification of the reference."""
-        if self.name == SLOW_CIRCLE:
-            return ReferenceSpec(name="circle", options=(("period", 120.0),))
         return ReferenceSpec(name=self.name)
 
 
-SLOW_CIRCLE = "slow circle"
 #: the square of 0.5 m, once around
 SQUARE = NamedCourse(name="square", duration=32.0)
-#: what friction spoils most, besides
-SLOW_COURSES = (NamedCourse(name="hold", duration=14.0), NamedCourse(name=SLOW_CIRCLE, duration=14.0))
-
-
-@dataclass(frozen=True)
-class Step:
-    """Two controllers that differ in one thing."""
-
-    adds: str
-    to: str  #: what both have
-    before: str  #: a candidate or one of `variants`
-    after: str
-    #: where they are compared; None is the course of the candidates
-    course: NamedCourse | None = None
-
-
-def _compensation(to: str, before: str, after: str) -> tuple[Step, ...]:
-    return tuple(
-        Step("full compensation", to, before, after, course=course) for course in (None, *SLOW_COURSES)
-    )
-
-
-STEPS = (
-    *_compensation("the soft gain", "none", "full"),
-    Step(
-        "the Kalman filter, shaped references and feed-forward",
-        "the soft gain",
-        "none",
-        "soft_filter_shaping",
-    ),
-    Step("the stiff gain", "filter, shaping and feed-forward", "soft_filter_shaping", "stiff_filter_shaping"),
-    Step(
-        "the Kalman filter",
-        "the stiff gain with shaping and feed-forward",
-        "stiff_shaping",
-        "stiff_filter_shaping",
-    ),
-    Step(
-        "the disturbance observer and integral action",
-        "the stiff gain with filter, shaping and feed-forward",
-        "stiff_filter_shaping",
-        "precise_without_compensation",
-    ),
-    *_compensation("the precise controller without it", "precise_without_compensation", "precise"),
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,16 +122,6 @@ class Trial:
     scores: tuple[Score, ...]  #: by the true position
     performances: tuple[Performance, ...] = ()  #: as the robot's own log shows them
     log: Log | None = None  #: of the first run, if it is kept
-
-    @staticmethod
-    def of(controller: Controller, results: Sequence[RunResult]) -> Trial:
-        """Return the trial of runs that `loop_run` measured."""
-        return Trial(
-            controller=controller,
-            scores=tuple(one.score for one in results),
-            performances=tuple(Performance.from_array(one.measured) for one in results),
-            log=results[0].log,
-        )
 
     @property
     def falls(self) -> int:
@@ -278,18 +213,6 @@ def candidates(found: Identification, *, sample_time: float) -> dict[str, Contro
     }
 
 
-def variants(controllers: Mapping[str, Controller]) -> dict[str, Controller]:
-    """Return the controllers of `STEPS` that are no candidates, made of the candidates."""
-    soft, stiff = controllers["none"], controllers["precise_without_compensation"]
-    bare = stiff.with_parts(replace(stiff.parts, integral=None, disturbance_observer=None))
-    shaping = Parts(shaping=stiff.parts.shaping, feed_forward=stiff.parts.feed_forward)
-    return {
-        "soft_filter_shaping": soft.with_estimator(stiff.estimator).with_parts(shaping),
-        "stiff_shaping": bare.with_estimator(soft.estimator),
-        "stiff_filter_shaping": bare,
-    }
-
-
 def compensated_robot(found: Identification) -> Robot:
     """Return the identified robot with no more friction than is certain."""
     return found.robot.replace(friction=certain_friction(found.robot))
@@ -318,8 +241,7 @@ def choose_controller(
     InputError
         If a robot cannot be run or a run cannot be scored.
     """
-    asked = {name: (controller, course) for name, controller in controllers.items()}
-    trials = run_trials(asked, plants, logged=True, run=run)
+    trials = run_trials(controllers, course, plants, logged=True, run=run)
     return ControllerChoice(
         plants=tuple(plants),
         course=course,
@@ -329,44 +251,25 @@ def choose_controller(
     )
 
 
-def measure_steps(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Mapping[Step, tuple[Trial, Trial]]:
-    """Return what the controllers before and after each of `STEPS` do, on the robots of the choice.
-
-    Raises
-    ------
-    InputError
-        As `choose_controller`.
-    """
-    controllers = {name: trial.controller for name, trial in choice.trials.items()}
-    controllers |= variants(controllers)
-    needed = dict.fromkeys((name, step.course) for step in STEPS for name in (step.before, step.after))
-    known = {(name, None): trial for name, trial in choice.trials.items()}
-    asked = {
-        (name, course): (controllers[name], course or choice.course)
-        for name, course in needed
-        if (name, course) not in known
-    }
-    trials = known | run_trials(asked, choice.plants, run=run)
-    return {step: (trials[step.before, step.course], trials[step.after, step.course]) for step in STEPS}
-
-
-Key = TypeVar("Key", bound=Hashable)
-
-
 def run_trials(
-    asked: Mapping[Key, tuple[Controller, NamedCourse]],
+    controllers: Mapping[Name, Controller],
+    course: NamedCourse,
     plants: Sequence[PlantDraw],
     *,
+    on_twin: bool = False,
     logged: bool = False,
     run: Run = DEFAULT_RUN,
-) -> dict[Key, Trial]:
-    """Run controllers, each on its course and on every robot.
+) -> dict[Name, Trial]:
+    """Run controllers on a course with every robot, on the loop or on the twin.
 
     Parameters
     ----------
-    asked : mapping
-        Controller and course of each trial, by any key.
+    controllers : mapping
+        By any key.
+    course : NamedCourse
     plants : sequence of PlantDraw
+    on_twin : bool
+        Whether the physics-engine twin runs.
     logged : bool
         Whether each trial keeps the log of its first run.
     run : Run, optional
@@ -376,16 +279,28 @@ def run_trials(
     InputError
         If a robot cannot be run or a run cannot be scored.
     """
-    runs = [
-        loop_run(str(place), controller, plant, course, logged=logged and plant is plants[0])
-        for place, (controller, course) in enumerate(asked.values())
-        for plant in plants
+    conditions = [
+        Condition(
+            plant=one.on_twin if on_twin else one.on_loop,
+            reference=course.reference_spec.reference,
+            duration=course.duration,
+            seed=one.seed,
+            course=course.name,
+        )
+        for one in plants
     ]
-    results = run_comparison(runs, run=run).results
-    return {
-        key: Trial.of(controller, results[place * len(plants) :][: len(plants)])
-        for place, (key, (controller, _)) in enumerate(asked.items())
-    }
+
+    def ask(one: GridRun, log: Log) -> tuple[Score, Performance, Log | None]:
+        assert isinstance(one.controller, Controller)
+        kept = log if logged and one.condition is conditions[0] else None
+        return one.score(log), performance_of(log, one.controller), kept
+
+    table = run_grid(Grid(controllers=controllers, conditions=conditions), ask, workers=InThreads(), run=run)
+    trials = {}
+    for name, controller in controllers.items():
+        scores, performances, logs = zip(*table.of(name), strict=True)
+        trials[name] = Trial(controller=controller, scores=scores, performances=performances, log=logs[0])
+    return trials
 
 
 def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
@@ -400,24 +315,3 @@ def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
 def smoothest_of_best(trials: Mapping[str, Trial]) -> str | None:
     """Return the smoothest of the candidates that count as the best; None if every one falls on some plant."""
     return min(equal_best(trials), key=lambda name: trials[name].roughness.median, default=None)
-
-
-def loop_run(
-    name: str, controller: Controller, plant: PlantDraw, course: NamedCourse, *, logged: bool = False
-) -> ComparedRun:
-    """Return the run of a controller on a robot drawn, on the loop."""
-    return ComparedRun(
-        candidate=name,
-        controller=controller,
-        plant=plant.on_loop,
-        reference=course.reference_spec.reference,
-        duration=course.duration,
-        seed=plant.seed,
-        course=course.name,
-        measure=partial(_performance, controller),
-        logged=logged,
-    )
-
-
-def _performance(controller: Controller, log: Log) -> NDArray[np.float64]:
-    return performance_of(log, controller).to_array()

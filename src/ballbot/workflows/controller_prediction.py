@@ -40,9 +40,9 @@ from ballbot.log.columns import torque_names
 from ballbot.results import reported
 from ballbot.schema import validate_table
 from ballbot.validation.closed_loop import delay_of
-from ballbot.workflows.comparison import CONFIDENCE, student_quantile
 from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, NamedCourse
 from ballbot.workflows.metrics import QUANTITIES, Metric, Performance
+from ballbot.workflows.statistics import CONFIDENCE, student_quantile
 
 #: fewest performances that an interval can be made of
 MIN_RUNS = 6
@@ -321,11 +321,13 @@ def evaluate_log(
     )
 
 
-def check_controller(prediction: Prediction, controller: Controller) -> None:
+def check_controller(
+    prediction: Prediction, controller: Controller, *, file: Path | str = "The controller's file"
+) -> None:
     """Raise InputError if the controller is not the one whose performance is predicted."""
     if checksum_of(controller) != prediction.checksum:
         raise InputError(
-            "The controller's file is not the one whose performance is predicted: it was changed, or belongs to "
+            f"{file} is not the one whose performance is predicted: it was changed, or belongs to "
             "another study. Give the controller.toml that stands beside the results.json, as `ballbot study` wrote it."
         )
 

@@ -6,9 +6,8 @@ The built-in courses are in courses.toml beside this file, in sets; a user's own
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal, cast
@@ -17,19 +16,15 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat
 
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
 from ballbot.errors import InputError, suggest
-from ballbot.estimation import named_estimator
-from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import take_format
 from ballbot.files import parse_toml, read_toml
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import validate_table
-from ballbot.simulation.plant import Plant
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
-from ballbot.twin.twin import Twin
-from ballbot.workflows.comparison import LoopRobot
+from ballbot.workflows.grid import LoopRobot, TwinRobot
 from ballbot.workflows.metrics import SETTLE
 
 
@@ -52,12 +47,10 @@ class ReferenceSpec:
             hint = suggest(self.name, REFERENCES, otherwise="the names are")
             raise InputError(f"There is no reference {self.name!r}; {hint}")
         make = REFERENCES[self.name]
-        known = list(inspect.signature(make).parameters)
-        unknown = [key for key, _ in self.options if key not in known]
-        if unknown:
-            raise InputError(
-                f"The reference {self.name} has no option {unknown[0]}; it has {', '.join(known)}."
-            )
+        known = inspect.signature(make).parameters
+        for key, _ in self.options:
+            if key not in known:
+                raise InputError(f"The reference {self.name} has no option {key}; it has {', '.join(known)}.")
         return make(**dict(self.options))
 
 
@@ -93,7 +86,7 @@ class Course:
         """When something pushes the robot [s]."""
         return tuple(push.time for push in self.scenario.pushes)
 
-    def plant(self, robot: Robot) -> LoopRobot | Callable[[EstimatorName], Plant]:
+    def plant(self, robot: Robot) -> LoopRobot | TwinRobot:
         """Return the robot to run; of the model the friction is the robot's, of the twin the scenario's.
 
         Its state is estimated from what the robot is described to be. InputError if the robot is not possible.
@@ -106,12 +99,7 @@ class Course:
         if self.on == "model":
             return LoopRobot.of(true, with_identified(self.scenario, true.friction), known=robot)
         friction = scaled_friction(self.scenario.friction, other.friction)
-        return partial(_twin, true, replace(self.scenario, friction=friction), robot)
-
-
-def _twin(true: Robot, scenario: Scenario, known: Robot, estimator: EstimatorName) -> Twin:
-    state = named_estimator(estimator, known, sample_time=scenario.sensors.sample_time)
-    return Twin(true, scenario, estimator=state)
+        return TwinRobot(robot=true, scenario=replace(self.scenario, friction=friction), known=robot)
 
 
 #: the set that is these sets together

@@ -54,10 +54,10 @@ from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
-from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.comparison import ComparedRun, LoopRobot, run_comparison
+from ballbot.workflows.grid import Condition, Grid, LoopRobot, run_grid, run_loop
 from ballbot.workflows.metrics import lean_of
 
 #: the laws whose parameters an experiment can be designed for
@@ -201,21 +201,18 @@ class ReferenceRun:
 
 def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRun:
     """Follow a reference on the model."""
-    batch = simulate_batch(
-        [Model(robot, step=task.predictor.step) for robot in task.robots],
-        task.controller,
-        reference,
-        duration=task.duration,
-        initial_states=np.zeros(10),
-        threads=1,
+    plants = [
+        LoopRobot(model=Model(robot, step=task.predictor.step), imperfections=Imperfections())
+        for robot in task.robots
+    ]
+    batch = run_loop(
+        plants, [task.controller], reference, duration=task.duration, starts=np.zeros(10), threads=1
     )
-    states = np.concatenate([np.zeros((1, 10)), batch.states[0, :-1]])
-    columns = {"t": task.controller.sample_time * np.arange(len(states), dtype=np.float64)}
-    columns |= dict(zip(STATE_NAMES, states.T, strict=True))
+    columns = {"t": batch.t} | dict(zip(STATE_NAMES, batch.states[0].T, strict=True))
     columns |= dict(zip(torque_names(task.robot.wheel_count), batch.torques[0].T, strict=True))
     return ReferenceRun(
         log=Log(columns),
-        peaks=Extent.of(batch.states, batch.torques),
+        peaks=Extent.of(batch.next_states, batch.torques),
         fell=bool(np.isfinite(batch.ended).any()),
     )
 
@@ -433,36 +430,29 @@ class LoopRuns:
 def _on_loop(
     robot: Robot, scenario: Scenario, controller: Controller, reference: Reference, duration: float, run: Run
 ) -> LoopRuns:
-    made = run_comparison(
-        [
-            ComparedRun(
-                candidate=f"{factor:g}",
-                controller=controller,
-                plant=LoopRobot.of(
-                    robot.replace(friction=scaled_friction(scenario.friction, factor)), scenario, known=robot
-                ),
-                reference=lambda: reference,
-                duration=duration,
-                seed=seed,
-                settle=0.0,
-                measure=_peaks,
-                logged=(factor, seed) == (FRICTIONS[0], _SEEDS[0]),
-            )
-            for factor in FRICTIONS
-            for seed in _SEEDS
-        ],
+    conditions = [
+        Condition(
+            plant=LoopRobot.of(
+                robot.replace(friction=scaled_friction(scenario.friction, factor)), scenario, known=robot
+            ),
+            reference=lambda: reference,
+            duration=duration,
+            seed=seed,
+        )
+        for factor in FRICTIONS
+        for seed in _SEEDS
+    ]
+    made = run_grid(
+        Grid(controllers={"": controller}, conditions=conditions),
+        lambda _, log: (log, Extent.of(log.truth().states, log.torques)),
         run=replace(run, progress=in_stage(run.progress, "runs with sensors")),
-    ).results
-    log = made[0].log
-    assert log is not None
-    lean, floor, torque = np.max([one.measured for one in made], axis=0).tolist()
-    ended = next((one.score.ended for one in made if one.score.ended), None)
-    return LoopRuns(log=log, peaks=Extent(lean=lean, floor=floor, torque=torque), ended=ended)
-
-
-def _peaks(log: Log) -> NDArray[np.float64]:
-    peaks = Extent.of(log.truth().states, log.torques)
-    return np.array([peaks.lean, peaks.floor, peaks.torque])
+    ).answers
+    peaks = [peaks for _, peaks in made]
+    return LoopRuns(
+        log=made[0][0],
+        peaks=Extent(**{one.name: max(getattr(each, one.name) for each in peaks) for one in fields(Extent)}),
+        ended=next((log.ended for log, _ in made if log.ended), None),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,48 +1,35 @@
 """The league: every controller on the same courses with the same seeds, and the differences with intervals.
 
-A comparison (`ballbot.workflows.comparison`) of many controllers on many courses; its runs have an order, seeds
-outermost. The standings are means over the seeds, and every controller against the first one, with intervals.
+A grid (`ballbot.workflows.grid`) of many controllers on many courses. The standings are means over the seeds, and every
+controller against the first one, with intervals.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback
-from ballbot.control.references import is_reference_file
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.sweep import ALL_CORES, RunFolder, Workers, identity
+from ballbot.fitting.sweep import ALL_CORES, Workers
 from ballbot.log import Log
 from ballbot.results import left_out, to_results
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot import RobotLike, as_robot
 from ballbot.summary import Summary, plotted, report_summary, summarized
-from ballbot.workflows.candidates import Candidate
-from ballbot.workflows.comparison import (
-    ComparedRun,
-    Comparison,
-    Estimate,
-    Paired,
-    RunResult,
-    fraction_with_interval,
-    mean_with_interval,
-    read_result,
-    run_comparison,
-    write_result,
-)
 from ballbot.workflows.courses import Course
+from ballbot.workflows.grid import Condition, Grid, GridRun, run_grid
 from ballbot.workflows.metrics import Metric, Score, score_results, true_place
+from ballbot.workflows.statistics import Estimate, Paired, fraction_with_interval, mean_with_interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: what a track has, its points in a second, and the decimals they are kept with [m]
-_TRACKED = ("t", "x", "y")
+#: a track's points in a second, and the decimals they are kept with [m]
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
 
@@ -56,9 +43,12 @@ class Track:
     ended: str | None  #: why the run stopped early
 
     @staticmethod
-    def of(result: RunResult) -> Track:
-        """Return the track that a run's `_track` measured."""
-        return Track(**dict(zip(_TRACKED, result.measured, strict=True)), ended=result.score.ended)
+    def of(log: Log) -> Track:
+        """Return the track of a run's log."""
+        step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
+        place = true_place(log)
+        t, x, y = (np.round(place[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y"))
+        return Track(t=t, x=x, y=y, ended=log.ended)
 
 
 @summarized
@@ -93,9 +83,8 @@ def run_league(
     courses: Sequence[Course],
     *,
     seeds: Sequence[int],
-    processes: int | None = None,
-    kept: RunFolder[RunResult, RunResult] | None = None,
     workers: Workers = ALL_CORES,
+    threads: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> League:
     """Run every controller on every course with every seed.
@@ -112,12 +101,10 @@ def run_league(
     courses : sequence of Course
         All on the loop, or all on the twin.
     seeds : sequence of int
-    processes : int, optional
-        One for each core where not given; with one, all is done in this process.
-    kept : RunFolder, optional
-        Where each finished run on the twin is kept, which takes seconds, as `kept_runs` returns it.
     workers : Workers, optional
-        Who make the kept runs.
+        Who make the runs on the twin and those of controllers written in Python.
+    threads : int, optional
+        Of the compiled loop; all cores by default.
     run : Run, optional
         Its seed is not used.
 
@@ -128,10 +115,8 @@ def run_league(
     """
     robot = as_robot(robot)
     plants = {course.name: course.plant(robot) for course in courses}
-    runs = [
-        ComparedRun(
-            candidate=name,
-            controller=controller,
+    conditions = [
+        Condition(
             plant=plants[course.name],
             reference=course.reference_spec.reference,
             duration=course.duration,
@@ -139,40 +124,28 @@ def run_league(
             course=course.name,
             settle=course.settle,
             disturbed=course.disturbed,
-            measure=_track if seed == seeds[0] else None,
         )
         for seed in seeds
         for course in courses
-        for name, controller in controllers.items()
     ]
-    if kept is not None and courses and courses[0].on == "twin":
-        named = {f"{place:06d}": one for place, one in enumerate(runs)}
-        made, _ = kept.complete(
-            ComparedRun.result, named, workers=workers, stage="comparing controllers", progress=run.progress
-        )
-        found = Comparison(runs=tuple(runs), results=tuple(made[name] for name in named))
-    else:
-        found = run_comparison(runs, processes=processes, run=run)
+    grid = Grid(controllers=controllers, conditions=conditions)
+    found = run_grid(
+        grid, partial(_scored, seeds[0] if seeds else 0), workers=workers, threads=threads, run=run
+    )
+    answers = {(course.name, name): found.of(name, course.name) for course in courses for name in controllers}
     return League(
         robot=robot.name,
         courses=tuple(courses),
         controllers=tuple(controllers),
         seeds=tuple(seeds),
-        scores={(c.name, name): found.scores_of(name, c.name) for c in courses for name in controllers},
-        tracks={(c.name, name): Track.of(found.of(name, c.name)[0]) for c in courses for name in controllers},
+        scores={key: tuple(score for score, _ in each) for key, each in answers.items()},
+        tracks={key: track for key, each in answers.items() for _, track in each if track is not None},
     )
 
 
-def kept_runs(folder: Path, made_from: Mapping[str, str]) -> RunFolder[RunResult, RunResult]:
-    """Return the folder in which finished runs are kept until the league is whole; see `league_identity`."""
-    return RunFolder(path=folder, made_from=made_from, write=write_result, read=read_result, temporary=True)
-
-
-def _track(log: Log) -> NDArray[np.float64]:
-    """Return where the robot really was (3, N), as a `Track` has it."""
-    step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
-    place = true_place(log)
-    return np.round(np.array([place[name][::step] for name in _TRACKED]), _TRACK_DECIMALS)
+def _scored(first: int, run: GridRun, log: Log) -> tuple[Score, Track | None]:
+    """Return a run's score, and its track if it is of the first seed."""
+    return run.score(log), Track.of(log) if run.condition.seed == first else None
 
 
 #: in the order of the tables; of all of them less is better
@@ -230,7 +203,7 @@ def standing(league: League, course: str, controller: str) -> Standing:
         arrived=sum(score.arrived for score in scores),
         means={name: mean_with_interval(_values(scores, name)) for name in numbers},
         differences={
-            name: Paired.of(_values(scores, name), _values(first, name)).difference
+            name: Paired(_values(scores, name), _values(first, name)).difference
             for name in numbers
             if controller != league.controllers[0]
         },
@@ -253,7 +226,9 @@ def overall(league: League, controller: str) -> Overall:
         falls=falls,
         fall_interval=fraction_with_interval(falls, len(everything)),
         ratios={
-            name: Paired.of(*([_values(scores, name) for scores in part] for part in (mine, first))).ratio
+            name: Paired(
+                *(np.array([_values(scores, name) for scores in part]) for part in (mine, first))
+            ).ratio
             for name in RATIOS
             if controller != league.controllers[0]
         },
@@ -291,22 +266,3 @@ def _values(scores: Sequence[Score], name: str) -> NDArray[np.float64]:
 
 def _falls(scores: Sequence[Score]) -> int:
     return sum(score.ended is not None for score in scores)
-
-
-def league_identity(
-    robot: Robot, candidates: Sequence[Candidate], courses: Sequence[Course], seeds: Sequence[int]
-) -> dict[str, str]:
-    """Return digests of all that the scores depend on, by plain names: files by their contents, not their paths."""
-    files = [one.file.read_bytes() for one in candidates if one.file]
-    references = [
-        Path(one.reference_spec.name).read_bytes()
-        for one in courses
-        if is_reference_file(one.reference_spec.name)
-    ]
-    inputs = {
-        "robot": [robot],
-        "controllers": [candidates, *files],
-        "courses": [courses, *references],
-        "seeds": [seeds],
-    }
-    return identity(inputs, {})

@@ -11,23 +11,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import count
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.references import hold
-from ballbot.estimation import named_estimator
 from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.sweep import Processes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
 from ballbot.results import left_out, reported
 from ballbot.simulation.imperfections import Push
-from ballbot.simulation.run import simulate
 from ballbot.summary import Summary, plotted, report_summary, summarized
-from ballbot.twin import Twin
+from ballbot.workflows.grid import Condition, GridRun, TwinRobot, run_grid
 from ballbot.workflows.recovery_region import (
     DURATION,
     Loop,
@@ -246,11 +244,13 @@ def twin_limits(
     """
     assert loop.scenario is not None
     scenario = replace(loop.scenario, fallen_lean=LARGEST_LEAN)
-    sample_time = scenario.sensors.sample_time
-    state = named_estimator(loop.controller.estimator, loop.robot, sample_time=sample_time)
-    total, runs = 2 * _HALVINGS * len(directions), count(1)
+    bounds: dict[Kind, LimitBounds] = {"lean": found.lean, "impulse": found.central_impulse}
+    rays: list[tuple[Kind, int]] = [(kind, place) for place in directions for kind in bounds]
+    lower, upper = (
+        np.array([getattr(bounds[kind], side)[place] for kind, place in rays]) for side in ("lower", "upper")
+    )
 
-    def recovers(kind: Kind, direction: float, size: float) -> bool:
+    def tried(kind: Kind, direction: float, size: float) -> GridRun:
         start, pushes, duration = np.zeros(10), (), DURATION
         if kind == "lean":
             start = leaning_state(direction, size)
@@ -259,20 +259,34 @@ def twin_limits(
             height = loop.robot.body.center_of_mass
             push = Push(time=_PUSH_TIME, duration=PUSH_DURATION, force=(*force.tolist(),), height=height)
             pushes, duration = (push,), _PUSH_TIME + DURATION
-        twin = Twin(loop.robot, replace(scenario, pushes=pushes), estimator=state)
-        log = simulate(twin, loop.controller, hold(), duration=duration, initial_state=start, seed=run.seed)
-        run.progress(Progress(stage="limits on the twin", done=next(runs), total=total))
-        return log.ended is None
+        plant = TwinRobot(robot=loop.robot, scenario=replace(scenario, pushes=pushes), known=loop.robot)
+        condition = Condition(plant=plant, reference=hold, duration=duration, seed=run.seed, start=start)
+        return GridRun(candidate=kind, controller=loop.controller, condition=condition)
 
-    limits = []
-    kinds: tuple[tuple[Kind, LimitBounds], ...] = (("lean", found.lean), ("impulse", found.central_impulse))
-    for place in directions:
-        direction = float(found.directions[place])
-        for kind, bounds in kinds:
-            lower, upper = float(bounds.lower[place]), float(bounds.upper[place])
-            low, high = 0.0, 1.1 * upper
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                low, high = (middle, high) if recovers(kind, direction, middle) else (low, middle)
-            limits.append(TwinLimit(kind=kind, direction=direction, lower=lower, twin=low, upper=upper))
-    return limits
+    low, high = np.zeros(len(rays)), 1.1 * upper
+    for halving in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+
+        def report(now: Progress, before: int = halving * len(rays)) -> None:
+            run.progress(
+                Progress(stage="limits on the twin", done=before + now.done, total=_HALVINGS * len(rays))
+            )
+
+        runs = [
+            tried(kind, float(found.directions[place]), size)
+            for (kind, place), size in zip(rays, middle.tolist(), strict=True)
+        ]
+        # in this process: twins in threads wait for each other's Python
+        asked = run_grid(
+            runs,
+            lambda _, log: log.ended is None,
+            workers=Processes(count=1),
+            run=replace(run, progress=report),
+        )
+        low, high = np.where(asked.answers, middle, low), np.where(asked.answers, high, middle)
+    return [
+        TwinLimit(kind=kind, direction=float(found.directions[place]), lower=least, twin=twin, upper=most)
+        for (kind, place), least, twin, most in zip(
+            rays, lower.tolist(), low.tolist(), upper.tolist(), strict=True
+        )
+    ]

@@ -167,9 +167,8 @@ class Score:
     rms_position_error: float  #: its root mean square [m]
     peak_heading_error: float  #: once settled [rad]
     settling_time: float  #: the longest of the run; see `metrics.settling_time` [s]
-    arrived: (
-        bool  #: whether it always was within the band at last; where not, the settling time is a lower bound
-    )
+    #: whether it always was within the band at last; where not, the settling time is a lower bound
+    arrived: bool
     rms_torque: float  #: over the whole run and all wheels [N m]
     rms_torque_change: float  #: from sample to sample [N m]
     high_frequency_torque: float  #: root mean square above 10 Hz [N m]; NaN where sampled at 20 Hz or less
@@ -287,11 +286,6 @@ class Performance:
         numbers = self.to_array()
         numbers[QUANTITIES.index("torque_margin")] = 1.0 - self.torque_margin
         return numbers
-
-    @staticmethod
-    def from_array(numbers: NDArray[np.float64]) -> Performance:
-        """Return the performance of numbers (5,)."""
-        return Performance(**dict(zip(QUANTITIES, numbers.tolist(), strict=True)))
 
 
 #: names of the quantities, in their order

@@ -33,12 +33,11 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.simulation.batch import Verdict, simulate_batch
+from ballbot.simulation.batch import Verdict
 from ballbot.simulation.imperfections import Imperfections
-from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import Scenario
 from ballbot.validation.models import recoverable_leans
-from ballbot.workflows.comparison import LoopRobot
+from ballbot.workflows.grid import LoopRobot, run_loop
 
 #: a robot that has not fallen after this time [s] has recovered: a fall grows e times in a fifth of a second. Of 3840
 #: runs of three controllers with sensors none ended differently after 5 s
@@ -66,32 +65,29 @@ class Loop:
     step: float = 0.005  #: inner step [s]
 
     @cached_property
+    def plant(self) -> LoopRobot:
+        """The robot on the loop."""
+        if self.scenario is None:
+            return LoopRobot(model=Model(self.robot, step=self.step), imperfections=Imperfections())
+        sensors = replace(self.scenario.sensors, sample_time=self.controller.sample_time)
+        scenario = replace(
+            self.scenario, sensors=sensors, fix=None, backlash=0.0, pushes=(), fallen_lean=LARGEST_LEAN
+        )
+        made = LoopRobot.of(self.robot, scenario, known=self.robot)
+        return LoopRobot(
+            model=Model(made.model.robot, step=self.step),
+            imperfections=replace(made.imperfections, seed=self.seed),
+        )
+
+    @property
     def model(self) -> Model:
         """The exact model."""
-        if self.scenario is None:
-            return Model(self.robot, step=self.step)
-        return Model(LoopRobot.of(self.robot, self.scenario, known=self.robot).model.robot, step=self.step)
-
-    @cached_property
-    def imperfections(self) -> Imperfections:
-        """What the loop bears."""
-        if self.scenario is None:
-            return Imperfections()
-        return replace(
-            imperfections_of(self.scenario),
-            sensors=replace(self.scenario.sensors, sample_time=self.controller.sample_time),
-            fix=None,
-            backlash=0.0,
-            pushes=(),
-            fallen_lean=LARGEST_LEAN,
-            known=self.robot,
-            seed=self.seed,
-        )
+        return self.plant.model
 
     @cached_property
     def verdict(self) -> Verdict:
         """When a run's outcome is known; the state alone does not determine the future of a loop that is late."""
-        borne = self.imperfections
+        borne = self.plant.imperfections
         late = borne.delay > 0 or borne.lag > 0.0 or borne.sensor_faults is not None
         settled = settled_rows(self.model, self.controller, grip=self.grip)
         return Verdict(
@@ -112,13 +108,12 @@ class Loop:
         whole = replace(self.verdict, settled=np.zeros((0, 10)), lost=LARGEST_LEAN)
         kept = np.abs(starts[:, 2:4]).max(axis=1) <= LARGEST_LEAN
         if kept.any():
-            kept[kept] = simulate_batch(
-                self.model,
-                self.controller,
+            kept[kept] = run_loop(
+                [self.plant],
+                [self.controller],
                 hold(),
                 duration=DURATION,
-                initial_states=starts[kept],
-                imperfections=self.imperfections,
+                starts=starts[kept],
                 verdict=self.verdict if cut_short else whole,
                 every=0,
             ).survived

@@ -31,11 +31,11 @@ from ballbot.mechanics.model import Model
 from ballbot.results import left_out, reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
-from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 from ballbot.twin.scenario import Scenario
+from ballbot.workflows.grid import run_loop
 from ballbot.workflows.metrics import lean_of
 from ballbot.workflows.recovery_region import Loop, lost_lean
 
@@ -199,9 +199,8 @@ class ReferenceMargins:
     supply_voltage: float = field(metadata=left_out)  #: [V]
     ended: float  #: when the robot falls in closed loop [s]; infinity if it does not
     peak_error: float  #: largest distance from the reference in closed loop [m]
-    share_at_torque_limit: (
-        float  #: share of the time in which a wheel's torque is at its limit in closed loop
-    )
+    #: share of the time in which a wheel's torque is at its limit in closed loop
+    share_at_torque_limit: float
 
     @reported
     def can_be_followed(self) -> bool:
@@ -228,19 +227,19 @@ def check_reference(
     poses = wanted[:, [0, 1, 4]]
     changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
     jumps = np.flatnonzero(changes > JUMP)
-    run = simulate_batch(
-        loop.model,
-        controller,
+    run = run_loop(
+        [loop.plant],
+        [controller],
         reference,
         duration=duration,
-        initial_states=np.array([initial_state_of(seed) for seed in range(_RUNS)]),
-        imperfections=loop.imperfections,
+        starts=np.array([initial_state_of(seed) for seed in range(_RUNS)]),
     )
-    going = run.t <= run.ended[:, None] + 1e-9
-    error = np.hypot(*(run.states[..., :2] - wanted[:, :2])[going].T)
+    ends, states = run.t + sample_time, run.next_states
+    going = ends <= run.ended[:, None] + 1e-9
+    error = np.hypot(*(states[..., :2] - wanted[:, :2])[going].T)
     torques = run.torques[going]
     if len(jumps):
-        path = Demand.of(loop.model, np.broadcast_to(run.t, going.shape)[going], run.states[going], torques)
+        path = Demand.of(loop.model, np.broadcast_to(ends, going.shape)[going], states[going], torques)
     else:
         path = path_demand(Model(robot, step=_STEP), poses, sample_time)
     at_limit = np.abs(torques).max(axis=1) >= controller.torque_limit * (1.0 - 1e-9)

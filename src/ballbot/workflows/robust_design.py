@@ -29,7 +29,7 @@ from pydantic import ConfigDict, Field
 
 from ballbot.arrays import MOST_TRIALS
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.lqr import LqrDesign
+from ballbot.control.lqr import LqrDesign, frictionless_model
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import hold
@@ -37,16 +37,16 @@ from ballbot.errors import InputError
 from ballbot.fitting.fit import evolve
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.progress import Progress
-from ballbot.results import key, left_out
+from ballbot.results import key, left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.rounding import percent
 from ballbot.schema import validate_table
-from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import MAX_DELAY, MAX_SLOPE
 from ballbot.summary import Summary, plotted, report_summary, summarized
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.comparison import LoopRobot
+from ballbot.workflows.grid import LoopRobot, run_loop
+from ballbot.workflows.robot_check import linearization_results
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -173,18 +173,17 @@ class RunMeasures:
 def measure_runs(controllers: Sequence[Controller], perturbed: PerturbedRobots) -> RunMeasures:
     """Run every controller on every perturbed robot, all in one batch; each robot has the same noise for all."""
     robots = perturbed.robots * len(controllers)
-    batch = simulate_batch(
-        [one.model for one in robots],
+    batch = run_loop(
+        robots,
         [one for one in controllers for _ in perturbed.robots],
         hold(),
         duration=RUN,
-        initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
-        imperfections=[one.imperfections for one in robots],
+        starts=np.tile(perturbed.starts, (len(controllers), 1)),
         every=_EVERY,
     )
     shape = (len(controllers), len(perturbed.robots))
-    late = batch.t > RUN - SETTLED
-    error = np.sqrt((batch.states[:, late, :2] ** 2).sum(axis=2).mean(axis=1))
+    late = batch.t >= RUN - SETTLED  # as the rows' ends are beyond it
+    error = np.sqrt((batch.next_states[:, late, :2] ** 2).sum(axis=2).mean(axis=1))
     return RunMeasures(
         error=np.where(batch.survived, error, np.nan).reshape(shape),
         roughness=batch.torque_change.reshape(shape),
@@ -292,6 +291,19 @@ class RobustDesign:
     def summary(self) -> Summary:
         """Return how the gain compares with the nominal one on robots not used in the search."""
         return report_summary(self)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds of it."""
+        return {
+            "robot": self.controller.robot.name,
+            "sample_time": self.controller.sample_time,
+            "compensation": self.controller.compensation,
+            "gain": self.controller.gain,
+            "poles": self.design.poles,
+            "loop_margins": self.loop_margins.to_dict(),
+            "linearization": linearization_results(frictionless_model(self.controller.robot)),
+            **to_results(self),
+        }
 
     def plot(self) -> Figure:
         """Return a figure of the search, and of each design's costs on robots that it did not use."""

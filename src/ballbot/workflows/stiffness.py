@@ -125,9 +125,7 @@ def measure_stiffness(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Fr
     end = _end(base, scenario)
     ladder = np.linspace(0.0, end, _GAINS).tolist()
     controllers = {(s, variant): _controller(base, s, variant) for s in ladder for variant in VARIANTS}
-    trials = run_trials(
-        {key: (one, course) for key, one in controllers.items()}, choice.plants[:_ROBOTS], run=run
-    )
+    trials = run_trials(controllers, course, choice.plants[:_ROBOTS], run=run)
     gains = tuple(
         Stiffness(
             position_gain=_position_gain(controllers[s, VARIANTS[0]]),

@@ -13,7 +13,7 @@ own gain is recovered for the closed-loop validation, and the report shows both.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -43,12 +43,9 @@ from ballbot.workflows.controller_choice import (
     ControllerChoice,
     NamedCourse,
     PlantDraw,
-    Step,
-    Trial,
     candidates,
     choose_controller,
     draw_plants,
-    measure_steps,
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.stiffness import FrictionByStiffness, measure_stiffness
@@ -104,9 +101,6 @@ class Study:
     scenario: Scenario  #: whose delay, play, noise, sensors and floor the robots had
     choice: ControllerChoice
     confirmation: Confirmation | None  #: of the choice by the twin; None if there was none
-    steps: Mapping[
-        Step, tuple[Trial, Trial]
-    ]  #: what brings the gain, before and after; empty in a quick study
     stiffness: FrictionByStiffness | None  #: where friction matters; None in a quick study
     prediction: (
         Prediction | None
@@ -197,7 +191,6 @@ def study(
         run=_named(run, "comparing controllers"),
     )
     confirmation = confirm(choice, run=_named(run, "confirming on the twin")) if confirmed else None
-    steps = {} if options.quick else measure_steps(choice, run=_named(run, "measuring what brings the gain"))
     stiffness = (
         None
         if options.quick
@@ -213,7 +206,6 @@ def study(
         scenario=tried,
         choice=choice,
         confirmation=confirmation,
-        steps=steps,
         stiffness=stiffness,
         prediction=predict(choice, log_findings=checked.findings),
         options=options,

@@ -12,26 +12,12 @@ from the twin.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 
-from ballbot.estimation import named_estimator
-from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.progress import Progress, ignore_progress
-from ballbot.twin.twin import Twin
-from ballbot.workflows.comparison import ComparedRun, Comparison, RunResult
-from ballbot.workflows.controller_choice import (
-    ControllerChoice,
-    NamedCourse,
-    PlantDraw,
-    Trial,
-    loop_run,
-    run_trials,
-)
+from ballbot.progress import ignore_progress, in_stage
+from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse, Trial, run_trials
 
 #: one side of the square, of which the last two seconds count
 CONFIRMED_ON = NamedCourse(name="square", duration=8.0)
@@ -75,31 +61,11 @@ def confirm(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Confirmation
     """
     if choice.chosen is None:
         return None
-    names = tuple(dict.fromkeys(("none", choice.chosen)))
-    asked = {name: (choice.trials[name].controller, CONFIRMED_ON) for name in names}
-    twins = [
-        replace(loop_run(name, asked[name][0], plant, CONFIRMED_ON), plant=partial(_twin, plant))
-        for name in names
-        for plant in choice.plants[:CONFIRMED_RUNS]
-    ]
-    made: list[RunResult] = []
-    # MuJoCo's steps run side by side in threads; processes would take seconds to begin
-    pool = ThreadPoolExecutor(os.cpu_count())
-    try:
-        for result in pool.map(ComparedRun.result, twins):
-            made.append(result)
-            run.progress(Progress(stage="confirming on the twin", done=len(made), total=len(twins)))
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-    on_twin = Comparison(runs=tuple(twins), results=tuple(made))
+    names = dict.fromkeys(("none", choice.chosen))
+    asked = {name: choice.trials[name].controller for name in names}
+    run = replace(run, progress=in_stage(run.progress, "confirming on the twin"))
     return Confirmation(
         course=CONFIRMED_ON,
-        on_loop=run_trials(asked, choice.plants, run=replace(run, progress=ignore_progress)),
-        on_twin={name: Trial.of(asked[name][0], on_twin.of(name, CONFIRMED_ON.name)) for name in names},
+        on_twin=run_trials(asked, CONFIRMED_ON, choice.plants[:CONFIRMED_RUNS], on_twin=True, run=run),
+        on_loop=run_trials(asked, CONFIRMED_ON, choice.plants, run=replace(run, progress=ignore_progress)),
     )
-
-
-def _twin(plant: PlantDraw, estimator: EstimatorName) -> Twin:
-    scenario = replace(plant.scenario, friction=plant.robot.friction)
-    state = named_estimator(estimator, plant.known, sample_time=scenario.sensors.sample_time)
-    return Twin(plant.robot, scenario, estimator=state)

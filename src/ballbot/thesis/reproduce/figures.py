@@ -15,19 +15,19 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ballbot.identification.driveline import Sweep
+from ballbot.identification.driveline import DrivelineFit, Sweep
 from ballbot.identification.swing import Pivot, inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
-from ballbot.report.bench import swing_figure
+from ballbot.report.bench import measured_figure, swing_series
 from ballbot.report.comparison import paths_figure, position_error_series
-from ballbot.report.driveline import measured_figure, torque_speed_figure
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
-from ballbot.report.style import STATE_UNITS
-from ballbot.report.validation_figures import correlation_figure, symbols
+from ballbot.report.style import LOOKS, STATE_UNITS, one_panel, thinned
+from ballbot.report.validation import correlation_figure, symbols
 from ballbot.report.words import state_mark
 from ballbot.thesis.reproduce.bench import BASIC, FIRST_LEAN, STEPS, Bench
 from ballbot.thesis.reproduce.item import RUNS, Check, Item, Rows, check, over_runs
@@ -48,8 +48,8 @@ from ballbot.thesis.reproduce.runs import (
 )
 from ballbot.validation.alignment import Alignment, SensorErrors
 from ballbot.validation.statistics import Correlations
-from ballbot.workflows.comparison import median_with_interval
 from ballbot.workflows.metrics import position_error, rms
+from ballbot.workflows.statistics import median_with_interval
 
 # --- chapter 3, friction ----------------------------------------------------------------------------
 
@@ -710,7 +710,7 @@ def figure_iii_1(bench: Bench) -> Item:
         f"first to ± {half:.1g}, and {own.value:.3f} about the centre of mass. That tests the method, not the "
         "thesis's number.",
         checks=(check(claim, "found from the swing, its difference from that", off, "%", highest=0.1),),
-        figure=lambda: swing_figure(fit, label="simulated, with the tracking's error"),
+        series=lambda: swing_series(fit, label="simulated, with the tracking's error"),
     )
 
 
@@ -848,6 +848,18 @@ def _wheels(bench: Bench) -> TimeSeries:
         fine = Panel(label=f"above {_FAST:g} Hz [mrad/s]", lines=part, ends=(-reach, reach))
         panels += [Panel(label=f"wheel {wheel + 1} [rad/s]", lines=whole), fine]
     return TimeSeries(t=t[rows], panels=panels, caption="")
+
+
+def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:
+    """Return the thesis's Figure 3.2 as a torque-speed characteristic."""
+    figure, axes = one_panel(f"speed of wheel {sweep.wheel} [rad/s]", "torque [N m]")
+    torque, measured, found, without = thinned(sweep.torque, sweep.speed, fit.predicted, fit.without)
+    # a broad pale line beneath, for the model's with friction lies on it
+    axes.plot(measured, torque, label="measured", **{**LOOKS["reference"], "linewidth": 3.2})
+    axes.plot(without, torque, label="without friction", **LOOKS["second"])
+    axes.plot(found, torque, label="with friction", **LOOKS["first"])
+    axes.legend(loc="upper left")
+    return figure
 
 
 #: in the thesis's order

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from ballbot.report.series import TimeSeries
 from ballbot.results import reported
-from ballbot.workflows.comparison import median_with_interval
+from ballbot.workflows.statistics import median_with_interval
 
 #: runs that a verdict on the twin or on a model with friction is taken over
 RUNS = 9

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 from markupsafe import Markup
 
-from ballbot.report.blocks import Paragraph, Report, Section, Sheet, section
+from ballbot.report.blocks import Paragraph, Result, Section, Sheet, section
 from ballbot.report.style import drawn_picture
-from ballbot.report.words import with_powers, with_symbols
+from ballbot.report.words import RAISED, with_symbols
 from ballbot.thesis.reproduce.campaign import Reproduction
 from ballbot.thesis.reproduce.item import RUNS, VERDICTS, Check, Item, Mistake
 
 CHECK_HEADINGS = ("claim", "quantity", "value", "criterion", "agrees")
 
 
-def reproduction_report(made: Reproduction) -> Report:
+def reproduction_report(made: Reproduction) -> Result:
     """Return what the page shows."""
     counts = ", ".join(f"{count} {VERDICTS[verdict]}" for verdict, count in made.counts.items())
     proven = sum(mistake.proven for mistake in made.mistakes)
     whole = f"All {proven}" if proven == len(made.mistakes) > 1 else f"Of {len(made.mistakes)}, {proven}"
-    return Report(
+    return Result(
         title="The thesis reproduced",
         lead="The figures and tables of the thesis on ALTEN's ball-balancing robot, from the twin and the models.",
         verdict=(
@@ -42,6 +43,7 @@ def reproduction_report(made: Reproduction) -> Report:
             "Sizes that depend on the thesis's gain and friction, which it does not print: shapes and ratios must "
             "agree, and such sizes only roughly.",
         ),
+        data=_data(made),
     )
 
 
@@ -98,7 +100,7 @@ def _mistake_section(mistakes: Sequence[Mistake]) -> Section:
     )
 
 
-def reproduction_results(made: Reproduction) -> dict[str, object]:
+def _data(made: Reproduction) -> dict[str, object]:
     """Return what results.json holds."""
     return {
         "seed": made.bench.seed,
@@ -121,3 +123,11 @@ def _item_results(item: Item) -> dict[str, object]:
         "checks": item.checks,
         "table": None if item.table is None else [item.table.headings, *item.table.rows],
     }
+
+
+_EXPONENT = re.compile(r"\b(\d[.\d]*)e([-+]?\d+)\b")
+
+
+def with_powers(words: str) -> str:
+    """Return words with the powers of ten of their numbers raised: 8.58·10⁻⁶ for 8.58e-06."""
+    return _EXPONENT.sub(lambda found: f"{found[1]}·10{str(int(found[2])).translate(RAISED)}", words)

@@ -1,0 +1,121 @@
+"""The options that several commands have, each declared once: `robot: options.Robot`."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter, Token
+
+from ballbot.errors import either
+from ballbot.log.formats import WRITTEN_FORMATS
+
+
+def _whole_number(_: type, tokens: Sequence[Token]) -> int:
+    """Return the whole number that is given; 1.5 is refused, where cyclopts would round it."""
+    given = tokens[0].value
+    if not re.fullmatch(r"[+-]?\d+", given):
+        raise ValueError(f"{given!r} is not a whole number.")
+    return int(given)
+
+
+_MAPPING = (
+    "A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it."
+)
+
+#: the robot of a command
+Robot = Annotated[str, Parameter(help="A preset's name or a robot file.")]
+
+#: the option --set of the commands that take a robot
+Changes = Annotated[
+    list[str] | None,
+    Parameter(
+        name="--set",
+        negative="",
+        help="Another value of the robot for this run, in SI units, such as --set body.mass=9.0 or --set "
+        "friction.coulomb=[0.1,0.1,0.12]; one number stands for all wheels.",
+    ),
+]
+
+
+def _check_positive(_: type, value: float | None) -> None:
+    if value is not None and not 0.0 < value < math.inf:
+        raise ValueError("It must be above 0.")
+
+
+#: every option that is a size, a number of things or a length of time
+Positive = Annotated[float, Parameter(validator=_check_positive)]
+
+Count = Annotated[int, Parameter(converter=_whole_number, validator=_check_positive)]
+
+#: the reference that a robot follows
+Reference = Annotated[
+    str,
+    Parameter(
+        help="The reference motion: hold, square (at the start for 8 s), change_pose, circle, figure_eight, or a file "
+        "with t, ref_x, ref_y and ref_psi, as ballbot excite writes it."
+    ),
+]
+
+#: the scenario of simulated robots
+Scenario = Annotated[
+    str,
+    Parameter(
+        help="Sensors, delay, play, noise and floor of the simulated robot: a scenario of the twin, or a scenario file."
+    ),
+]
+
+#: the length of a run
+Duration = Annotated[float, Parameter(help="Length of the run [s].")]
+
+#: the tilt beyond which the firmware stops a robot
+LeanLimit = Annotated[
+    float,
+    Parameter(
+        help="Largest tilt [rad] at which the robot gives torques; beyond it the robot is stopped. `ballbot limits` "
+        "finds the largest tilt from which it recovers."
+    ),
+]
+
+#: the option --out of every command that needs a folder
+Out = Annotated[Path, Parameter(help="The folder to write into.")]
+
+#: the mapping of a command's logs
+Mapping = Annotated[Path | None, Parameter(help=_MAPPING)]
+
+#: every integer option
+WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
+
+#: the option --seed
+Seed = Annotated[
+    int,
+    Parameter(converter=_whole_number, help="Random seed. The same seed gives the same result."),
+]
+
+#: each log of a command that needs one or more
+Log = Annotated[Path, Parameter(required=True)]
+
+#: the option --format of the commands that write logs, checked by `ballbot.log.formats.check_format`
+LogFormat = Annotated[
+    str, Parameter(help=f"File format of the log and other time series: {either(WRITTEN_FORMATS)}.")
+]
+
+#: the option --cluster of the commands whose work or runs can be spread
+Cluster = Annotated[
+    str | None,
+    Parameter(help="The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786."),
+]
+
+#: the option of every command that checks its input
+Accept = Annotated[
+    list[str] | None,
+    Parameter(
+        name="--accept",
+        negative="",
+        help="Continue despite an error with this code, such as torque-sign. May be given more than once. "
+        "The error names its code.",
+    ),
+]

@@ -1,0 +1,313 @@
+"""One grid of runs: controllers x courses x plants x seeds, each run's log reduced to an answer, one table out.
+
+A study, the league, `excite` and the campaigns are questions to it. Runs of Ballbot's controllers on a `LoopRobot` go
+through the compiled loop, many side by side. All others, on the twin or with a controller or plant written in Python,
+are made one period at a time by workers: processes, threads or a Dask cluster. The answer of a run follows from its
+controller, plant, course and seed alone, wherever and in whatever order it is computed.
+
+Questions that need no logs, of thousands of short runs (robust design, limits), ask the loop itself: `run_loop`.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.interface import Feedback, estimator_of
+from ballbot.control.references import Reference
+from ballbot.errors import InputError
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import EstimatorName
+from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.sweep import ALL_CORES, Piece, Result, Workers
+from ballbot.log import Log
+from ballbot.mechanics.engine.lanes import LANES
+from ballbot.mechanics.model import Model
+from ballbot.progress import Progress
+from ballbot.robot import Robot
+from ballbot.simulation.batch import Verdict, simulate_batch
+from ballbot.simulation.batch_result import ClosedLoopBatch
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.plant import Plant
+from ballbot.simulation.run import initial_state_of, simulate
+from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.twin import Twin
+from ballbot.workflows.metrics import SETTLE, Score, score
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopRobot:
+    """A robot as the compiled loop runs it."""
+
+    model: Model  #: the true one
+    imperfections: Imperfections
+
+    @staticmethod
+    def of(robot: Robot, scenario: Scenario, *, known: Robot) -> LoopRobot:
+        """Return a robot with its own friction and the rest of a scenario; its estimator knows another one."""
+        return LoopRobot(
+            model=true_model(robot, replace(scenario, friction=robot.friction)),
+            imperfections=imperfections_of(scenario, known=known),
+        )
+
+    def __call__(self, estimator: EstimatorName) -> Plant:
+        """Return the plant that is the same, one period at a time."""
+        return SensedPlant(self.model, self.imperfections, estimator=estimator)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwinRobot:
+    """A robot as the physics engine runs it, one period at a time."""
+
+    robot: Robot  #: the true one, but for its friction
+    scenario: Scenario  #: its friction is the true one
+    known: Robot  #: what the estimator knows
+
+    def __call__(self, estimator: EstimatorName) -> Twin:
+        """Return the twin, its state by that estimator."""
+        state = named_estimator(estimator, self.known, sample_time=self.scenario.sensors.sample_time)
+        return Twin(self.robot, self.scenario, estimator=state)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Condition:
+    """What every controller of a grid meets in one run: a plant, a course and a seed."""
+
+    #: the robot on the loop or on the twin, or what makes another plant, its state by that estimator
+    plant: LoopRobot | TwinRobot | Callable[[EstimatorName], Plant | Model]
+    reference: Callable[[], Reference]  #: makes the reference; the same for all conditions of a course
+    duration: float  #: [s]
+    seed: int  #: of the initial state and of all that is random in the plant
+    course: str = ""  #: its name, if there is more than one
+    settle: float = SETTLE  #: see `ballbot.workflows.metrics.settled` [s]
+    disturbed: tuple[float, ...] = ()  #: when something pushes the robot [s]
+    #: true state (10,) at the start; by default at rest at the origin, leaning by up to 0.02 rad
+    start: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GridRun:
+    """One run of a grid; it is pickled if there is more than one process."""
+
+    candidate: Hashable  #: the controller's name
+    controller: Feedback  #: the run gets a copy
+    condition: Condition
+
+    def log(self) -> Log:
+        """Make the run one period at a time.
+
+        InputError if the plant or the reference cannot be made, or the controller fails.
+        """
+        condition = self.condition
+        return simulate(
+            condition.plant(estimator_of(self.controller)),
+            copy.deepcopy(self.controller),
+            condition.reference(),
+            duration=condition.duration,
+            initial_state=condition.start,
+            seed=condition.seed,
+        )
+
+    def score(self, log: Log) -> Score:
+        """Score the run by its log; InputError if it is too short for that."""
+        condition = self.condition
+        try:
+            return score(log, settle=condition.settle, disturbed=condition.disturbed)
+        except InputError as error:
+            place = f"Course {condition.course!r}: " if condition.course else ""
+            raise InputError(f"{place}{error}") from None
+
+
+Name = TypeVar("Name", bound=Hashable)
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Grid(Generic[Name]):
+    """Every controller under every condition."""
+
+    controllers: Mapping[Name, Feedback]
+    conditions: Sequence[Condition]
+
+    @property
+    def runs(self) -> list[GridRun]:
+        """All runs, controller by controller."""
+        return [
+            GridRun(candidate=name, controller=controller, condition=condition)
+            for name, controller in self.controllers.items()
+            for condition in self.conditions
+        ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GridTable(Generic[Answer]):
+    """Runs with their answers."""
+
+    runs: tuple[GridRun, ...]
+    answers: tuple[Answer, ...]  #: in the order of the runs
+
+    def of(self, candidate: Hashable, course: str | None = None) -> tuple[Answer, ...]:
+        """Return the answers of a controller, on one course if it is named, in the order of the runs."""
+        return tuple(
+            answer
+            for run, answer in zip(self.runs, self.answers, strict=True)
+            if run.candidate == candidate and course in (None, run.condition.course)
+        )
+
+
+def run_grid(
+    grid: Grid[Name] | Sequence[GridRun],
+    ask: Callable[[GridRun, Log], Answer] = GridRun.score,
+    *,
+    workers: Workers = ALL_CORES,
+    threads: int | None = None,
+    run: Run = DEFAULT_RUN,
+) -> GridTable[Answer]:
+    """Make all runs and ask each of them.
+
+    Parameters
+    ----------
+    grid : Grid, or sequence of GridRun
+        Runs of one course, by its name and duration, follow one reference.
+    ask : callable, optional
+        From a run and its log to what is kept of it; its score by default. Of a module, or a partial of one, if there
+        is more than one process.
+    workers : Workers, optional
+        Who make the runs that are not on the compiled loop. The answers do not depend on it.
+    threads : int, optional
+        Of the compiled loop; all cores by default. The answers do not depend on it.
+    run : Run, optional
+        Its progress is reported; its seed is not used.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to run, a plant or controller fails, or a run cannot be scored.
+    ExecutorError
+        If a process was killed.
+    """
+    runs = grid.runs if isinstance(grid, Grid) else list(grid)
+    if not runs:
+        raise InputError("There is nothing to compare: controllers, courses and seeds are needed.")
+    blocks = _loop_blocks(runs)
+    on_loop = {place for block in blocks for place in block}
+    alone = [place for place in range(len(runs)) if place not in on_loop]
+    found: dict[int, Answer] = {}
+
+    def keep(places: Sequence[int], answers: Sequence[Answer]) -> None:
+        found.update(zip(places, answers, strict=True))
+        run.progress(Progress(stage="comparing controllers", done=len(found), total=len(runs)))
+
+    together = [[runs[place] for place in block] for block in blocks]
+    with closing(InThreads(count=threads).each(partial(_ask_block, ask), together)) as made:
+        for place, answers in made:
+            keep(blocks[place], answers)
+    with closing(workers.each(partial(_ask_alone, ask), [runs[place] for place in alone])) as made:
+        for place, answer in made:
+            keep([alone[place]], [answer])
+    return GridTable(runs=tuple(runs), answers=tuple(found[place] for place in range(len(runs))))
+
+
+def run_loop(
+    plants: Sequence[LoopRobot],  # one, or one for each lane
+    controllers: Sequence[Controller],  # one, or one for each lane
+    reference: Reference,
+    *,
+    duration: float,
+    starts: NDArray[np.float64],
+    verdict: Verdict | None = None,
+    every: int = 1,
+    threads: int | None = None,
+) -> ClosedLoopBatch:
+    """Run robots side by side on the compiled loop; the arguments are those of `simulate_batch`."""
+    borne = [one.imperfections for one in plants]
+    return simulate_batch(
+        [one.model for one in plants],
+        controllers,
+        reference,
+        duration=duration,
+        initial_states=starts,
+        imperfections=borne,
+        verdict=verdict,
+        every=every,
+        threads=threads,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class InThreads:
+    """Make runs in threads of this process: MuJoCo's steps run side by side, and processes take seconds to begin."""
+
+    count: int | None = None  #: one for each core where None
+
+    def each(
+        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Yield the place and the result of each piece, as they are finished."""
+        pool = ThreadPoolExecutor(self.count or os.cpu_count())
+        try:
+            places = {pool.submit(make, piece): place for place, piece in enumerate(pieces)}
+            for one in as_completed(places):
+                yield places[one], one.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
+    """Return the places of the runs that go through the compiled loop, as many together as it steps side by side.
+
+    Those of one controller lie together: what sticks in one lane and slides in the next takes longer.
+    """
+    # where each comes first
+    controllers = {id(one.controller): place for place, one in reversed(list(enumerate(runs)))}
+    alike: dict[tuple[object, ...], list[int]] = {}
+    for place, one in enumerate(runs):
+        condition, plant = one.condition, one.condition.plant
+        if not (isinstance(plant, LoopRobot) and isinstance(one.controller, Controller)):
+            continue
+        model, borne, period = plant.model, plant.imperfections, one.controller.sample_time
+        sampled = borne.sensors.sample_time if borne.sensors else period
+        if borne.fix is None and abs(sampled - period) <= 1e-9 * sampled:
+            key = (condition.course, condition.duration, period, one.controller.estimator)
+            key += (model.formulation, model.step, model.pivots, borne.backlash > 0.0)
+            alike.setdefault(key, []).append(place)
+    grouped = [
+        sorted(places, key=lambda place: controllers[id(runs[place].controller)]) for places in alike.values()
+    ]
+    return [places[k : k + LANES] for places in grouped for k in range(0, len(places), LANES)]
+
+
+def _ask_block(ask: Callable[[GridRun, Log], Answer], runs: Sequence[GridRun]) -> list[Answer]:
+    """Make runs of one course on the loop, and ask each."""
+    conditions = [one.condition for one in runs]
+    batch = run_loop(
+        [
+            replace(one.plant, imperfections=replace(one.plant.imperfections, seed=one.seed))
+            for one in conditions
+            if isinstance(one.plant, LoopRobot)
+        ],
+        [one.controller for one in runs if isinstance(one.controller, Controller)],
+        conditions[0].reference(),
+        duration=conditions[0].duration,
+        starts=np.array(
+            [initial_state_of(one.seed) if one.start is None else one.start for one in conditions]
+        ),
+        threads=1,
+    )
+    return [ask(one, batch.log(lane)) for lane, one in enumerate(runs)]
+
+
+def _ask_alone(ask: Callable[[GridRun, Log], Answer], run: GridRun) -> Answer:
+    return ask(run, run.log())
