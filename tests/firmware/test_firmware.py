@@ -317,7 +317,7 @@ def test_every_loop_counts_to_a_bound_and_every_call_is_known():
     """Calls of functions by name are all there are, so that `Image.stack_bound` finds each circle of calls."""
     text = "".join(path.read_text() for path in (*source_files(), PROJECT / "robot.c"))
     text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
-    counting = r"for \(\w+ (\w+) = [^;]+; [^;]*\b\1 (?:<|<=|>) [^;]+; (?:\+\+\1|--\1|\1 \+= \d+)\)"
+    counting = r"for \(\w+ (\w+) = [^;]+; [^;]*\b\1 (?:<|<=|>) [^;]+; (?:\+\+\1|--\1|\1 (?:\+|/)= \d+)\)"
     assert len(re.findall(counting, text)) == len(re.findall(r"\bfor\b", text)) > 100
     assert re.findall(r"\bwhile \((.*)\)", text) == list(_OTHER_LOOPS)
     assert not re.search(r"\bdo\b|\bgoto\b|\bsetjmp\b|\(\*\s*\w+\)\s*\(", text)

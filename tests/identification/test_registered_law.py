@@ -20,7 +20,7 @@ TRUTH = np.array(
 @pytest.mark.slow
 def test_law_is_found_from_a_log_and_predicts_better_than_the_classical_one(tmp_path):
     log = noisy(balancing_log(friction=FRICTION), seed=3)
-    found = identify(alten(), log, law="rational")
+    found = identify(alten(), log, law="toothed")
     assert found.labels[12:] == ("b_21", "b_22", "b_23", "m")
     errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
     known = np.isfinite(errors)
@@ -43,14 +43,14 @@ def test_law_is_found_from_a_log_and_predicts_better_than_the_classical_one(tmp_
 
 
 def test_quantities_of_a_law_have_bounds_and_those_that_it_lacks_are_held():
-    law = law_named("rational")
+    law = law_named("toothed")
     assert law.free == (
         *("viscous", "coulomb", "stribeck", "stribeck_speed", "quadratic", "teeth", "rolling"),
     )
     assert law.fixed == {"stribeck_exponent": (1.0, 1.0)}
     assert Bounds({"quadratic": (0.0, 0.1)}).limits == {"quadratic": (0.0, 0.1)}
-    with pytest.raises(InputError, match="did you mean 'rational'"):
-        law_named("rationel")
+    with pytest.raises(InputError, match="did you mean 'toothed'"):
+        law_named("toothet")
 
 
 def test_parameter_with_the_name_of_another_quantity_is_refused():

@@ -19,7 +19,7 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Imperfections
-from tests.support.friction_law_examples import FRICTION, dry, rational, robot_by_law
+from tests.support.friction_law_examples import FRICTION, dry, robot_by_law, toothed
 
 STATE = np.array([0.0, 0.0, 0.02, 0.01, 0.3, 0.3, -0.1, 0.2, 0.1, 0.6])
 TORQUES = np.array([0.3, -0.2, 0.25])
@@ -176,7 +176,7 @@ def test_robots_that_contradict_their_law_are_refused():
     for change, words in (
         ({"own": ()}, "has the parameters ['quadratic', 'teeth']"),
         ({"load": (0.1, 0.1, 0.1)}, "terms of the classical law"),
-        ({"law": "rationel"}, "did you mean 'rational'"),
+        ({"law": "toothet"}, "did you mean 'toothed'"),
         ({"own": (("quadratic", (-1.0, 0.0, 0.0)), ("teeth", 0.0))}, "friction.own.quadratic[0] is -1"),
     ):
         with pytest.raises(InputError) as refusal:
@@ -208,4 +208,4 @@ def test_loop_with_gear_play_and_sensors_runs_under_the_law():
         imperfections=Imperfections(backlash=np.radians(1.0)),
     )
     assert np.abs(run.states[0, :, 2:4]).max() < 0.1
-    assert rational(0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0) == 2.0
+    assert toothed(0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0) == 2.0

@@ -6,7 +6,7 @@ from ballbot import LawParameter, Robot, register_friction_law
 from ballbot.robot import Friction
 
 
-def rational(speed, load, coulomb, stribeck, stribeck_speed, quadratic, teeth):
+def toothed(speed, load, coulomb, stribeck, stribeck_speed, quadratic, teeth):
     """Return c + s/(1 + (w/v_s)^2) + b_2 w^2 + m |u|."""
     return coulomb + stribeck / (1.0 + (speed / stribeck_speed) ** 2) + quadratic * speed**2 + teeth * load
 
@@ -29,7 +29,7 @@ TEETH = LawParameter(
     proportional=True,
 )
 LAW = register_friction_law(
-    rational, parameters=(QUADRATIC, TEETH), formula="c + s/(1 + (w/v_s)^2) + b_2 w^2 + m |u|"
+    toothed, parameters=(QUADRATIC, TEETH), formula="c + s/(1 + (w/v_s)^2) + b_2 w^2 + m |u|"
 )
 FRICTION = Friction(
     viscous=(0.014, 0.016, 0.013),
@@ -38,7 +38,7 @@ FRICTION = Friction(
     stribeck_speed=0.6,
     stribeck_exponent=1.0,
     rolling=0.007,
-    law="rational",
+    law="toothed",
     own=(("quadratic", (0.004, 0.006, 0.005)), ("teeth", 0.1)),
 )
 

@@ -33,8 +33,8 @@ from ballbot.link.messages import (
 )
 
 HEADER = SOURCES / "link" / "ballbot_messages.h"
-#: lengths that have a name in the header
-_NAMED = {"[32]": "[BALLBOT_PARAMETER_WORDS]", "[9]": "[BALLBOT_LAYERS]"}
+#: lengths that have a name in the header; a friction table's is as large as that of a part of the parameters
+_NAMED = {"[BALLBOT_TABLE_SPEEDS]": "[BALLBOT_PARAMETER_WORDS]", "[9]": "[BALLBOT_LAYERS]"}
 _MICROSECONDS = 1e6
 
 

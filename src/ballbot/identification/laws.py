@@ -147,7 +147,7 @@ def robot_by_law(robot: Robot, name: str, *, free: Sequence[str] | str) -> Robot
     """Return the robot with the friction law that is estimated, its own if friction is not."""
     if not set(FRICTION) <= set(names_in(free)):
         return robot
-    classical = name in [law.name for law in LAWS]
+    classical = law_named(name) in LAWS
     friction = robot.friction.with_law(CLASSICAL if classical else name, dict(robot.friction.own))
     return robot if friction == robot.friction else robot.replace(friction=friction)
 
