@@ -349,8 +349,11 @@ def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
     lines = [
         "What makes the difference: the hold in the nominal scenario, loop over twin (ratio of medians), with one "
         f"effect after another switched off on both ({min(seeds, default=0)} seeds or more on the twin). Rollers: "
-        "each wheel touches in one point; slip: grip 5; pivoting: ten times the ball's resistance. The loop has no "
-        "slip, pivoting or soft contacts. What brings a ratio to 1 is what the loop lacks or has otherwise.",
+        "each wheel touches in one point; slip: grip 5; pivoting: ten times the ball's resistance. Of the contacts "
+        "the loop has what rollers do that touch side by side, but no other slip, pivoting or softness. What brings a "
+        "ratio to 1 is what the loop lacks or has otherwise. One effect cannot be switched off: MuJoCo's convex "
+        "friction presses a roller that slips harder onto the ball, most with rows far apart (*cheap*); the loop's "
+        "is Coulomb's.",
         "",
         f"| without | {' | '.join(heads)} |",
         f"|---|{'---:|' * len(heads)}",
