@@ -25,7 +25,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import binary_logarithm, power_of_two
 from ballbot.mechanics.engine.tracing import greatest, least, traced, where
 from ballbot.robot import Friction
@@ -213,9 +212,3 @@ def breakaway(wheel):
 def sign(value):
     """Return -1, 0 or 1."""
     return where(value > 0.0, 1.0, 0.0) - where(value < 0.0, 1.0, 0.0)
-
-
-@inlined
-def terms_of_wheel(columns, wheel):
-    """Return the `WheelTerms` of one wheel out of `friction_terms`."""
-    return WheelTerms(columns[wheel, 0], columns[wheel, 1], columns[wheel, 2])
