@@ -18,7 +18,13 @@ from ballbot.control.references import hold
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
+from ballbot.robot.friction_law import friction_law
 from ballbot.simulation.imperfections import Imperfections
+from ballbot.twin import Scenario
+from ballbot.twin.driveline import Driveline
+from ballbot.twin.engine import Engine
+from ballbot.twin.mjcf import twin_mjcf
+from ballbot.twin.scenario_file import scenario_text
 from tests.support.friction_law_examples import FRICTION, dry, robot_by_law, toothed
 
 STATE = np.array([0.0, 0.0, 0.02, 0.01, 0.3, 0.3, -0.1, 0.2, 0.1, 0.6])
@@ -209,3 +215,30 @@ def test_loop_with_gear_play_and_sensors_runs_under_the_law():
     )
     assert np.abs(run.states[0, :, 2:4]).max() < 0.1
     assert toothed(0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0) == 2.0
+
+
+def test_twin_has_the_friction_of_the_law_and_a_scenario_file_refuses_it():
+    scenario = replace(Scenario.nominal("alten"), friction=FRICTION)
+    engine = Engine(twin_mjcf(Robot.load("alten"), scenario))
+    driveline = Driveline(Robot.load("alten"), scenario, engine)
+    driveline.speeds[:] = speeds = np.array([1.5, -0.3, 8.0])
+    torques = np.array([0.5, -1.0, 0.2])
+    driveline.command(torques)
+    driveline.prepare_step()
+    sizes = engine.dry_friction[engine.velocities("wheel", 3)]
+    np.testing.assert_allclose(sizes, dry(speeds, torques), rtol=1e-12)
+    with pytest.raises(InputError, match="A scenario file has the classical friction law only, not toothed"):
+        scenario_text(scenario)
+
+
+def test_law_that_fails_for_arrays_is_refused(tmp_path):
+    (tmp_path / "law.py").write_text(
+        "import ballbot\n"
+        "def stepped(speed, load, coulomb):\n"
+        "    return coulomb if speed > 1.0 else 0.5 * coulomb\n"
+        "ballbot.register_friction_law(stepped)\n"
+    )
+    with pytest.raises(
+        InputError, match=r"stepped fails for arrays of speed and load \(The truth value.*np.where"
+    ):
+        friction_law(f"{tmp_path / 'law.py'}:stepped")

@@ -48,7 +48,7 @@ def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
     Raises
     ------
     InputError
-        If it is none of these, or the file is not of that robot.
+        If it is none of these, or the file describes a controller of another robot.
     """
     if isinstance(source, Feedback):
         checked_sample_time(source.sample_time, "The controller's sample time")
@@ -70,7 +70,7 @@ def named_controller(source: str | Path, robot: RobotLike) -> Controller:
     Raises
     ------
     InputError
-        If it is neither, or the file is not of that robot.
+        If it is neither, or the file describes a controller of another robot.
     """
     if source in KINDS:
         made, described = KINDS[str(source)].made(robot), as_robot(robot)

@@ -18,8 +18,8 @@ A start that is best on a kink stays there: n is a tie, a further residual of gr
 for p and x_w is exact. Predictions of a step's gain then hold to four digits, window by window.
 
 Other minima. A few windows in a hundred have several minima over their start, by which contact rests and when (1e-5 to
-5e-4 of the cost each). Where the descent has ended, windows are therefore begun again from random starts: those whose
-prediction is straight between its start and the new one, which tells that they lie in one basin, are left out.
+5e-4 of the cost each). After the descent, windows therefore begin again from random initial states. One whose
+prediction changes linearly between the old and the new initial state has both in one basin, and is skipped.
 """
 
 from __future__ import annotations

@@ -137,7 +137,7 @@ def mocap_run(log: Log, film: Log) -> MocapRun:
     return MocapRun(log=log, rolling=Turning.of(film.t, rolls, usable[1:] & usable[:-1]), motion=motion)
 
 
-#: share of a radius, and angle [rad], that slip, dents and rollers may feign: on logs of a physics engine with two rows
+#: share of a radius, and angle [rad], that slip, dents and rollers may mimic: on logs of a physics engine with two rows
 #: of rollers and known geometry 0.42 % and 0.25 degrees were seen (the commands of docs/geometry.md)
 SLIP = 0.006
 SLIP_ANGLE = math.radians(0.4)

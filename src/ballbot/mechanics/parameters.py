@@ -257,7 +257,7 @@ def pack(
 
 
 def law_places(wheel_count: int, index: int, law: FrictionLaw) -> NDArray[np.int64]:
-    """Return where a parameter of a registered law, by its index, stands in a packed row: (n,)."""
+    """Return the indices (n,) in a packed row of one parameter of a registered law."""
     return RIGID_SIZE + WHEEL_SIZE * wheel_count + len(law.takes) * np.arange(wheel_count) + index
 
 

@@ -4,7 +4,7 @@
 
 The classical law is g = c + s exp(-|w/v_s|^delta), `ballbot.mechanics.friction`. Any other is registered: a function g
 of speed and load whose further arguments are its parameters. Those named as fields of `Friction` (`SHARED`) are the
-robot's own numbers of that name; each other one is described by a `LawParameter` and stands in the table
+robot's own numbers of that name; every other one is described by a `LawParameter` and has its value in the table
 [friction.own] of a robot file, beside `law = "NAME"` in [friction], or `law = "FILE.py:NAME"` if the file is to be run.
 """
 
@@ -89,9 +89,8 @@ class FrictionLaw:
     """A registered friction law."""
 
     name: str
-    size: Callable[
-        ..., Any
-    ]  #: g(speed, load, ..) [N m] for speed and load of zero or more, on numbers and arrays
+    #: g(speed, load, ..) [N m] for speed and load of zero or more, on numbers and arrays
+    size: Callable[..., Any]
     own: tuple[LawParameter, ...]
     takes: tuple[str, ...]  #: the names of its parameters, shared and own, as its function has them
     formula: str  #: for results, as "c + s/(1 + (w/v_s)^2)"
@@ -211,12 +210,20 @@ _TRIED = {"coulomb": 0.1, "stribeck": 0.05, "stribeck_speed": 0.6, "stribeck_exp
 
 
 def _check_proportional(law: FrictionLaw) -> None:
-    """Raise InputError unless a law is twice as large for twice its proportional parameters; it is scaled by them."""
+    """Raise InputError unless a law takes arrays and doubles with its proportional parameters, which scale it."""
     scaled = {one.name for one in law.own if one.is_proportional} | {"coulomb", "stribeck"}
     values = _TRIED | {one.name: 0.5 * sum(one.usual) for one in law.own}
     speed, load = np.array([0.0, 0.01, 0.5, 3.0, 20.0]), np.array([0.0, 0.1, 0.5, 1.0, 0.2])
-    once = law.size(speed, load, **{name: values[name] for name in law.takes})
-    twice = law.size(speed, load, **{name: values[name] * (1 + (name in scaled)) for name in law.takes})
+    try:
+        once, twice = (
+            law.size(speed, load, **{name: values[name] * (k if name in scaled else 1) for name in law.takes})
+            for k in (1, 2)
+        )
+    except Exception as error:  # of a function that is the user's
+        raise InputError(
+            f"The friction law {law.name} fails for arrays of speed and load ({error}); use NumPy's functions, and "
+            "`np.where` in place of `if`."
+        ) from error
     if not np.allclose(twice, 2.0 * np.asarray(once), rtol=1e-9, atol=0.0):
         together = ", ".join(one for one in law.takes if one in scaled)
         raise InputError(

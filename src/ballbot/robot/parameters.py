@@ -127,7 +127,7 @@ def headings_of(kind: type) -> dict[str, str]:
 def value_of(record: object, one: Parameter) -> Value:
     """Return a parameter's value in SI units, a tuple where there is one for each wheel."""
     value = attrgetter(one.field)(record)
-    if isinstance(one.place, str):  # of pairs (name, value); () if there is none of the name
+    if isinstance(one.place, str):  # of pairs (name, value); () if no pair has that name
         return dict(value).get(one.place, ())
     return value if one.place is None else value[one.place]
 

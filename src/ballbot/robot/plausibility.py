@@ -346,7 +346,7 @@ _INERTIA = tuple(one.name for one in PARAMETERS if one.table == "body.inertia")
 
 
 def _likeliest_slip(robot: Robot, errors: Sequence[Finding]) -> tuple[str, Sequence[Finding]] | None:
-    """Return the parameter, in another unit, that leaves the fewest errors, in words, and what is left to find.
+    """Return which parameter's unit, if changed, removes the most errors, as a sentence, and the findings that remain.
 
     None if none leaves fewer errors than there are. A unit that makes something else unusual explains nothing.
     """

@@ -246,7 +246,6 @@ def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor")
         If the scenario does not fit the robot, or the robot's wheels do not fit its body.
     """
     check_scenario(scenario, robot)
-    scenario.friction.check_classical("The twin")
     root = _document(robot, scenario, mounting)
     if mounting != "stand":
         add_roller_contacts(root, scenario)

@@ -114,7 +114,8 @@ def write_scenario(scenario: Scenario, path: str | Path) -> None:
 
 
 def scenario_text(scenario: Scenario) -> str:
-    """Return the text that `write_scenario` writes."""
+    """Return the text that `write_scenario` writes; InputError if the friction is by a registered law."""
+    scenario.friction.check_classical("A scenario file")
     keys: list[str] = []
     tables: list[str] = []
     for one in fields(scenario):
@@ -143,7 +144,7 @@ def _lines(values: Mapping[str, object], place: str) -> Iterator[str]:
     """Yield a line for each key that is not empty."""
     stated = {one.name: one for one in parameters_of(Scenario)}
     for key, value in values.items():
-        # a scenario's friction is by the classical law, which no key states
+        # the classical law is the only one, and no key states it
         if value != () and f"{place}{key}" != "friction.law":
             one = stated[f"{place}{key}"]
             unit = f" [{one.unit}]" if one.unit != DIMENSIONLESS else ""

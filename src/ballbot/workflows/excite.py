@@ -173,10 +173,10 @@ def task(
         scaled = coordinates.from_search(np.full(len(scaled), 0.5))
     held = coordinates.scaled(coordinates.lower)
     point = np.where(coordinates.free, np.clip(scaled, _INSIDE, 1.0 - _INSIDE), held)
-    believed = coordinates.layout.robot_of(robot, coordinates.physical(point))
+    assumed = coordinates.layout.robot_of(robot, coordinates.physical(point))
     return ExcitationTask(
         robots=tuple(
-            believed.replace(friction=scaled_friction(believed.friction, factor)) for factor in FRICTIONS
+            assumed.replace(friction=scaled_friction(assumed.friction, factor)) for factor in FRICTIONS
         ),
         controller=controller,
         limits=limits,
