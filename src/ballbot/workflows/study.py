@@ -169,7 +169,8 @@ def study(
     confirmed = options.confirm and find_spec("mujoco") is not None
     fitting = IdentificationOptions(excluded_states=tuple(options.excluded_states), back_emf=options.back_emf)
     identifying = _named(run, "identifying friction")
-    found = identify(robot, checked, bounds=options.bounds, options=fitting, run=identifying)
+    law = robot.friction.law if robot.friction.own_law else "stribeck"
+    found = identify(robot, checked, law=law, bounds=options.bounds, options=fitting, run=identifying)
     if not found.verdict.usable:
         raise InputError(
             f"{found.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
