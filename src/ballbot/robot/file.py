@@ -235,8 +235,8 @@ def _identification_lines(robot: RobotValues) -> Iterator[str]:
 
 def _lines(robot: RobotValues, table: str) -> Iterator[str]:
     for parameter in parameters_of_robot(robot):
-        if parameter.table == table and not _left_out(robot, parameter):
-            values = [value_of(robot, parameter)]
+        if parameter.table == table and (value := value_of(robot, parameter)) != ():
+            values = [value]
             if parameter.name in robot.standard_deviations:
                 values.append(robot.standard_deviations[parameter.name])
             texts, unit = _written(values, parameter)
@@ -245,15 +245,6 @@ def _lines(robot: RobotValues, table: str) -> Iterator[str]:
             source = toml_string(robot.sources.get(parameter.name, ASSUMED))
             yield f"# {parameter.meaning}"
             yield f"{parameter.key} = {{ value = {texts[0]}, {unit_text}{deviation}source = {source} }}"
-
-
-def _left_out(robot: RobotValues, parameter: Parameter) -> bool:
-    """Return whether a file need not have the parameter: reading gives the same value, source and deviation."""
-    value = value_of(robot, parameter)
-    if parameter.written != "if changed" or value != parameter.default:
-        return False
-    stated = robot.sources.get(parameter.name, ASSUMED) != ASSUMED
-    return value == () or not (stated or parameter.name in robot.standard_deviations)
 
 
 def _written(values: Sequence[Value], parameter: Parameter) -> tuple[list[str], str]:

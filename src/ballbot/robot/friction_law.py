@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ballbot.errors import InputError, suggest
-from ballbot.robot.parameters import DIMENSIONLESS, Parameter, parameter
+from ballbot.robot.parameters import DIMENSIONLESS, Parameter, stated
 from ballbot.user_files import user_module
 
 #: fields of `Friction` that a law may take
@@ -70,17 +70,13 @@ class LawParameter:
     def stated(self) -> Parameter:
         """The line of a robot file."""
         low, _ = self.usual
-        metadata = parameter(
-            f"{self.symbol}, {self.meaning}",
-            unit=self.unit,
-            least=None if low > 0.0 else 0.0 if low == 0.0 else -math.inf,
-            usual=self.usual,
-        )
-        one = metadata["parameter"]
-        assert isinstance(one, Parameter)
-        shape = "list" if self.each_wheel else "number"
+        least = None if low > 0.0 else 0.0 if low == 0.0 else -math.inf
         return replace(
-            one, name=f"friction.own.{self.name}", field="friction.own", place=self.name, shape=shape
+            stated(f"{self.symbol}, {self.meaning}", self.unit, least=least, usual=self.usual),
+            name=f"friction.own.{self.name}",
+            field="friction.own",
+            place=self.name,
+            shape="list" if self.each_wheel else "number",
         )
 
 

@@ -49,7 +49,7 @@ from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import pack
 from ballbot.robot import Robot, Rollers, Sensors
 from ballbot.robot.derived import encoder_step
-from ballbot.robot.parameters import parameter
+from ballbot.robot.parameters import parameter, parameter_class
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 
 #: fraction of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
@@ -62,23 +62,19 @@ MAX_DELAY = 1000
 _LONGEST_WINDOW = 10_000
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Push:
     """A force on the body for a limited time, in the world frame; it starts and ends at a sample."""
 
-    time: float = field(metadata=parameter("start of the push", unit="s", least=-math.inf))
-    duration: float = field(metadata=parameter("of the push", unit="s"))
-    force: tuple[float, float, float] = field(
-        metadata=parameter("in the world frame: x, y, z", unit="N", least=-math.inf)
-    )
-    height: float = field(
-        metadata=parameter(
-            "of its point of application above the ball's centre, along the body's axis", unit="m", least=0.0
-        )
+    time: float = parameter("start of the push", "s", least=-math.inf)
+    duration: float = parameter("of the push", "s")
+    force: tuple[float, float, float] = parameter("in the world frame: x, y, z", "N", least=-math.inf)
+    height: float = parameter(
+        "of its point of application above the ball's centre, along the body's axis", "m", least=0.0
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Supply:
     """A battery and the motors' windings: the voltage left after the back-EMF drives the current.
 
@@ -86,8 +82,8 @@ class Supply:
     current I = sum (T w + R i^2) / V_0. Without it the supply sets a fixed speed limit.
     """
 
-    winding_resistance: float = field(metadata=parameter("of a motor", unit="ohm"))
-    internal_resistance: float = field(metadata=parameter("of the battery", unit="ohm", least=0.0))
+    winding_resistance: float = parameter("of a motor", "ohm")
+    internal_resistance: float = parameter("of the battery", "ohm", least=0.0)
 
 
 class DriveLimits:
