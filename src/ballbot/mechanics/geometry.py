@@ -86,11 +86,7 @@ def transforms(robot: Robot) -> Transforms:
     r_pg = np.array([0.0, 0.0, -r_b])
 
     # (Omega x r) . u = Omega . (r x u): the velocity matrices are rows of the same cross products
-    T_owb, T_owr, T_tbg = (
-        _cross(r_pw, t) / r_w,
-        _cross(r_cw, -t) / r_w,
-        _cross(r_pg, _GROUND_PUSHES).T,
-    )
+    T_owb, T_owr, T_tbg = (_cross(r_pw, t) / r_w, _cross(r_cw, -t) / r_w, _cross(r_pg, _GROUND_PUSHES).T)
     matrices = {
         "T_tbw": T_owb.T,
         "T_trw": T_owr.T,

@@ -309,10 +309,7 @@ class Correlation:
     def of_matrix(labels: Sequence[str], matrix: NDArray[np.float64]) -> Correlation:
         """Return the correlations (k, k) of k numbers, rounded to five decimals."""
         rows = np.round(matrix, 5).tolist()
-        return Correlation(
-            of=tuple(labels),
-            lower=tuple((*row[:i], 1.0) for i, row in enumerate(rows)),
-        )
+        return Correlation(of=tuple(labels), lower=tuple((*row[:i], 1.0) for i, row in enumerate(rows)))
 
 
 @parameter_class
@@ -414,32 +411,21 @@ def scaled_friction(
     rolling_factor : float, optional
         Of the rolling friction C_rr; needed if each wheel has a factor of its own, `factor` by default.
     """
-    count = len(friction.coulomb)
-    if isinstance(factor, Sequence):
-        factors, of_floor = factor, rolling_factor
-    else:
-        factors, of_floor = (factor,) * count, factor if rolling_factor is None else rolling_factor
-    assert of_floor is not None
-
-    def each(values: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(one * value for one, value in zip(factors, values, strict=True)) if values else values
-
+    factors = factor if isinstance(factor, Sequence) else (factor,) * len(friction.coulomb)
+    of_floor = factor if rolling_factor is None else rolling_factor
+    assert not isinstance(of_floor, Sequence)
     law = friction.own_law
     proportional = {one.name for one in law.own if one.is_proportional} if law else ()
 
-    def scaled(name: str, value: Value) -> Value:
-        if name not in proportional:
-            return value
-        return each(value) if isinstance(value, tuple) else value * max(factors)
+    def scaled(value: Value) -> Value:
+        if isinstance(value, tuple):
+            return tuple(one * number for one, number in zip(factors, value, strict=True)) if value else value
+        return value * max(factors)
 
+    names = ("viscous", "coulomb", "stribeck", "coulomb_asymmetry", "stribeck_asymmetry", "load")
     return replace(
         friction,
-        viscous=each(friction.viscous),
-        coulomb=each(friction.coulomb),
-        stribeck=each(friction.stribeck),
+        **{name: scaled(getattr(friction, name)) for name in names},
         rolling=of_floor * friction.rolling,
-        coulomb_asymmetry=each(friction.coulomb_asymmetry),
-        stribeck_asymmetry=each(friction.stribeck_asymmetry),
-        load=each(friction.load),
-        own=tuple((name, scaled(name, value)) for name, value in friction.own),
+        own=tuple((name, scaled(one) if name in proportional else one) for name, one in friction.own),
     )

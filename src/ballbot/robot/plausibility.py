@@ -1,6 +1,6 @@
 """Whether a robot's numbers go together: sizes, masses, inertias, motors and rates against one another.
 
-`ballbot.robot.checks` refuses impossible robots. `_relations` finds possible but improbable ones, each a finding: an
+`ballbot.robot.checks` refuses impossible robots. `robot_findings` finds improbable ones, each a finding: an
 error where a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is unusual. The
 ranges are wide: the presets, published robots of 0.6 to 52 kg, lie well within them. A single value is held against the
 usual values of its parameter.
@@ -33,14 +33,11 @@ _ANY = (-math.inf, math.inf)
 _FAR = 10.0
 
 
-def _relations(robot: Robot) -> Iterator[Relation]:
-    ball, body, wheels, drive, friction = robot.ball, robot.body, robot.wheels, robot.drive, robot.friction
-    r_b, r_w, height = ball.radius, wheels.radius, body.center_of_mass
+def _of_body(robot: Robot) -> Iterator[Relation]:
+    ball, body = robot.ball, robot.body
+    r_b, height = ball.radius, body.center_of_mass
     moments = np.diag(body.inertia_about_center_of_mass())
     xx, yy, zz = (math.sqrt(max(float(moment), 0.0) / body.mass) for moment in moments)
-    about_ball = np.diag(body.inertia_about_ball_center())[:2]
-    weight = body.mass * robot.gravity * height
-
     # a basketball has 84 kg/m^3, a bowling ball 1300; an inflated film and solid steel are possible
     density = ball.mass / (4.0 / 3.0 * math.pi * r_b**3)
     words = "a mean density of {} kg/m^3"
@@ -60,6 +57,9 @@ def _relations(robot: Robot) -> Iterator[Relation]:
     words = "about the centre of mass they differ {} times; check that xx, yy and zz are in their order"
     yield "body", "body.inertia.xx body.inertia.yy", ratio, (1.0, 3.0), (1.0, 40.0), words
 
+
+def _of_wheels(robot: Robot) -> Iterator[Relation]:
+    wheels, r_b, r_w = robot.wheels, robot.ball.radius, robot.wheels.radius
     words = "a wheel has {} times the ball's radius"
     yield "wheels", "wheels.radius ball.radius", r_w / r_b, (0.15, 0.9), (0.03, 1.5), words
     words = "{} deg from the ball's zenith"
@@ -84,11 +84,17 @@ def _relations(robot: Robot) -> Iterator[Relation]:
             words,
         )
     rims = (
-        robot.wheel_count * wheels.inertia / r_w**2 / body.mass or math.nan
+        robot.wheel_count * wheels.inertia / r_w**2 / robot.body.mass or math.nan
     )  # without inertia, wheels are light
     words = "even with all their mass at the rim, the wheels would weigh {} times the body with its wheels"
     yield "wheels", "wheels.inertia wheels.radius body.mass", rims, (1e-4, 1.0), (0.0, 2.0), words
 
+
+def _of_drive(robot: Robot) -> Iterator[Relation]:
+    body, wheels, drive, friction = robot.body, robot.wheels, robot.drive, robot.friction
+    r_b, r_w = robot.ball.radius, robot.wheels.radius
+    about_ball = np.diag(body.inertia_about_ball_center())[:2]
+    weight = body.mass * robot.gravity * body.center_of_mass
     rotor = (drive.reflected_inertia + wheels.inertia) * (r_b / r_w) ** 2 / float(about_ball.min())
     names = "drive.gear_ratio drive.motor_inertia drive.gear_inertia wheels.inertia"
     words = "on the ball, a rotor and its wheel have {} times the body's inertia"
@@ -136,7 +142,12 @@ def _single(robot: Robot) -> Iterator[Relation]:
 
 def _of_table(robot: Robot) -> Iterator[Finding]:
     """Yield a finding for each number that is beyond what robots have."""
-    for code, columns, value, (least, most), possible, meaning in (*_single(robot), *_relations(robot)):
+    for code, columns, value, (least, most), possible, meaning in (
+        *_single(robot),
+        *_of_body(robot),
+        *_of_wheels(robot),
+        *_of_drive(robot),
+    ):
         if math.isnan(value) or least <= value <= most:
             continue
         names = columns.split()

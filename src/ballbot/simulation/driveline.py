@@ -131,12 +131,7 @@ class DrivelineMotion:
 
 
 def simulate_driveline(
-    line: Driveline,
-    torques: ArrayLike,
-    *,
-    sample_time: float,
-    step: float = 1e-3,
-    initial_speed: float = 0.0,
+    line: Driveline, torques: ArrayLike, *, sample_time: float, step: float = 1e-3, initial_speed: float = 0.0
 ) -> DrivelineMotion:
     """Turn a driveline by torques held over each sample.
 

@@ -309,11 +309,7 @@ LOOP = schema_of(LoopRecord)
 
 
 def loop_record(
-    one: Imperfections,
-    robot: Robot,
-    *,
-    estimator: EstimatorName | None,
-    sample_time: float,
+    one: Imperfections, robot: Robot, *, estimator: EstimatorName | None, sample_time: float
 ) -> NDArray[np.float64]:
     """Return the row of numbers, the float64 view of a record of `LOOP`; raise InputError for play without rotors.
 
@@ -393,11 +389,7 @@ def _of_contacts(one: Imperfections, robot: Robot) -> dict[str, object]:
 
 
 def _of_sensors(
-    one: Imperfections,
-    sensors: Sensors,
-    robot: Robot,
-    estimator: EstimatorName,
-    sample_time: float,
+    one: Imperfections, sensors: Sensors, robot: Robot, estimator: EstimatorName, sample_time: float
 ) -> dict[str, object]:
     faults, known = one.sensor_faults or SensorFaults(), one.known or robot
     memory = math.exp(-sample_time / faults.lean_error_time)

@@ -27,13 +27,7 @@ from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES, ROWS, load_parameters, put_robot, under_torque
 from ballbot.mechanics.engine.run import load_state, simulate_one, start_lane
-from ballbot.mechanics.engine.smooth import (
-    acceleration,
-    ball_velocity,
-    body_velocity,
-    net_torques,
-    pose,
-)
+from ballbot.mechanics.engine.smooth import acceleration, ball_velocity, body_velocity, net_torques, pose
 from ballbot.mechanics.engine.tracing import greatest, least, traced, where
 from ballbot.mechanics.engine.vector import add, cross, dot, each, from_array, rotate_back, scale
 from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles

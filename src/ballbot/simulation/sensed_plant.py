@@ -52,11 +52,7 @@ class SensedPlant:
     """
 
     def __init__(
-        self,
-        model: Model,
-        imperfections: Imperfections,
-        *,
-        estimator: EstimatorName | Estimator = "onboard",
+        self, model: Model, imperfections: Imperfections, *, estimator: EstimatorName | Estimator = "onboard"
     ) -> None:
         if model.formulation != "exact":
             raise InputError(

@@ -319,14 +319,7 @@ def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mountin
     add(element, "freejoint", name="ball")
     inertia = (ball.inertia,) * 3
     add(element, "inertial", pos="0 0 0", mass=ball.mass, diaginertia=inertia)
-    add(
-        element,
-        "geom",
-        name="ball",
-        type="sphere",
-        size=ball.radius,
-        rgba="0.2 0.3 0.7 1",
-    )
+    add(element, "geom", name="ball", type="sphere", size=ball.radius, rgba="0.2 0.3 0.7 1")
 
 
 def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:

@@ -42,11 +42,7 @@ from ballbot.mechanics.engine.lanes import (
 )
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, is_upright, smooth_block
 from ballbot.mechanics.engine.tracing import both, lanes, outside, traced, where
-from ballbot.mechanics.equations import (
-    attitude,
-    rates_from_angles,
-    rates_of_angles,
-)
+from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles
 from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
 
 
