@@ -403,13 +403,8 @@ def scaled_friction(
 ) -> Friction:
     """Return friction whose torques and whose rolling friction are that many times as large; v_s and delta stay.
 
-    Parameters
-    ----------
-    friction : Friction
-    factor : float or sequence of float
-        Of every term, of all wheels or of each.
-    rolling_factor : float, optional
-        Of the rolling friction C_rr; needed if each wheel has a factor of its own, `factor` by default.
+    The factor is that of every term, of all wheels or of each. `rolling_factor` is that of C_rr, needed if each wheel
+    has a factor of its own, and `factor` by default.
     """
     factors = factor if isinstance(factor, Sequence) else (factor,) * len(friction.coulomb)
     of_floor = factor if rolling_factor is None else rolling_factor

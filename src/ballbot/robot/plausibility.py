@@ -159,19 +159,9 @@ def _of_table(robot: Robot) -> Iterator[Finding]:
 
 
 def robot_findings(robot: Robot, *, file: str = "") -> tuple[Finding, ...]:
-    """Return the unusual and impossible values of a robot as findings, errors first.
+    """Return the unusual and impossible values of a robot, which `checks` has passed, as findings, errors first.
 
-    Parameters
-    ----------
-    robot : Robot
-        One that `ballbot.robot.checks` has passed.
-    file : str
-        The place of the findings, for messages that are about files as well.
-
-    Returns
-    -------
-    tuple of Finding
-        The place's columns name the parameters.
+    Their place is `file`, for messages that are about files as well, and its columns name the parameters.
     """
     findings = _findings(robot)
     errors = [one for one in findings if one.severity == "error"]

@@ -72,10 +72,7 @@ class ClosedLoopBatch:
     def log(self, lane: int) -> Log:
         """Return a lane's run as `simulate` gives it, but for columns of an accelerometer.
 
-        Raises
-        ------
-        InputError
-            If not every sample was recorded, or there is no such lane.
+        InputError if not every sample was recorded, or there is no such lane.
         """
         lanes, records, n = self.torques.shape
         if records != len(self.references):

@@ -135,10 +135,7 @@ class RollerContacts:
 class Imperfections:
     """A robot's sensors, drive and floor, beyond what its model has; all is off by default but the drive's limits.
 
-    Raises
-    ------
-    InputError
-        If a value is not a number of its kind, or out of its bounds.
+    InputError if a value is not a number of its kind, or out of its bounds.
     """
 
     #: the sensors as they really are; their sample time is the plant's. None if the controller sees the true state
@@ -311,17 +308,9 @@ LOOP = schema_of(LoopRecord)
 def loop_record(
     one: Imperfections, robot: Robot, *, estimator: EstimatorName | None, sample_time: float
 ) -> NDArray[np.float64]:
-    """Return the row of numbers, the float64 view of a record of `LOOP`; raise InputError for play without rotors.
+    """Return the row of numbers, the float64 view of a record of `LOOP`, of the true robot.
 
-    Parameters
-    ----------
-    one : Imperfections
-    robot : Robot
-        The true one.
-    estimator : {"onboard", "kalman"} or None
-        Where there are sensors; None if they are read elsewhere.
-    sample_time : float
-        Of the controller and the sensors [s].
+    The estimator is where there are sensors; None if they are read elsewhere. InputError for play without rotors.
     """
     drive = robot.drive
     rotor = drive.reflected_inertia

@@ -182,10 +182,7 @@ class ModelPlant:
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:  # noqa: ARG002
         """Start at t = 0 from a state (10,), or upright at rest at the origin; nothing here is random.
 
-        Raises
-        ------
-        InputError
-            If the state is not ten finite numbers with a lean of at most 1.2 rad.
+        InputError if the state is not ten finite numbers with a lean of at most 1.2 rad.
         """
         self._state = np.zeros(5 + self.model.velocity_count)
         if initial_state is not None:
@@ -198,10 +195,7 @@ class ModelPlant:
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
         """Hold the torques (n,) [N m] for a duration [s] and return the measurement at its end.
 
-        Raises
-        ------
-        InputError
-            If they are not n finite numbers, or the duration is not above zero.
+        InputError if they are not n finite numbers, or the duration is not above zero.
         """
         torques = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
@@ -226,19 +220,10 @@ class ModelPlant:
         return self._measure(None)
 
     def push(self, impulse: ArrayLike) -> None:
-        """Change the velocities at once by an impulse of a force from outside: M(q) dq_dot = p.
+        """Change the velocities at once by an impulse p (5,) of x, y [N s], theta, phi, psi [N m s]: M(q) dq_dot = p.
 
-        A force that lasts is an impulse before each sample, exact to first order in the sample time.
-
-        Parameters
-        ----------
-        impulse : array_like (5,)
-            p, of x, y [N s], theta, phi and psi [N m s].
-
-        Raises
-        ------
-        InputError
-            If it is not five finite numbers.
+        A force that lasts is an impulse before each sample, exact to first order in the sample time. InputError if it
+        is not five finite numbers.
         """
         p = real_array(impulse, (5,), "The impulse")
         padded = np.concatenate((p, np.zeros(self.model.velocity_count - 5)))
@@ -264,10 +249,7 @@ class ModelPlant:
 def checked_states(states: ArrayLike) -> NDArray[np.float64]:
     """Return a copy of initial states (10,) or (lanes, 10) as rows (lanes, 10).
 
-    Raises
-    ------
-    InputError
-        If they are not rows of ten finite numbers with a lean of at most 1.2 rad.
+    InputError if they are not rows of ten finite numbers with a lean of at most 1.2 rad.
     """
     given = real_array(states, ("...", 10), "The initial state")
     if given.ndim > 2 or given.size == 0:

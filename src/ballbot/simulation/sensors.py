@@ -37,14 +37,8 @@ from ballbot.robot.parameters import parameter, parameter_class
 class Encoders:
     """Encoders on the motors' shafts, seen at the wheels: whole counts, and speeds differenced from them.
 
-    Parameters
-    ----------
-    robot : Robot
-        Its gear ratio multiplies the counts of a motor turn.
-    sensors : Sensors
-        Counts a motor turn and sample time.
-    window : int
-        Samples over which counts are differenced into a speed; more are smoother, and later by half as much.
+    The robot's gear ratio multiplies the counts of a motor turn. Counts are differenced over `window` samples; more are
+    smoother, and later by half as much.
     """
 
     def __init__(self, robot: Robot, sensors: Sensors, *, window: int = 1) -> None:
@@ -119,10 +113,7 @@ class FixSource:
 def sensor_samples(duration: float, sample_time: float) -> int:
     """Return how many samples of the sensors [s] a controller holds its torques for.
 
-    Raises
-    ------
-    InputError
-        If the duration [s] is not a whole multiple of the sample time, at least one.
+    InputError if the duration [s] is not a whole multiple of the sample time, at least one.
     """
     samples = round(duration / sample_time)
     if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
@@ -136,19 +127,8 @@ def sensor_samples(duration: float, sample_time: float) -> int:
 class SensorSuite:
     """All sensors of one robot: encoders and AHRS, and an accelerometer and fixes where there are any.
 
-    Parameters
-    ----------
-    robot : Robot
-        Gear ratio and gravity; its own sensors are not looked at.
-    sensors : Sensors
-        Sizes of the errors.
-    window : int
-        Samples over which encoder counts are differenced into a speed.
-    faults : SensorFaults, optional
-        Errors of the AHRS beyond noise.
-    accelerometer : Accelerometer, optional
-    fix : FixSource, optional
-        The first fix comes at 1 / rate.
+    The robot gives gear ratio and gravity; its own sensors are not looked at. `window` is the number of samples over
+    which encoder counts are differenced into a speed. The first fix comes at 1 / rate.
     """
 
     def __init__(

@@ -20,10 +20,7 @@ class Engine:
 
     The arrays are views into MuJoCo's memory: values written into them take effect, and `step` changes them.
 
-    Raises
-    ------
-    InputError
-        If MuJoCo is not installed, or refuses the document.
+    InputError if MuJoCo is not installed, or refuses the document.
     """
 
     def __init__(self, document: str) -> None:
@@ -121,12 +118,8 @@ def _compiled(mujoco, document: str, *, refusal: str):  # its classes have no ty
 def foreign_model(document: str, *, source: str):  # MjModel and MjData have no types
     """Return a document in MJCF or URDF compiled, and its data in the document's pose; a refusal names `source`.
 
-    Meshes and what they need are left out, so that no file beside the document is needed.
-
-    Raises
-    ------
-    InputError
-        If MuJoCo is not installed, or refuses the document, or a mass comes from a mesh.
+    Meshes and what they need are left out, so that no file beside the document is needed. InputError if MuJoCo is not
+    installed, or refuses the document, or a mass comes from a mesh.
     """
     mujoco = _mujoco()
     heard: list[str] = []

@@ -208,17 +208,14 @@ def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor")
     MuJoCo's own viewer the drivelines have their friction at rest. Motors, supply, pushes, bumps and timing
     are not in it either.
 
+    InputError if the scenario does not fit the robot, or the robot's wheels do not fit its body.
+
     Parameters
     ----------
     robot : Robot
     scenario : Scenario
     mounting : {"floor", "stand", "upside_down"}
         Upside down, the world's frame is the body's: z points down, and so does gravity along it.
-
-    Raises
-    ------
-    InputError
-        If the scenario does not fit the robot, or the robot's wheels do not fit its body.
     """
     check_scenario(scenario, robot)
     root = _document(robot, scenario, mounting)

@@ -56,19 +56,10 @@ class ReadModel:
 
 
 def read_model(path: str | Path, *, like: Robot) -> ReadModel:
-    """Return the robot that a model file describes.
+    """Return the robot of a model file, MJCF or URDF, with its ball, the robot upright on it, z up and x forward.
 
-    Parameters
-    ----------
-    path : str or Path
-        MJCF or URDF, with its ball, the robot upright on it, z up and x forward.
-    like : Robot
-        What the model does not state is assumed to be as in this robot; friction that it does not state is zero.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is refused, or is not that of a ball-balancing robot.
+    What the model does not state is assumed to be as in the robot `like`; friction that it does not state is zero.
+    InputError if the file cannot be read, is refused, or is not that of a ball-balancing robot.
     """
     text = read_text(path, largest=LARGEST_MODEL)
     model, data = foreign_model(text, source=str(path))

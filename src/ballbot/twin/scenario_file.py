@@ -46,10 +46,7 @@ base = "nominal"
 def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
     """Return the scenario of that name, or the one in that TOML file, for a robot.
 
-    Raises
-    ------
-    InputError
-        If there is neither, or the file cannot be read, misspells a key or describes no scenario of that robot.
+    InputError if there is neither, or the file cannot be read, misspells a key or describes no scenario of that robot.
     """
     if source in Scenario.names():
         return Scenario.named(str(source), robot)
