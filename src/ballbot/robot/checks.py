@@ -27,7 +27,16 @@ from ballbot.robot.components import (
     deviation_labels,
     parameters_of_robot,
 )
-from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, numbers_of, to_si, value_of
+from ballbot.robot.parameters import (
+    DIMENSIONLESS,
+    SOURCES,
+    UNITS,
+    Parameter,
+    numbers_of,
+    parameters_of,
+    to_si,
+    value_of,
+)
 
 #: fraction by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
@@ -183,6 +192,25 @@ def check_number(
         hint = f"did you mean {meant}?" if meant else f"it must be at most {most:g}."
         unlike = "" if parameter.unit == DIMENSIONLESS else ", more than any ball-balancing robot has"
         raise InputError(f"{statement}{unlike}; {hint}")
+
+
+def check_parameters(record: object) -> None:
+    """Raise InputError if a number of a class of parameters, or of the tables in it, is out of its bounds."""
+    for one in parameters_of(type(record)):
+        if one.shape not in ("text", "truth value"):
+            for value in _values_at(record, one.name):
+                check_number(one, one.name, value)
+
+
+def _values_at(record: object, name: str) -> Iterator[object]:
+    """Yield the numbers of a dotted name: nothing for a fault that is off, one or more for each push."""
+    key, _, rest = name.partition(".")
+    content = getattr(record, key)
+    for one in content if isinstance(content, tuple) else (content,):
+        if not rest:
+            yield one
+        elif one is not None:
+            yield from _values_at(one, rest)
 
 
 def _meant(number: float, si_unit: str, largest: float) -> str:

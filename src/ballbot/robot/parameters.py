@@ -187,11 +187,11 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _walk(kind: type, place: str = "") -> Iterator[tuple[str, Field[object], Any]]:
-    """Yield dotted name, field and type of each field of a dataclass and of the dataclasses in it."""
+    """Yield dotted name, field and type of each field of a dataclass and of its tables."""
     for one in _fields(kind):
         name, hint = f"{place}{one.name}", _hints(kind)[one.name]
         yield name, one, hint
-        if below := _table_of(hint):
+        if "heading" in one.metadata and (below := _table_of(hint)):
             yield from _walk(below, f"{name}.")
 
 

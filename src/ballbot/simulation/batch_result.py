@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
-from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.simulation.model_plant import FALLEN, LIFTED
+from ballbot.simulation.model_plant import LIFTED, fallen_words
 from ballbot.summary import Summary, counted, range_words, summarized
 
 #: the reference's columns in a log, and their places in the state
@@ -107,7 +106,7 @@ class ClosedLoopBatch:
         elif self.lifted[lane]:
             why = LIFTED
         else:
-            why = FALLEN if limit == LARGEST_LEAN else f"fallen: lean past {limit:g} rad"
+            why = fallen_words(limit)
         return f"{why} at t = {self.ended[lane]:.3f} s"
 
     def summary(self) -> Summary:

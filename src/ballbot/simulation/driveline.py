@@ -42,26 +42,14 @@ class TorqueSpeedCurve:
     no_load_speed: float  #: w_0 [rad/s]
     stall_torque: float  #: T_stall [N m] at full supply, whatever the driver's own limit
 
-    def __post_init__(self) -> None:
-        for name, value in (("no-load speed", self.no_load_speed), ("stall torque", self.stall_torque)):
-            if not 0.0 < value < np.inf:
-                raise InputError(f"The torque-speed curve's {name} is {value:g}; it must be above zero.")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Driveline:
-    """Motor, gearbox and wheel, free to turn.
-
-    InputError if the inertia is not above zero.
-    """
+    """Motor, gearbox and wheel, free to turn."""
 
     inertia: float  #: j_w + j_r [kg m^2]
     friction: Classical
     speed_limit: TorqueSpeedCurve | None = None
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.inertia < np.inf:
-            raise InputError(f"The driveline's inertia is {self.inertia:g} kg m^2; it must be above zero.")
 
     @staticmethod
     def of_wheel(robot: Robot, wheel: int, *, speed_limit: TorqueSpeedCurve | None = None) -> Driveline:

@@ -78,7 +78,7 @@ class HeldRobot:
         return self._t < self._tilt_end
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
-        """Hold the robot still at x, y and psi of a state (10,), and return the measurement; the seed is of all noise."""
+        """Hold the robot still at x, y, psi of a state (10,), and return the measurement; the seed is of all noise."""
         given = np.zeros(10) if initial_state is None else real_array(initial_state, (10,), "The state")
         self._place = given[:2].copy()
         self._random = np.random.default_rng([seed, 17])

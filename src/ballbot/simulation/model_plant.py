@@ -155,6 +155,11 @@ FALLEN = f"fallen: lean past {LARGEST_LEAN:g} rad"
 LIFTED = "lifted: the floor would have to pull"
 
 
+def fallen_words(limit: float) -> str:
+    """Return why a run ends past a lean [rad]."""
+    return FALLEN if limit == LARGEST_LEAN else f"fallen: lean past {limit:g} rad"
+
+
 class ModelPlant:
     """A `Model` behind the plant's seam. Its measurements are the true state.
 

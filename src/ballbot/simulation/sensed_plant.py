@@ -25,7 +25,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.draws import draws_of, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, Imperfections, loop_record, packed_on_floor
 from ballbot.simulation.loop import Inputs, Sampling, new_block, start_alone, step_alone
-from ballbot.simulation.model_plant import FALLEN, LIFTED, checked_states, lift_off, pack_contacts
+from ballbot.simulation.model_plant import LIFTED, checked_states, fallen_words, lift_off, pack_contacts
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 
@@ -146,16 +146,10 @@ class SensedPlant:
         return self._measure()
 
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
-        """Hold the torques for a duration and return the sensors' measurement at its end.
+        """Hold commanded torques (n,) [N m] for whole sample times [s]; return the measurement at the end.
 
-        InputError if the torques are not n finite numbers, or the duration is no such number.
-
-        Parameters
-        ----------
-        torques : array_like (n,)
-            Commanded torques at the wheels [N m]; delay, noise, lag, torque limit and supply limit come upon them.
-        duration : float
-            A whole number of the sensors' sample times [s]; the sensors are read at each.
+        The sensors are read at each sample. Delay, noise, lag, torque limit and supply limit come upon the torques.
+        InputError if they are not n finite numbers, or the duration is no such number.
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
@@ -210,6 +204,5 @@ class SensedPlant:
     def _why_ended(self, t: float) -> str | None:
         if self._out.ended[0] > self._sample:
             return None
-        limit = self.imperfections.fallen_lean
-        why = FALLEN if limit == LARGEST_LEAN else f"fallen: lean past {limit:g} rad"
-        return f"{LIFTED if self._out.lifted[0] else why} at t = {t:.3f} s"
+        why = LIFTED if self._out.lifted[0] else fallen_words(self.imperfections.fallen_lean)
+        return f"{why} at t = {t:.3f} s"

@@ -172,18 +172,10 @@ class SensorSuite:
         body_velocity: NDArray[np.float64],
         motor_angles: NDArray[np.float64],
     ) -> Reading:
-        """Return the sensors' readings.
+        """Return the readings of a true state (10,) at t [s] since the start, when the AHRS's frame is the world's.
 
-        Parameters
-        ----------
-        t : float
-            Time since the start [s]; the AHRS's frame is the world's at 0.
-        truth : array (10,)
-            The state as it is.
-        body_velocity : array (6,)
-            Velocity of the body's point at the ball's centre, world frame [m/s]; angular velocity, body frame [rad/s].
-        motor_angles : array (n,)
-            Of the motors, seen at the wheels [rad].
+        The velocity (6,) is that of the body's point at the ball's centre, world frame [m/s], and its angular velocity,
+        body frame [rad/s]; the motors' angles (n,) [rad] are seen at the wheels.
         """
         rate = body_velocity[3:]
         gyro, attitude = self._read_ahrs(t, rate, truth[2:5])

@@ -190,11 +190,10 @@ def simulate_balls(
     sample_time: float,
     step: float = 1e-3,
 ) -> NDArray[np.float64]:
-    """Return Omega (windows, samples, 3) [rad/s] after each sample, by torques (windows, samples, n) [N m] held over it.
+    """Return Omega (windows, samples, 3) [rad/s] after each sample of torques (windows, samples, n) [N m].
 
     Windows start at Omega `initial` (windows, 3) [rad/s], in the robot's frame. Rolling friction has no part here. An
-    inner step lasts at most `step` [s]; the method is RK4 while no wheel's speed changes sign, and of first order where
-    one does.
+    inner step lasts at most `step` [s]; the method is RK4 while no wheel's speed changes sign, and else of first order.
 
     InputError if shapes disagree, a number is not finite, or a time is not above zero.
     """

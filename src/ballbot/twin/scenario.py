@@ -9,7 +9,7 @@ A field states its key's unit, range, default and meaning once. File, checks and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, Literal
 
@@ -19,7 +19,7 @@ from pydantic import ConfigDict
 from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError, suggest
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
-from ballbot.robot.checks import check_number
+from ballbot.robot.checks import check_parameters
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameter_class, parameters_of, table
 from ballbot.robot.robot import friction_rows
 from ballbot.simulation.imperfections import Push, Supply
@@ -233,24 +233,10 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
         raise InputError(
             f"The scenario has {len(scenario.pushes)} pushes; it can have at most {_MOST_PUSHES}."
         )
-    for one in parameters_of(Scenario):
-        if one.shape not in ("text", "truth value"):
-            for value in _values_at(scenario, one.name):
-                check_number(one, one.name, value)
+    check_parameters(scenario)
     check_rollers(scenario.rollers, robot)
     _check_friction(scenario, robot)
     _check_rates(scenario)
-
-
-def _values_at(record: object, name: str) -> Iterator[object]:
-    """Yield the numbers of a dotted name: nothing for a fault that is off, one or more for each push."""
-    key, _, rest = name.partition(".")
-    content = getattr(record, key)
-    for one in content if isinstance(content, tuple) else (content,):
-        if not rest:
-            yield one
-        elif one is not None:
-            yield from _values_at(one, rest)
 
 
 def _check_friction(scenario: Scenario, robot: Robot) -> None:
