@@ -53,6 +53,10 @@ def test_every_number_that_a_model_states_is_recognized(tmp_path):
         for name in read.stated:
             if name == "friction.coulomb":
                 wanted = np.add(robot.friction.coulomb, robot.friction.stribeck)
+            elif name == "drive.motor_inertia":
+                wanted = robot.drive.motor_inertia + robot.drive.gear_inertia
+            elif name == "drive.gear_inertia":
+                wanted = 0.0
             else:
                 wanted = value_of(robot, BY_NAME[name])
             found = value_of(read.robot, BY_NAME[name])
