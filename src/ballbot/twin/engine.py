@@ -25,7 +25,11 @@ class Engine:
 
     def __init__(self, document: str) -> None:
         self._mujoco = mujoco = _mujoco()
-        self.model = _compiled(mujoco, document, refusal="MuJoCo cannot simulate this robot in this scenario")
+        try:
+            self.model = mujoco.MjModel.from_xml_string(document)  # pyright: ignore[reportAttributeAccessIssue]
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise InputError(f"MuJoCo cannot simulate this robot in this scenario: {reason}.") from None
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
         self._step = mujoco.mj_step  # pyright: ignore[reportAttributeAccessIssue]
         self.timestep = float(self.model.opt.timestep)
@@ -105,14 +109,6 @@ def _mujoco():  # the module has no types
     except ImportError:
         raise missing_package("The twin", "MuJoCo", extra="twin") from None
     return mujoco
-
-
-def _compiled(mujoco, document: str, *, refusal: str):  # its classes have no types
-    try:
-        return mujoco.MjModel.from_xml_string(document)
-    except ValueError as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{refusal}: {reason}.") from None
 
 
 def foreign_model(document: str, *, source: str):  # MjModel and MjData have no types

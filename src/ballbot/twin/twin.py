@@ -191,7 +191,13 @@ class Twin:
             fix=self.scenario.fix,
         )
         self._estimator = estimator or OnboardState(robot, sample_time=sensors.sample_time)
-        self._lay_out_views()
+        engine = self.engine  # the coordinates of ball and body among MuJoCo's
+        ball, body = engine.first_position("ball"), engine.first_position("body")
+        self._ball_position = engine.qpos[ball : ball + 3]
+        self._body_pose = engine.qpos[body : body + 7]
+        ball, body = engine.first_velocity("ball"), engine.first_velocity("body")
+        self._ball_velocity = engine.qvel[ball : ball + 6]
+        self._body_velocity = engine.qvel[body : body + 6]
         self._random = np.random.default_rng(0)
         self._t = 0.0
         self._samples = 0
@@ -260,16 +266,6 @@ class Twin:
             self._measure()
         self._advance(held)
         return self._measure()
-
-    def _lay_out_views(self) -> None:
-        """Find the coordinates of ball and body among MuJoCo's."""
-        engine = self.engine
-        ball, body = engine.first_position("ball"), engine.first_position("body")
-        self._ball_position = engine.qpos[ball : ball + 3]
-        self._body_pose = engine.qpos[body : body + 7]
-        ball, body = engine.first_velocity("ball"), engine.first_velocity("body")
-        self._ball_velocity = engine.qvel[ball : ball + 6]
-        self._body_velocity = engine.qvel[body : body + 6]
 
     def _place(self, state: NDArray[np.float64]) -> None:
         """Write a state (10,) into the engine, with random wheel angles and play."""
