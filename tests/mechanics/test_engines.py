@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ballbot import Model, Robot
 from tests.support.constraint_elimination import Freed, Solution, constrained, robot_acceleration
 from tests.support.freed_mechanism import Motion, rolling_motion
+from tests.support.normal_force import normal_force
 from tests.support.symbolic_oracle import random_robot, random_state
 
 # Required: 1e-8. Both sides are float64 and solve well-conditioned systems: 4e-14 was the worst seen
@@ -87,7 +88,7 @@ def test_accelerations_floor_force_mass_matrix_and_energy_equal_the_engine_s(eng
         actual = model.acceleration(one.q, one.q_dot, one.u)
         assert relative_difference(actual, engine_acceleration(one)) < TOLERANCE
         # linear momentum: the floor bears the robot with `normal_force`
-        upward = model.normal_force(one.q, one.q_dot, one.u)
+        upward = normal_force(model, one.q, one.q_dot, one.u)
         weight = (one.robot.ball.mass + one.robot.body.mass) * one.robot.gravity
         assert_allclose(one.solution.floor_force[:, 2], upward, rtol=0, atol=TOLERANCE * weight)
         units = [np.broadcast_to(unit, one.q.shape) for unit in np.eye(5)]

@@ -240,27 +240,6 @@ class Model:
         B[5:] = np.linalg.solve(M, W.T)
         return LinearModel(A=A, B=B)
 
-    def normal_force(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
-        """Return the floor's force on the ball (...) [N]: (m_b + m_r) g + m_r l d^2/dt^2 (cos theta cos phi).
-
-        If it is not positive, the robot would leave the floor and the model no longer holds.
-        """
-        q = real_array(q, ("...", 5), "q")
-        q_dot = real_array(q_dot, ("...", self.velocity_count), "q_dot")
-        q_ddot = self.acceleration(q, q_dot, u)
-        (st, ct), (sp, cp) = ((np.sin(q[..., i]), np.cos(q[..., i])) for i in (2, 3))
-        t, p = q_dot[..., 2], q_dot[..., 3]
-        height = (
-            -st * cp * q_ddot[..., 2]
-            - ct * sp * q_ddot[..., 3]
-            - ct * cp * (t**2 + p**2)
-            + 2 * st * sp * t * p
-        )
-        body = self.robot.body
-        return (
-            self.robot.ball.mass + body.mass
-        ) * self.robot.gravity + body.mass * body.center_of_mass * height
-
     def advance(self, state: ArrayLike, torques: ArrayLike, duration: float) -> NDArray[np.float64]:
         """Return the state after `duration`, torques held: the friction really sticks.
 

@@ -51,11 +51,6 @@ class Engine:
         """Advance by one timestep."""
         self._step(self.model, self.data)
 
-    @property
-    def contacts(self) -> int:
-        """Number of contacts found by the last step."""
-        return int(self.data.ncon)
-
     def pressures(self, groups: NDArray[np.intp], count: int) -> NDArray[np.float64]:
         """Return the sums (count,) of the last step's normal forces [N] over `count` groups of geoms.
 
