@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -112,7 +113,7 @@ def stamped(time: float):
     return STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id="base_link")
 
 
-def messages_of_row(log: Log, row: int, *, own: bool) -> dict[str, object]:
+def messages_of_row(log: Log, row: int, *, own: bool) -> dict[str, Any]:
     """Return the messages of a row by their topics: Ballbot's own, or those of an IMU and of joints."""
     if own:
         values = np.array([log[name][row] for name in log])

@@ -22,6 +22,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.validation.models import (
     ErrorPair,
@@ -50,9 +51,9 @@ _LARGEST_DELAY = 4
 class RecoveredGain:
     """u[k] = K S(psi) (r - x) at row k - delay, as found in a log."""
 
-    gain: NDArray[np.float64]  #: K (n, 10)
+    gain: Floats  #: K (n, 10)
     delay: int  #: samples from the state that a torque answers to the row that it stands in
-    r_squared: NDArray[np.float64]  #: (n,) share of each wheel's torque variance explained
+    r_squared: Floats  #: (n,) share of each wheel's torque variance explained
     samples: int  #: rows used
     torque_limit: float | None  #: [N m] at which the log's torques were clipped, if they were
 
@@ -124,27 +125,25 @@ def delay_of(controller: Feedback, log: Log) -> int:
     return best
 
 
-def explained_share(torques: NDArray[np.float64], unexplained: NDArray[np.float64]) -> NDArray[np.float64]:
+def explained_share(torques: Floats, unexplained: Floats) -> Floats:
     """Return R^2 (n,) of each wheel: one less the unexplained share of the torque's variance."""
     total = np.sum((torques - torques.mean(axis=0)) ** 2, axis=0)
     return 1.0 - np.sum(unexplained**2, axis=0) / np.where(total > 0.0, total, np.inf)
 
 
-def heading_error(states: NDArray[np.float64], references: NDArray[np.float64]) -> NDArray[np.float64]:
+def heading_error(states: Floats, references: Floats) -> Floats:
     """Return S(psi) (r - x) (N, 10)."""
     return in_heading_frame(references - states, states[:, 4])
 
 
-def _clipping_limit(torques: NDArray[np.float64]) -> float | None:
+def _clipping_limit(torques: Floats) -> float | None:
     """Return the largest torque where it recurs as only a limit makes it, else None."""
     largest = np.abs(torques).max()
     recurring = np.count_nonzero(np.abs(torques) == largest)
     return float(largest) if recurring > 3 and largest > 0.0 else None
 
 
-def _fit_gain(
-    errors: NDArray[np.float64], torques: NDArray[np.float64], delay: int, limit: float | None
-) -> RecoveredGain:
+def _fit_gain(errors: Floats, torques: Floats, delay: int, limit: float | None) -> RecoveredGain:
     causes, effects = errors[: len(errors) - delay], torques[delay:]
     usable = np.ones(len(effects), dtype=bool)
     if limit is not None:
@@ -175,7 +174,7 @@ def closed_loop(
     parts: Sequence[range],
     controller: Feedback,
     *,
-    covariance: NDArray[np.float64],
+    covariance: Floats,
     delay: int = 0,
     seed: int = 0,
 ) -> ClosedLoop:
@@ -237,7 +236,7 @@ def join_closed_loops(parts: Sequence[ClosedLoop]) -> ClosedLoop:
 
 def _run_models(
     models: ModelPair, log: Log, starts: NDArray[np.int64], samples: int, controller: Feedback, delay: int
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the states (2, starts, samples, 10) of both models, every start of both stepped side by side."""
     measured, torques, references, t = log.states, log.torques, log.reference, log.t
     sample_time = log.sample_time

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
 from ballbot.log import Log
+from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
@@ -196,8 +197,8 @@ def forecast(
     starts: NDArray[np.int64],
     samples: int,
     *,
-    initial: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+    initial: Floats | None = None,
+) -> Floats:
     """Simulate each model from each start with the torques measured from there on.
 
     Row k of a log holds the state at t_k and the torques held from then on, so that the forecast from row k with
@@ -224,8 +225,8 @@ def forecast(
 
 
 def _forecast_of(
-    model: Model, log: Log, starts: NDArray[np.int64], samples: int, initial: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+    model: Model, log: Log, starts: NDArray[np.int64], samples: int, initial: Floats | None
+) -> Floats:
     """Return one model's states (starts, samples, 10)."""
     check_wheels(model, log)
     lanes = Lanes(
@@ -237,7 +238,7 @@ def _forecast_of(
     return simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps).states
 
 
-def in_heading_frame(states: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
+def in_heading_frame(states: Floats, psi: Floats) -> Floats:
     """Return states or their differences (N, 10), the pairs of x and y and of the leans turned by -psi (N,)."""
     turned, c, s = states.copy(), np.cos(psi)[:, None], np.sin(psi)[:, None]
     x, y = [0, 2, 5, 7], [1, 3, 6, 8]
@@ -255,9 +256,7 @@ def recoverable_lean(model: Model) -> float:
     return float(recoverable_leans(model, np.array([0.0, 0.5 * np.pi]), largest=largest).min())
 
 
-def recoverable_leans(
-    model: Model, directions: NDArray[np.float64], *, largest: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def recoverable_leans(model: Model, directions: Floats, *, largest: Floats) -> Floats:
     """Return the lean [rad] in each direction (d,) from which, at rest, torques up to `largest` (n,) bring it back.
 
     The acceleration of the leans (theta, phi) = lean (cos d, sin d) outward is affine in the torques: the body's own
@@ -300,13 +299,13 @@ def check_wheels(model: Model, log: Log) -> None:
 class Trajectories:
     """States over time, from the start that all three have in common; in the order and units of a log's states."""
 
-    t: NDArray[np.float64]  #: (k,) [s], of the log
-    measured: NDArray[np.float64]  #: (k, 10)
-    first: NDArray[np.float64]  #: (k, 10) of the first model
-    second: NDArray[np.float64]  #: (k, 10) of the second
+    t: Floats  #: (k,) [s], of the log
+    measured: Floats  #: (k, 10)
+    first: Floats  #: (k, 10) of the first model
+    second: Floats  #: (k, 10) of the second
 
     @staticmethod
-    def beside(log: Log, start: int, states: NDArray[np.float64]) -> Trajectories:
+    def beside(log: Log, start: int, states: Floats) -> Trajectories:
         """Return the rows of a log from `start` on beside the `states` (2, samples, 10) of both models after it."""
         rows = slice(start, start + states.shape[1] + 1)
         measured = log.states[rows]
@@ -314,7 +313,7 @@ class Trajectories:
         return Trajectories(t=log.t[rows], measured=measured, first=first, second=second)
 
 
-def thesis_error(difference: NDArray[np.float64]) -> NDArray[np.float64]:
+def thesis_error(difference: Floats) -> Floats:
     """Return e of (4.1) for each column of `difference` (n, states) = measured - modelled."""
     return np.linalg.norm(difference, axis=0) / len(difference)
 
@@ -323,23 +322,23 @@ def thesis_error(difference: NDArray[np.float64]) -> NDArray[np.float64]:
 class StateErrors:
     """One model's errors over several runs beside the measurement, state by state in the log's order and units."""
 
-    by_run: NDArray[np.float64]  #: (runs, 10) e of (4.1) for each run
+    by_run: Floats  #: (runs, 10) e of (4.1) for each run
     samples: NDArray[np.int64]  #: (runs,) n, the samples of each run
 
     @property
-    def error(self) -> NDArray[np.float64]:
+    def error(self) -> Floats:
         """The mean of (4.1) over the runs (10,)."""
         return self.by_run.mean(axis=0)
 
     @property
-    def rmse(self) -> NDArray[np.float64]:
+    def rmse(self) -> Floats:
         """The root mean square of the error over all samples of all runs (10,)."""
         # a run's sum of squares is (e n)^2
         squares = (self.by_run * self.samples[:, None]) ** 2
         return np.sqrt(squares.sum(axis=0) / self.samples.sum())
 
     @staticmethod
-    def of_runs(differences: Sequence[NDArray[np.float64]]) -> StateErrors:
+    def of_runs(differences: Sequence[Floats]) -> StateErrors:
         """Return the errors of runs given as measured minus modelled states, each (n, 10) of its own length."""
         return StateErrors(
             by_run=np.array([thesis_error(difference) for difference in differences]),
@@ -353,21 +352,21 @@ class ErrorPair:
 
     first: StateErrors
     second: StateErrors
-    means: NDArray[np.float64]  #: (runs, 10) of what was measured
-    squares: NDArray[np.float64]  #: (runs, 10) its mean squares
+    means: Floats  #: (runs, 10) of what was measured
+    squares: Floats  #: (runs, 10) its mean squares
     overlap: int = 1  #: how many neighbouring runs share some of the log
 
     @staticmethod
     def of_runs(
-        measured: Sequence[NDArray[np.float64]],
-        first: Sequence[NDArray[np.float64]],
-        second: Sequence[NDArray[np.float64]],
+        measured: Sequence[Floats],
+        first: Sequence[Floats],
+        second: Sequence[Floats],
         *,
         overlap: int = 1,
     ) -> ErrorPair:
         """Return the errors of runs given as measured states and both models', each (n, 10) of its own length."""
 
-        def errors(modelled: Sequence[NDArray[np.float64]]) -> StateErrors:
+        def errors(modelled: Sequence[Floats]) -> StateErrors:
             return StateErrors.of_runs([x - x_hat for x, x_hat in zip(measured, modelled, strict=True)])
 
         return ErrorPair(
@@ -384,7 +383,7 @@ class ErrorPair:
         return len(self.first.samples)
 
     @property
-    def ratio(self) -> NDArray[np.float64]:
+    def ratio(self) -> Floats:
         """Error (4.1) of the second model over that of the first (10,), neither below `FINEST`.
 
         Above one, the first is nearer; one if both are below.
@@ -393,31 +392,31 @@ class ErrorPair:
         return second / first
 
     @property
-    def unresolved(self) -> NDArray[np.bool_]:
+    def unresolved(self) -> Bools:
         """States (10,) whose errors are below `FINEST` in both models: they show nothing."""
         return np.maximum(self.first.rmse, self.second.rmse) <= FINEST
 
-    def _resolved(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _resolved(self) -> tuple[Floats, Floats]:
         """Return the errors by run of the first and the second model, none below `FINEST`."""
         least = FINEST / np.sqrt(self.first.samples[:, None])
         return np.maximum(self.first.by_run, least), np.maximum(self.second.by_run, least)
 
     @property
-    def spread(self) -> NDArray[np.float64]:
+    def spread(self) -> Floats:
         """Standard deviation (10,) of what was measured, over all samples of all runs."""
         weights = self.first.samples
         mean = np.average(self.means, axis=0, weights=weights)
         return np.sqrt(np.maximum(np.average(self.squares, axis=0, weights=weights) - mean**2, 0.0))
 
     @property
-    def normalised_rmse(self) -> NDArray[np.float64]:
+    def normalised_rmse(self) -> Floats:
         """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `FINEST`."""
         spread = self.spread
         rmse = np.array([self.first.rmse, self.second.rmse])
         moved = spread > FINEST
         return np.where(moved, rmse / np.where(moved, spread, 1.0), np.nan)
 
-    def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
+    def ratio_interval(self, *, seed: int = 0) -> Floats:
         """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
 
         Whole runs are drawn, in blocks of neighbours, and both models' errors of a run go together.

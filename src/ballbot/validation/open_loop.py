@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.validation.models import (
     ErrorPair,
     ModelPair,
@@ -39,7 +39,7 @@ class OpenLoop:
     """Errors of open-loop runs from many starts, and one of the runs to look at."""
 
     errors: ErrorPair
-    noise_floor: NDArray[np.float64]  #: (10,) RMSE that the noise of the measured start alone would cause
+    noise_floor: Floats  #: (10,) RMSE that the noise of the measured start alone would cause
     longest: float  #: no run was longer than this [s]
     past_recovery: float  #: share of the runs that ended by the lean
     recoverable_lean: float  #: [rad]
@@ -51,7 +51,7 @@ def open_loop(
     log: Log,
     parts: Sequence[range],
     *,
-    start_covariance: NDArray[np.float64],
+    start_covariance: Floats,
     seed: int = 0,
 ) -> OpenLoop:
     """Compare both models with the log in open loop, from starts a second apart.
@@ -119,17 +119,17 @@ def join_open_loops(parts: Sequence[OpenLoop]) -> OpenLoop:
     )
 
 
-def _largest_lean(states: NDArray[np.float64]) -> NDArray[np.float64]:
+def _largest_lean(states: Floats) -> Floats:
     return np.abs(states[..., 2:4]).max(axis=-1)
 
 
-def _samples_upright(runs: NDArray[np.float64], limit: float) -> int:
+def _samples_upright(runs: Floats, limit: float) -> int:
     """Return for how many samples, one at least, every one of `runs` (models, samples, 10) leans less than `limit`."""
     fallen = np.flatnonzero(np.any(~(_largest_lean(runs) < limit), axis=0))
     return max(1, int(fallen[0])) if fallen.size else runs.shape[1]
 
 
-def _noisy(states: NDArray[np.float64], covariance: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
+def _noisy(states: Floats, covariance: Floats, seed: int) -> Floats:
     random = np.random.default_rng(seed)
     noise = random.multivariate_normal(np.zeros(len(covariance)), covariance, size=len(states), method="eigh")
     return states + noise

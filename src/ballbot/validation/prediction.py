@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.comparison import HorizonErrors
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import wheel_speed_names
+from ballbot.log.columns import Floats, wheel_speed_names
 from ballbot.validation.models import ErrorPair, ModelPair, forecast, rows_after, window_starts
 
 
@@ -26,12 +26,12 @@ from ballbot.validation.models import ErrorPair, ModelPair, forecast, rows_after
 class Prediction:
     """One-step residuals of both models, and the states that the steps started from."""
 
-    residuals: NDArray[np.float64]  #: (steps, 10) of the first model
-    residuals_second: NDArray[np.float64]  #: (steps, 10) of the second
-    measured: NDArray[np.float64]  #: (steps, 10) the states that were predicted
-    torques: NDArray[np.float64]  #: (steps, n)
-    heading: NDArray[np.float64]  #: (steps,) psi [rad] that each step started from
-    wheel_speeds: NDArray[np.float64] | None  #: (steps, n) [rad/s] by the encoders; None if a log lacks them
+    residuals: Floats  #: (steps, 10) of the first model
+    residuals_second: Floats  #: (steps, 10) of the second
+    measured: Floats  #: (steps, 10) the states that were predicted
+    torques: Floats  #: (steps, n)
+    heading: Floats  #: (steps,) psi [rad] that each step started from
+    wheel_speeds: Floats | None  #: (steps, n) [rad/s] by the encoders; None if a log lacks them
     segments: tuple[int, ...]  #: lengths of the runs of steps that follow each other without a gap
     sample_time: float  #: [s]
 
@@ -48,7 +48,7 @@ class Prediction:
         return ErrorPair.of_runs([measured], [measured - self.residuals], [measured - self.residuals_second])
 
     @property
-    def start_covariance(self) -> NDArray[np.float64]:
+    def start_covariance(self) -> Floats:
         """Covariance (10, 10) of the noise of one measured state, estimated from the residuals.
 
         A residual holds the noise of two states, the one started from and the one compared with, so half of the
@@ -78,7 +78,7 @@ def predict(models: ModelPair, log: Log, parts: Sequence[range]) -> Prediction:
 def join_predictions(predictions: Sequence[Prediction]) -> Prediction:
     """Return the steps of all `predictions` as one."""
 
-    def together(arrays: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+    def together(arrays: Sequence[Floats | None]) -> Floats | None:
         known = [array for array in arrays if array is not None]
         return np.concatenate(known) if len(known) == len(arrays) else None
 
@@ -94,7 +94,7 @@ def join_predictions(predictions: Sequence[Prediction]) -> Prediction:
     )
 
 
-def _columns(log: Log, names: Sequence[str], rows: NDArray[np.int64]) -> NDArray[np.float64] | None:
+def _columns(log: Log, names: Sequence[str], rows: NDArray[np.int64]) -> Floats | None:
     if not all(name in log and np.isfinite(log[name]).all() for name in names):
         return None
     return np.column_stack([log[name][rows] for name in names])
@@ -113,8 +113,8 @@ class HorizonComparison:
 
     errors: HorizonErrors  #: of the first model and the second, state by state
     #: (h, 10), RMSE that the noise of start and measurement alone would cause
-    noise_floor: NDArray[np.float64]
-    spread: NDArray[np.float64]  #: (10,), standard deviation of what was measured
+    noise_floor: Floats
+    spread: Floats  #: (10,), standard deviation of what was measured
 
 
 def compare_horizons(
@@ -122,7 +122,7 @@ def compare_horizons(
     log: Log,
     parts: Sequence[range],
     *,
-    start_covariance: NDArray[np.float64],
+    start_covariance: Floats,
     seed: int = 0,
 ) -> HorizonComparison:
     """Forecast from starts 0.1 s apart and compare at each horizon that fits the log's stretches.

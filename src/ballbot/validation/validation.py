@@ -13,7 +13,6 @@ from dataclasses import replace
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
@@ -24,7 +23,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
-from ballbot.log.columns import torque_names
+from ballbot.log.columns import Floats, torque_names
 from ballbot.log.fingerprints import logs_among
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
@@ -258,7 +257,7 @@ def _closed_loop(
     log: Log,
     parts: Sequence[range],
     controller: Feedback | None,
-    covariance: NDArray[np.float64],
+    covariance: Floats,
     seed: int,
 ) -> tuple[RecoveredGain | None, ClosedLoop | None, str | None]:
     """Return the recovered gain, the closed-loop validation, and the reason if it is missing."""
@@ -285,7 +284,7 @@ _LEAST_VALUES, _OFF_GRID = 8, 0.01
 _AT_FLOOR = 2.0
 
 
-def column_resolution(values: NDArray[np.float64]) -> float:
+def column_resolution(values: Floats) -> float:
     """Return the step of the grid on which a column's values lie, at least `FINEST`."""
     different = np.unique(values[np.isfinite(values)])
     largest = float(np.abs(different).max(initial=0.0))
@@ -298,7 +297,7 @@ def column_resolution(values: NDArray[np.float64]) -> float:
     return max(finest, float(gaps.min())) if on_grid else finest
 
 
-def rounding_floor(log: Log) -> NDArray[np.float64]:
+def rounding_floor(log: Log) -> Floats:
     """Return the RMS error (10,) that the rounding of the states makes of a perfect prediction of them.
 
     A forecast's start and its end are rounded, each by up to half a step of the grid either way.

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.validation.models import ModelPair, Trajectories, stretches
@@ -49,13 +50,13 @@ class WholeLog:
     """
 
     duration: float  #: of the log's longest stretch without a gap, of which at most 100 s are compared [s]
-    measured: NDArray[np.float64]  #: (3, 10) of the log
-    models: NDArray[np.float64]  #: (2, runs, 3, 10) of the first model's runs and the second's
+    measured: Floats  #: (3, 10) of the log
+    models: Floats  #: (2, runs, 3, 10) of the first model's runs and the second's
     fell: tuple[int, int]  #: runs of each model that ended early
     example: Trajectories  #: the beginning of the first run of each
 
     @property
-    def ranges(self) -> NDArray[np.float64]:
+    def ranges(self) -> Floats:
         """Lower end, median and upper end of the range that contains 95 % of each model's runs (3, 2, 3, 10)."""
         return np.sort(self.models, axis=1)[:, np.array(_RANKS) - 1].swapaxes(0, 1)
 
@@ -79,7 +80,7 @@ def compare_whole_log(
     controller: Controller,
     *,
     delay: int,
-    covariance: NDArray[np.float64],
+    covariance: Floats,
     seed: int,
 ) -> WholeLog:
     """Run both models over a log's longest stretch without a gap.
@@ -144,13 +145,13 @@ def compare_whole_log(
     )
 
 
-def _numbers(deviation: NDArray[np.float64], row_time: float) -> NDArray[np.float64]:
+def _numbers(deviation: Floats, row_time: float) -> Floats:
     """Return RMS, amplitude and period (3, 10) of a run's deviations from the reference (rows, 10)."""
     swings = np.array([_swings(column) for column in (deviation - deviation.mean(axis=0)).T]).T
     return np.array([np.sqrt(np.mean(deviation**2, axis=0)), swings[0], row_time * swings[1]])
 
 
-def _swings(values: NDArray[np.float64]) -> tuple[float, float]:
+def _swings(values: Floats) -> tuple[float, float]:
     """Return the mean amplitude and the mean period in rows of the swings of values about zero.
 
     A swing goes from one side to the other, each at least `_SIDE` standard deviations away, so that noise about zero
