@@ -99,10 +99,6 @@ def shifted(log: Log, offset: float, *names: str) -> Log:
     return log.with_columns({name: log[name] + offset for name in names})
 
 
-def rounded(log: Log, step: float, *names: str) -> Log:
-    return log.with_columns({name: step * np.round(log[name] / step) for name in names})
-
-
 def turned_imu(log: Log, angle: float) -> Log:
     """Return the log of an IMU that is mounted turned by an angle [degrees] about the vertical; the gyro left out."""
     turn = np.exp(1j * np.radians(angle))
@@ -148,7 +144,6 @@ WRONG_LOGS = [
     ("degrees", "theta is in degrees", lambda log: scaled(log, DEGREES, *LEAN)),
     ("degrees", "theta_dot is in degrees", lambda log: scaled(log, DEGREES, *LEAN_RATES)),
     ("lean-offset", "IMU is mounted at an angle", lambda log: shifted(log, np.radians(5.0), "theta")),
-    ("coarse", "theta comes in steps", lambda log: rounded(log, np.radians(2.0), *LEAN)),
     ("constant", "theta is 0 throughout", lambda log: constant(log, 0.0, "theta")),
     ("sign", "psi and psi_dot have opposite signs", lambda log: scaled(log, -1.0, "psi")),
     ("sign", "gyro_x", lambda log: scaled(log, -1.0, *GYRO)),

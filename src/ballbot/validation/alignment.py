@@ -83,7 +83,6 @@ class PathFit:
     scale: float  #: the log's distances over the cameras'
     scale_half_width: float
     turn: float  #: from the cameras' path to the log's [rad]
-    turn_half_width: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,18 +137,10 @@ class Alignment:
 def align(log: Log, mocap: Log) -> Alignment:
     """Return how a log and its motion capture belong together.
 
-    Parameters
-    ----------
-    log : Log
-        Needs gyro_x, gyro_y, gyro_z or theta, phi, psi; with the angles, their errors come too, and with x and y
-        those of the position.
-    mocap : Log
-        Motion capture: t, and qw qx qy qz of a body, marker frame to the cameras'; x y z of a point of it, if it has.
-
-    Raises
-    ------
-    InputError
-        If they lack a needed column, are not of the same run, or the cameras confused markers out of view.
+    The log needs gyro_x, gyro_y, gyro_z or theta, phi, psi; with the angles, their errors come too, and with x and y
+    those of the position. The motion capture has t, and qw qx qy qz of a body, marker frame to the cameras'; x y z [m]
+    of a point of it, if it has. InputError if they lack a needed column, are not of the same run, or the cameras
+    confused markers out of view.
     """
     turning, poses = log_turning(log), _in_one_frame(read_poses(mocap).seen_only())
     motion, rival = match_turning(turning, poses_turning(poses), least_share=_LEAST_SHARE)
@@ -260,13 +251,7 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, Frame, P
 
 
 def _camera_world(t: Floats, each: Rotation) -> Rotation:
-    """Return the world's orientation in the cameras' frame by that at each row.
-
-    Raises
-    ------
-    InputError
-        If it jumps.
-    """
+    """Return the world's orientation in the cameras' frame by that at each row; InputError if it jumps."""
     jumps = (each[:-1].inv() * each[1:]).magnitude() > 2.0 * _LEAST_JUMP
     if jumps.any():
         raise InputError(
@@ -294,18 +279,8 @@ def _path_fit(
 ) -> PathFit | None:  # fmt: skip
     """Return the lever arm, scale and turn of the path, or None if log or cameras have hardly any positions.
 
-    Parameters
-    ----------
-    t : ndarray (k,)
-        [s]
-    world_marker : Rotation
-        k of them.
-    places : ndarray (k, 3)
-        Of the tracked point in the axes of the world [m].
-    positions : ndarray (k, 2)
-        The log's x and y [m].
-    heading : ndarray (k,)
-        The cameras' heading less the log's [rad].
+    At k times t [s]: the marker's orientation and the place (k, 3) [m] of the tracked point in the axes of the world,
+    the log's x and y (k, 2) [m], and the cameras' heading less the log's (k,) [rad].
     """
     known = np.asarray(np.isfinite(np.hstack([places, positions])).all(axis=1))
     ends = np.searchsorted(t, t + _STRETCH)
@@ -330,7 +305,6 @@ def _path_fit(
     return PathFit(
         arm=arm, arm_half_width=half[:3], used=arm if believed else np.zeros(3), scale=1.0 / size,
         scale_half_width=float(half[3]) / size**2, turn=-float(np.arctan2(found[4], found[3])),
-        turn_half_width=float(half[4]) / size,
     )  # fmt: skip
 
 

@@ -59,17 +59,9 @@ class RecoveredGain:
 
 
 def recover_gain(log: Log) -> RecoveredGain:
-    """Find the gain and the delay of the controller that recorded a log.
+    """Find the gain and the delay of the controller that recorded a log with states, torques and ref_x, ref_y, ref_psi.
 
-    Parameters
-    ----------
-    log : Log
-        With states, torques and ref_x, ref_y, ref_psi.
-
-    Raises
-    ------
-    InputError
-        If no linear law explains the torques.
+    InputError if no linear law explains the torques.
     """
     errors, torques = heading_error(log.states, log.reference), log.torques
     limit = _clipping_limit(torques)
@@ -100,10 +92,7 @@ def recover_gain(log: Log) -> RecoveredGain:
 def delay_of(controller: Feedback, log: Log) -> int:
     """Return by how many samples the log's torques come after the states that the controller answers to.
 
-    Raises
-    ------
-    InputError
-        If the controller is not the one that recorded the log, at any delay.
+    InputError if the controller is not the one that recorded the log, at any delay.
     """
     references, states = log.reference, log.states
     controller.reset()
@@ -178,28 +167,11 @@ def closed_loop(
     delay: int = 0,
     seed: int = 0,
 ) -> ClosedLoop:
-    """Compare both models with the log in closed loop.
+    """Compare both models with the log in closed loop, in runs that restart within the rows that count.
 
-    Parameters
-    ----------
-    models : ModelPair
-    log : Log
-        With ref_x, ref_y, ref_psi.
-    parts : sequence of range
-        Rows within which runs restart.
-    controller : Feedback
-        As it ran on the robot; every run has a copy of its own.
-    covariance : array (10, 10)
-        Of a measured state's noise.
-    delay : int
-        Samples by which the controller's torques come late.
-    seed : int
-        Of the noise drawn for the runs over the whole log.
-
-    Raises
-    ------
-    InputError
-        If the controller's sample time is not the log's.
+    The controller is as it ran on the robot, its torques late by `delay` samples; every run has a copy of its own.
+    `covariance` (10, 10) is that of a measured state's noise. InputError if the controller's sample time is not the
+    log's.
     """
     check_wheels(models.first.model, log)
     if not np.isclose(controller.sample_time, log.sample_time, rtol=0.02):

@@ -17,8 +17,9 @@ No error counts as less than `FINEST` before a ratio is formed. The interval is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,9 @@ from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +49,7 @@ class NamedModel:
 class ModelPair:
     """Two models of robots with as many wheels: the first is validated, the second is the reference.
 
-    Raises
-    ------
-    InputError
-        If they have the same name, are the same model, or have not as many wheels.
+    InputError if they have the same name, are the same model, or have not as many wheels.
     """
 
     first: NamedModel
@@ -72,13 +73,7 @@ class ModelPair:
 
     @staticmethod
     def by_friction(model: Model) -> ModelPair:
-        """Return a model as it is, beside itself without any friction.
-
-        Raises
-        ------
-        InputError
-            If it has no friction.
-        """
+        """Return a model as it is, beside itself without any friction; InputError if it has none."""
         robot = model.robot
         none = Friction.none(robot.wheel_count)
         if robot.friction == none:
@@ -97,18 +92,8 @@ class ModelPair:
     def load(robot: str, *, against: str | None = None) -> ModelPair:
         """Return the model of a preset or robot file and the one that it is compared with.
 
-        Parameters
-        ----------
-        robot : str
-            A preset's name or a robot file.
-        against : str, optional
-            A preset's name or a robot file; "thesis", for the same robot with the thesis's equations; if not given,
-            the same robot without friction.
-
-        Raises
-        ------
-        InputError
-            If a file is not valid or both models are the same.
+        That is another preset or robot file; "thesis", the same robot with the thesis's equations; or, if not given,
+        the same robot without friction. InputError if a file is not valid or both models are the same.
         """
         model = Model(Robot.load(robot))
         if against is None:
@@ -143,24 +128,16 @@ class ModelPair:
 FINEST = 1e-9
 
 Interval = tuple[float, float]
+Record = TypeVar("Record", bound="DataclassInstance")
 
 #: an interval longer than this many sample times is a gap, across which nothing may be predicted
 _GAP = 1.5
 
 
 def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range]:
-    """Return the runs of rows that follow each other without a gap.
+    """Return the runs of rows that follow each other without a gap, of times start <= t < end [s] if given.
 
-    Parameters
-    ----------
-    log : Log
-    holdout : sequence of (start, end), optional
-        Times [s] that count, start <= t < end; without it, the whole log.
-
-    Raises
-    ------
-    InputError
-        If nothing of the log lies in `holdout`.
+    InputError if nothing of the log lies in them.
     """
     counts = np.ones(len(log), dtype=bool)
     if holdout is not None:
@@ -201,27 +178,18 @@ def forecast(
 ) -> Floats:
     """Simulate each model from each start with the torques measured from there on.
 
-    Row k of a log holds the state at t_k and the torques held from then on, so that the forecast from row k with
-    the torques of rows k .. k + samples - 1 is of the states in rows k + 1 .. k + samples.
-
-    Parameters
-    ----------
-    models : sequence of Model
-        All with as many wheels as the log has torques.
-    log : Log
-    starts : array (starts,)
-        Rows to start from.
-    samples : int
-        How far.
-    initial : array (starts, 10), optional
-        States to start from, in place of the measured ones.
-
-    Returns
-    -------
-    array (models, starts, samples, 10)
-        A forecast that passes the largest lean stays where it did.
+    Row k of a log holds the state at t_k and the torques held from then on, so that the forecast from row k with the
+    torques of rows k .. k + samples - 1 is of the states in rows k + 1 .. k + samples. Returned are the states (models,
+    starts, samples, 10); a forecast that passes the largest lean stays where it did. `initial` (starts, 10) are states
+    to start from, in place of the measured ones.
     """
     return np.stack([_forecast_of(model, log, starts, samples, initial) for model in models])
+
+
+def drawn_noise(covariance: Floats, shape: tuple[int, ...], *, seed: int) -> Floats:
+    """Return noise of measured states (*shape, 10) of that covariance (10, 10)."""
+    random = np.random.default_rng(seed)
+    return random.multivariate_normal(np.zeros(len(covariance)), covariance, size=shape, method="eigh")
 
 
 def _forecast_of(
@@ -281,13 +249,7 @@ def recoverable_leans(model: Model, directions: Floats, *, largest: Floats) -> F
 
 
 def check_wheels(model: Model, log: Log) -> None:
-    """Refuse a log whose torques are not those of the model's wheels.
-
-    Raises
-    ------
-    InputError
-        Naming both numbers.
-    """
+    """Refuse a log whose torques are not those of the model's wheels; InputError with both numbers."""
     have, need = log.torques.shape[1], model.robot.wheel_count
     if have != need:
         raise InputError(
@@ -431,19 +393,21 @@ class ErrorPair:
         return verdicts(self.ratio_interval())
 
 
+def join_arrays(parts: Sequence[Record]) -> Record:
+    """Return the first of some data classes with the rows of all in its arrays; None if one lacks an array."""
+    joined: dict[str, object] = {}
+    for name in (one.name for one in fields(parts[0])):
+        values = [getattr(part, name) for part in parts]
+        if any(isinstance(value, np.ndarray) for value in values):
+            joined[name] = None if any(value is None for value in values) else np.concatenate(values)
+    return replace(parts[0], **joined)
+
+
 def join_pairs(pairs: Sequence[ErrorPair]) -> ErrorPair:
     """Return the errors over the runs of all `pairs`."""
-    return ErrorPair(
-        first=_join_errors([pair.first for pair in pairs]),
-        second=_join_errors([pair.second for pair in pairs]),
-        means=np.concatenate([pair.means for pair in pairs]),
-        squares=np.concatenate([pair.squares for pair in pairs]),
+    return replace(
+        join_arrays(pairs),
+        first=join_arrays([pair.first for pair in pairs]),
+        second=join_arrays([pair.second for pair in pairs]),
         overlap=max(pair.overlap for pair in pairs),
-    )
-
-
-def _join_errors(errors: Sequence[StateErrors]) -> StateErrors:
-    return StateErrors(
-        by_run=np.concatenate([part.by_run for part in errors]),
-        samples=np.concatenate([part.samples for part in errors]),
     )

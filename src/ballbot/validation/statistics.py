@@ -180,7 +180,6 @@ class Whiteness:
     """Of each column of residuals (k,)."""
 
     autocorrelation: Floats  #: (LAGS + 1, k)
-    statistic: Floats  #: Q, about `LAGS` where white
     p_value: Floats  #: of the column alone
     rejected: Bools  #: with Holm's correction over the columns
     predicted_share: Floats  #: share of the variance that the residuals before predict
@@ -217,7 +216,6 @@ def whiteness(residuals: Floats, segments: Sequence[int]) -> Whiteness | None:
     p_value = special.chdtrc(LAGS, statistic)
     return Whiteness(
         autocorrelation=covariance / variance,
-        statistic=statistic,
         p_value=p_value,
         rejected=holm(p_value, level=WHITENESS_LEVEL),
         predicted_share=np.array([_predicted_share(column) for column in (covariance / variance).T]),

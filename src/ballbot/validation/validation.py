@@ -53,23 +53,10 @@ def validate(
 ) -> Validation:
     """Validate a robot's model, with its friction and without, against logs in three ways; see `validate_pair`.
 
-    Parameters
-    ----------
-    robot : Robot, preset or robot file
-        With the friction to validate; the second model is the same robot without friction.
-    logs : Log or log file, or several in a list or a mapping
-        Checked first. The validations of several are joined (`join_validations`).
-    accept : collection of str
-        Codes of errors found in the log to go on in spite of; see `ballbot.findings.CODES`.
-    controller : Feedback, "nominal", "precise" or controller file, optional
-    run : Run, optional
-        As for `validate_pair`.
-
-    Raises
-    ------
-    InputError
-        If the robot has no friction, the checks of the log find an error whose code is not accepted, and as
-        `validate_pair` does.
+    The logs are checked first, and the validations of several are joined (`join_validations`). `accept` has codes of
+    errors found in the logs to go on in spite of (`ballbot.findings.CODES`); `controller` may be "nominal", "precise"
+    or a file. InputError if the robot has no friction, the checks find an error whose code is not accepted, and as
+    `validate_pair` does.
     """
     robot = as_robot(robot)
     models = ModelPair.by_friction(Model(robot))
@@ -179,21 +166,9 @@ def validate_logs(
     holdouts: Mapping[str, Sequence[Interval]] | None = None,
     run: Run = DEFAULT_RUN,
 ) -> dict[str, Validation]:
-    """Return the validation on each log, by the logs' names; an error names its log.
+    """Return the validation on each log, side by side, by the logs' names; as `validate_pair`, an error naming its log.
 
-    Parameters
-    ----------
-    models, controller, run
-        As for `validate_pair`.
-    logs : mapping of str to Log
-        Validated side by side.
-    holdouts : mapping of str to sequence of (start, end), optional
-        What counts of each log, as for `validate_pair`.
-
-    Raises
-    ------
-    InputError
-        As `validate_pair`.
+    `holdouts` says what counts of each log.
     """
     stages = count(1)
 

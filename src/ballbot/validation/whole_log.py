@@ -24,7 +24,7 @@ from ballbot.log import Log
 from ballbot.log.columns import Floats
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
-from ballbot.validation.models import ModelPair, Trajectories, stretches
+from ballbot.validation.models import ModelPair, Trajectories, drawn_noise, stretches
 
 RUNS = 199  #: of each model
 _RANKS = (5, 100, 195)  #: of the ends of the range that contains 95 % of runs, and of the median
@@ -83,21 +83,9 @@ def compare_whole_log(
     covariance: Floats,
     seed: int,
 ) -> WholeLog:
-    """Run both models over a log's longest stretch without a gap.
+    """Run both models over a log's longest stretch without a gap, with the controller as it ran on the robot.
 
-    Parameters
-    ----------
-    models : ModelPair
-    log : Log
-        With ref_x, ref_y, ref_psi.
-    controller : Controller
-        As it ran on the robot.
-    delay : int
-        Samples by which its torques come late.
-    covariance : array (10, 10)
-        Of a measured state's noise.
-    seed : int
-        Of the noise.
+    Its torques come `delay` samples late; `covariance` (10, 10) is that of a measured state's noise.
     """
     part = max(stretches(log), key=len)
     every = max(1, round(_ROW_TIME / log.sample_time))
@@ -108,9 +96,7 @@ def compare_whole_log(
         columns[part.start : part.start + samples + 1] for columns in (log.states, log.reference)
     )
     measured = states[every::every]
-    noise = np.random.default_rng(seed).multivariate_normal(
-        np.zeros(10), covariance, size=(RUNS, records + 1), method="eigh"
-    )
+    noise = drawn_noise(covariance, (RUNS, records + 1), seed=seed)
     gain = controller.gain
     borne = Imperfections(
         delay=delay,
