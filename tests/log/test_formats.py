@@ -26,7 +26,7 @@ from ballbot.log.formats import (
     read_variables,
 )
 from ballbot.log.formats.inference import infer_text_table
-from ballbot.log.formats.text import TextLayout, read_text_table
+from ballbot.log.formats.text import read_text_table
 from tests.support.log_examples import smooth_log
 
 COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)
@@ -222,17 +222,6 @@ def test_missing_cells_become_nan_and_nothing_else_changes(tmp_path):
     log = Log.read(path)
     np.testing.assert_array_equal(log["x"], [np.nan, np.nan, 3.0])
     np.testing.assert_array_equal(log["y"], [1.0, 2.0, np.nan])
-
-
-def test_the_fast_and_the_patient_parser_agree(tmp_path):
-    log = smooth_log(rows=200)
-    path = tmp_path / "log.csv"
-    log.write(path)
-    fast = read_text_table(path, TextLayout())
-    # a marker that is a number rules the compiled parser out
-    patient = read_text_table(path, TextLayout(missing=("-999",)))
-    for name in log:
-        np.testing.assert_array_equal(fast[name], patient[name])
 
 
 @pytest.mark.parametrize("header", ["t,a,b", "t,a,b,"])

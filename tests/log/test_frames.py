@@ -1,7 +1,5 @@
 """Logs as pandas' tables and back, against pandas itself."""
 
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -64,17 +62,12 @@ def test_stated_units_are_converted(pandas):
     assert log["x"].tolist() == [1.0, 2.0]
 
 
-@pytest.mark.parametrize("start", ["2026-11-22 09:00", "2026-11-22 09:00+01:00"])
-def test_dates_count_from_the_first_and_durations_from_zero(pandas, start):
-    seconds = [0.0, 0.005, 0.011]
+def test_dates_count_from_the_first_and_durations_from_zero(pandas):
     durations = pandas.to_timedelta([1.0, 1.005, 1.011], unit="s")
-    for index, first in ((durations, 1.0), (pandas.Timestamp(start) + durations, 0.0)):
-        for frame in (
-            pandas.DataFrame({"x": [1.0, 2.0, 3.0]}, index=index),
-            pandas.DataFrame({"t": index, "x": [1.0, 2.0, 3.0]}),
-        ):
-            # a nanosecond is what pandas counts in
-            np.testing.assert_allclose(Log.from_pandas(frame).t - first, seconds, rtol=0, atol=2e-9)
+    for index, first in ((durations, 1.0), (pandas.Timestamp("2026-11-22 09:00+01:00") + durations, 0.0)):
+        log = Log.from_pandas(pandas.DataFrame({"x": [1.0, 2.0, 3.0]}, index=index))
+        # a nanosecond is what pandas counts in
+        np.testing.assert_allclose(log.t - first, [0.0, 0.005, 0.011], rtol=0, atol=2e-9)
 
 
 def test_missing_values_of_every_kind_become_nan(pandas):
@@ -119,9 +112,3 @@ def test_foreign_frame_is_read_by_a_mapping(pandas):
 def test_what_makes_no_log_is_refused(pandas, make, sentence):
     with pytest.raises(InputError, match=sentence):
         Log.from_pandas(make(pandas))
-
-
-def test_missing_pandas_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match=r"pip install 'ballbot\[interop\]'"):
-        LOG.to_pandas()

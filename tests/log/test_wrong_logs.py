@@ -148,6 +148,11 @@ WRONG_LOGS = [
     ("sign", "psi and psi_dot have opposite signs", lambda log: scaled(log, -1.0, "psi")),
     ("sign", "gyro_x", lambda log: scaled(log, -1.0, *GYRO)),
     ("swapped", "gyro_x and gyro_y are swapped", lambda log: exchanged(log, ("gyro_x", "gyro_y"))),
+    (
+        "heading-sign",
+        "psi has the opposite sign, with its rate",
+        lambda log: scaled(log, -1.0, "psi", "psi_dot", "gyro_z"),
+    ),
     ("ball-axes", "x and y are swapped, with", lambda log: exchanged(log, ("x", "y"), ("x_dot", "y_dot"))),
     ("scale", "x is in mm, not in m", lambda log: scaled(log, 1000.0, "x", "y")),
     ("lean-scale", "wheel radius, ball radius, gear ratio", lambda log: scaled(log, 1.25, *PLACE)),

@@ -10,7 +10,6 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
 from ballbot.report.validation import validation_results
 from ballbot.validation import ErrorPair, ModelPair, findings, join_validations, validate, validate_pair
-from ballbot.validation.closed_loop import recover_gain
 from ballbot.validation.models import FINEST
 from ballbot.validation.validation import column_resolution
 from tests.support.validation_examples import noisy_log, noisy_validation, perfect_log, true_robot
@@ -52,11 +51,6 @@ def test_a_log_at_rest_shows_nothing():
     assert validation.no_evidence is not None
     assert validation.no_evidence.startswith("The log does not move")
     assert validation.recovered is None
-
-
-def test_a_torque_that_never_changes_gives_no_gain():
-    with pytest.raises(ValueError, match="u1 never changes"):
-        recover_gain(_still())
 
 
 def test_logs_that_show_nothing_are_left_out_of_those_joined():

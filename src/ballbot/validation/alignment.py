@@ -83,6 +83,7 @@ class PathFit:
     scale: float  #: the log's distances over the cameras'
     scale_half_width: float
     turn: float  #: from the cameras' path to the log's [rad]
+    turn_half_width: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -305,6 +306,7 @@ def _path_fit(
     return PathFit(
         arm=arm, arm_half_width=half[:3], used=arm if believed else np.zeros(3), scale=1.0 / size,
         scale_half_width=float(half[3]) / size**2, turn=-float(np.arctan2(found[4], found[3])),
+        turn_half_width=float(half[4]) / size,
     )  # fmt: skip
 
 
