@@ -27,7 +27,7 @@ def logs(draw):
     names = draw(st.sets(st.sampled_from([*KNOWN_NAMES[1:], "battery", "Zustand 1"]), max_size=4))
     values = st.lists(st.floats(allow_infinity=False), min_size=len(t), max_size=len(t))
     columns = {name: np.array(draw(values)) for name in sorted(names)}
-    return Log({"t": t, **columns}, ended=draw(st.none() | st.text(max_size=5)))
+    return Log({"t": t, **columns})
 
 
 @pytest.mark.usefixtures("pandas")
@@ -38,7 +38,6 @@ def test_log_comes_back_to_the_bit(log):
     assert set(back.names) == set(log.names)
     for name in log.names:
         np.testing.assert_array_equal(back[name], log[name])
-    assert back.ended == log.ended
 
 
 def test_frame_has_time_as_index_and_units(pandas):
@@ -50,16 +49,6 @@ def test_frame_has_time_as_index_and_units(pandas):
     assert frame["theta"].loc[0.01:0.02].tolist() == LOG["theta"][2:5].tolist()
     frame["theta"] = 0.0  # a copy: the log stays as it is
     assert LOG["theta"].any()
-
-
-def test_stated_units_are_converted(pandas):
-    frame = pandas.DataFrame({"t": [0.0, 500.0], "theta": [90.0, 180.0], "u1": [250.0, 0.0], "x": [1.0, 2.0]})
-    frame.attrs["units"] = {"t": "ms", "theta": "deg", "u1": "mN m", "elsewhere": "furlong"}
-    log = Log.from_pandas(frame)
-    assert log.t.tolist() == [0.0, 0.5]
-    np.testing.assert_allclose(log["theta"], [np.pi / 2, np.pi], rtol=1e-15)
-    assert log["u1"].tolist() == [0.25, 0.0]
-    assert log["x"].tolist() == [1.0, 2.0]
 
 
 def test_dates_count_from_the_first_and_durations_from_zero(pandas):
