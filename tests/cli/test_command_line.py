@@ -49,7 +49,7 @@ REFUSALS = [
     ("simulate alten --reference triangle --out out", "There is no reference 'triangle'"),
     ("simulate alten --duration 0 --out out", "at least one sample"),
     ("record ideal --seed -1 --out out", "The seed is -1"),
-    ("record nominal --seeds 9-1 --out out", "The seeds are '9-1'"),
+    ("compare alten --seeds 9-1 --out out", "The seeds are '9-1'"),
     ("record nominal --experiment dance --out out", "dance"),
     ("record nominal --estimator kalmann --out out", "'kalman'"),
     ("record nominl --out out", "did you mean 'nominal'?"),

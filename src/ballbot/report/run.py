@@ -18,6 +18,7 @@ from ballbot.report.blocks import Block, Film, Paragraph, Result, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent
+from ballbot.twin.recording import Recording
 from ballbot.viewer.page import replay_part
 from ballbot.workflows.metrics import (
     BAND,
@@ -32,6 +33,7 @@ from ballbot.workflows.metrics import (
     settled,
     settling_time,
 )
+from ballbot.workflows.record import RecordJob
 
 _DEGREES = math.degrees(1.0)
 _REFERENCES = ("ref_x", "ref_y", "ref_psi")
@@ -73,6 +75,35 @@ def simulation_report(
         undecided=undecided,
         findings=findings,
         data=run_results(log),
+    )
+
+
+_HELD = {"driveline_sweep": "the wheels in the air", "upside_down": "upside down with the ball on its wheels"}
+
+
+def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Finding]) -> Result:
+    """Return the page of a recorded run of the twin."""
+    held, log = job.experiment != "balance", recording.with_truth()
+    compensation = job.controller.compensation
+    lead = (
+        f"The robot held, {_HELD[job.experiment]}"
+        if held
+        else f"The reference {job.reference}, {'without' if compensation == 'none' else compensation} compensation"
+    )
+    return run_report(
+        log,
+        job.robot,
+        title=f"{job.robot.name}: a run of the twin",
+        lead=f"{lead}; scenario {job.scenario.name}, seed {job.seed}.",
+        undecided=[
+            "How the real robot runs: the twin has the faults of its scenario, and a robot has others. Compare a log "
+            "with `ballbot validate`.",
+            "How much runs differ: this is one seed.",
+        ],
+        held=held,
+        ending=f"{float(log.t[-1] - log.t[0]):.1f} s were recorded." if held else "",
+        findings=findings,
+        data={**({} if held else run_results(log)), **recording.results},
     )
 
 
