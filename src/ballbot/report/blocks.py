@@ -217,7 +217,7 @@ class Result:
     lead: str  #: what was examined, in a sentence
     #: heading, which may be empty, and sentences; the most important first
     verdict: Sequence[tuple[str, str]]
-    sections: Sequence[Section]
+    sections: Sequence[Section | None]  #: None stands for a section that this result does not have
     undecided: Sequence[str]  #: what the data cannot decide
     next_step: str = ""  #: what to do with the result, with its commands; a command states it
     made: Provenance | None = None  #: None until a command writes its page
@@ -226,11 +226,16 @@ class Result:
     accepted: bool = True
     data: Mapping[str, object] = field(default_factory=dict)  #: what results.json holds
 
+    @property
+    def present(self) -> list[Section]:
+        """The sections that there are."""
+        return [one for one in self.sections if one is not None]
+
     def summary(self) -> Summary:
         """Return the verdict on one screen; one without headings stands below the first table."""
         if all(heading for heading, _ in self.verdict):
             return Summary(title=self.title, rows=tuple(self.verdict))
-        sheets = [block for one in self.sections[:1] for block in one.blocks if isinstance(block, Sheet)]
+        sheets = [block for one in self.present[:1] for block in one.blocks if isinstance(block, Sheet)]
         table = [(sheet.headings, *sheet.rows) for sheet in sheets[:1]]
         rows = [(str(name), tuple(map(str, cells))) for lines in table for name, *cells in lines]
         return Summary(title=self.title, rows=tuple(rows), sentences=tuple(text for _, text in self.verdict))
@@ -246,7 +251,7 @@ class Result:
         table and its sentences.
         """
         if brief:
-            blocks = [block for one in self.sections[:1] for block in one.blocks]
+            blocks = [block for one in self.present[:1] for block in one.blocks]
             yield from [block for block in blocks if isinstance(block, Sheet)][:1]
             yield from (
                 Text(f"- {item}") for block in blocks if isinstance(block, Bullets) for item in block.items
@@ -259,7 +264,7 @@ class Result:
         yield from verdict_lines(self.verdict)
 
     def _whole(self) -> Iterator[RenderableType]:
-        for one in self.sections:
+        for one in self.present:
             shown = [part for block in one.blocks for part in _on_terminal(block)]
             if shown:
                 yield Text(one.heading, style="bold")

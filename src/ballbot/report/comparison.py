@@ -44,7 +44,7 @@ from ballbot.workflows.league import (
 from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
 from ballbot.workflows.statistics import Estimate
 
-#: looks and names of a study's candidates
+#: looks of a study's candidates
 RUN_LOOKS: Mapping[str, Look] = {
     "none": "second",
     "full": "fourth",
@@ -52,12 +52,12 @@ RUN_LOOKS: Mapping[str, Look] = {
     "precise": "first",
     "precise_without_compensation": "fifth",
 }
-RUN_LABELS: Mapping[str, str] = {
-    "none": "no compensation",
-    "full": "full compensation",
-    "partial": "partial compensation",
+CANDIDATE_NAMES: Mapping[str, str] = {
+    "none": "soft gain",
+    "full": "soft gain, full compensation",
+    "partial": "soft gain, partial compensation",
     "precise": "precise",
-    "precise_without_compensation": "precise, none",
+    "precise_without_compensation": "precise without compensation",
 }
 
 
@@ -71,7 +71,8 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
         x, y = thinned(place["x"], place["y"])
         axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
         axes.plot(place["x"][:1], place["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none")
-        axes.set_title(RUN_LABELS[name] + (" (fell)" if log.ended else ""), fontsize=7.5)
+        title = CANDIDATE_NAMES[name].replace(" compensation", "\ncompensation")
+        axes.set_title(title + (" (fell)" if log.ended else ""), fontsize=7.5)
         axes.set_aspect("equal")
         axes.set_xlabel("$x$ [m]")
     panels[0].set_ylabel("$y$ [m]")
@@ -83,7 +84,8 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     longest = max(runs.values(), key=len)
     t, errors = together([(log.t, 1e3 * position_error(log)) for log in runs.values()])
     lines = [
-        Line(RUN_LABELS[name], values, RUN_LOOKS[name]) for name, values in zip(runs, errors, strict=True)
+        Line(CANDIDATE_NAMES[name], values, RUN_LOOKS[name])
+        for name, values in zip(runs, errors, strict=True)
     ]
     reference = (
         Line("reference x", longest["ref_x"], "measured"),
