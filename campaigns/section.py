@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 import ballbot
-from ballbot.errors import InputError
-from ballbot.files import read_sealed, write_sealed, write_text
+from ballbot.files import write_bytes, write_text
 from ballbot.fitting.sweep import ALL_CORES, Processes, RunFolder, Workers, identity
 from ballbot.progress import Progress, ignore_progress
 from ballbot.report.style import drawn
@@ -85,8 +84,8 @@ def finished(
     folder: RunFolder[Made, Made] = RunFolder(
         path=BUILD / name,
         made_from=identity({}, {"code": sources_of(*packages)} if packages else {}),
-        write=lambda path, made: write_sealed(path, pickle.dumps(made)),
-        read=lambda path: cast("Made", pickle.loads(read_sealed(path))) if path.exists() else None,
+        write=lambda path, made: write_bytes(path, pickle.dumps(made)),
+        read=lambda path: cast("Made", pickle.loads(path.read_bytes())) if path.exists() else None,
     )
 
     def report(now: Progress) -> None:
@@ -126,13 +125,13 @@ def _scored(run: GridRun) -> Score:
 
 
 def _write_score(path: Path, made: Score) -> None:
-    write_sealed(path, json.dumps(asdict(made)).encode())
+    write_text(path, json.dumps(asdict(made)))
 
 
 def _read_score(path: Path) -> Score | None:
     try:
-        return Score(**json.loads(read_sealed(path)))
-    except InputError:  # not there, or not whole
+        return Score(**json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
         return None
 
 
