@@ -51,7 +51,6 @@ from ballbot.rounding import digits
 from ballbot.summary import Summary
 
 if TYPE_CHECKING:
-    from ballbot.report.blocks import Provenance
     from ballbot.viewer.page import ReplayPart
 
 
@@ -69,6 +68,11 @@ class Cell:
     below: str = ""  #: a second line, in quiet ink
 
 
+def _written(value: object) -> str:
+    """Return a number with three digits, and anything else as it is."""
+    return digits(value) if isinstance(value, float) else str(value)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
     """A table with its caption, on a page and on a terminal.
@@ -78,7 +82,7 @@ class Sheet:
 
     kind: ClassVar[str] = "sheet"
     headings: Sequence[str]
-    rows: Sequence[Sequence[str | Cell]]
+    rows: Sequence[Sequence[Cell | str | float]]  #: a number is shown with three digits
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
@@ -99,7 +103,9 @@ class Sheet:
     @property
     def cells(self) -> list[list[Cell]]:
         """Every cell as one."""
-        return [[one if isinstance(one, Cell) else Cell(text=one) for one in row] for row in self.rows]
+        return [
+            [one if isinstance(one, Cell) else Cell(text=_written(one)) for one in row] for row in self.rows
+        ]
 
     @property
     def numeric(self) -> list[bool]:
@@ -112,11 +118,6 @@ class Sheet:
 
 
 T = TypeVar("T")
-
-
-def _written(value: object) -> str:
-    """Return a number with three digits, and anything else as it is."""
-    return digits(value) if isinstance(value, float) else str(value)
 
 
 @dataclass(frozen=True)
@@ -257,18 +258,13 @@ class Result:
                 Text(f"- {item}") for block in blocks if isinstance(block, Bullets) for item in block.items
             )
         else:
-            yield from self._whole()
+            for one in self.present:
+                shown = [part for block in one.blocks for part in _on_terminal(block)]
+                yield from [Text(one.heading, style="bold"), *shown, Text("")] if shown else []
         yield Text("What the data cannot decide", style="bold")
         yield from (Text(f"- {words}") for words in self.undecided)
         yield Text("")
         yield from verdict_lines(self.verdict)
-
-    def _whole(self) -> Iterator[RenderableType]:
-        for one in self.present:
-            shown = [part for block in one.blocks for part in _on_terminal(block)]
-            if shown:
-                yield Text(one.heading, style="bold")
-                yield from (*shown, Text(""))
 
 
 def verdict_lines(verdict: Sequence[tuple[str, str]]) -> list[Text]:
