@@ -93,9 +93,7 @@ def record(
         warn_of_idle_compensation({chosen.controller or "nominal controller": job.controller})
     sample_count(job.duration, job.controller.sample_time)
     doing, inputs = f"recording {job.duration:g} s", [robot, scenario, run.reference, chosen.controller]
-    with open_result(
-        out, command="record", doing=doing, writes=RECORD_FILES, inputs=inputs, seed=seed
-    ) as result:
+    with open_result(out, doing=doing, writes=RECORD_FILES, inputs=inputs, seed=seed) as result:
         recording = record_run(job, in_stage(result.report, doing))
         files: dict[str, Content] = {
             f"{name}.{job.log_format}": log.write for name, log in recording.logs.items()
