@@ -12,24 +12,23 @@ from cyclopts import App
 from numpy.typing import NDArray
 
 from ballbot.cli import options
-from ballbot.cli.context import CommandResult, open_result
+from ballbot.cli.context import open_result
 from ballbot.cli.output import emit, notice_output, standard_output
 from ballbot.cli.robot_link import (
     Connection,
-    ControllerOnRobot,
     LinkOptions,
     Monitor,
     Port,
     connected,
 )
+from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.firmware.export import export_controller
+from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
 from ballbot.link.lines import bench_line, counts_line, sample_line
 from ballbot.link.live import (
     Commander,
     FollowReference,
-    LiveRun,
     Sample,
     TorqueProgram,
     recorded_run,
@@ -56,7 +55,7 @@ Example: ballbot run wiring --emulated
 run = App(name="run", help=ABOUT)
 
 
-_LINK, _CONTROLLER = LinkOptions(), ControllerOnRobot()
+_LINK = LinkOptions()
 
 
 @run.default
@@ -65,7 +64,8 @@ def balance(
     /,
     *,
     link: LinkOptions = _LINK,
-    chosen: ControllerOnRobot = _CONTROLLER,
+    controller: Path | None = None,
+    lean: options.LeanLimit = 0.35,
     reference: str = "hold",
     duration: options.Positive = 30.0,
     ramp: float = 0.0,
@@ -82,6 +82,9 @@ def balance(
 
     Parameters
     ----------
+    controller
+        A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
+        controller runs.
     reference
         hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
         comma and full stop turn, e ends). It begins where the robot stands.
@@ -92,20 +95,24 @@ def balance(
     out
         The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
-    controller = chosen.read(link)
+    parameters, then = None, f"identify {link.name} LOG --out identified"
+    if controller is not None:
+        if link.described is None:
+            raise InputError("--controller needs the robot that it is for: give --robot.")
+        check_belongs(controller, link.described)
+        parameters = export_controller(read_controller(controller, link.described), lean=lean).parameters
+        if (study := controller.with_name("results.json")).exists():
+            then = f"validate --prediction {study} LOG"
     with (
         closing(live_reference(reference)) as driven,
         connected(port, link, real_time=reference == KEYBOARD) as connection,
     ):
         robot = connection.robot
-        if controller is not None:
-            robot.use_parameters(export_controller(controller, lean=chosen.lean).parameters)
+        if parameters is not None:
+            robot.use_parameters(parameters)
         check_balancing_parameters(robot.parameters)
         commander = FollowReference(driven, sample_time=robot.sample_time)
-        file, then = chosen.controller, f"identify {link.name} LOG --out identified"
-        if file is not None and (study := file.with_name("results.json")).exists():
-            then = f"validate --prediction {study} LOG"
-        _record(connection, commander, duration=duration, ramp=ramp, out=out, then=then, controller=file)
+        _record(connection, commander, duration, out, then, ramp=ramp, controller=controller)
 
 
 @run.command
@@ -232,8 +239,7 @@ def _bench(
     robot, own = connection.robot, connection.robot.parameters
     robot.use_parameters(bench_parameters(own))
     try:
-        commander = TorqueProgram(torques, sample_time=robot.sample_time)
-        _record(connection, commander, duration=duration, out=out, then=then)
+        _record(connection, TorqueProgram(torques, sample_time=robot.sample_time), duration, out, then)
     finally:
         if robot.session.connected:
             robot.use_parameters(own)
@@ -242,101 +248,75 @@ def _bench(
 def _record(
     connection: Connection,
     commander: Commander,
-    *,
     duration: float,
-    ramp: float = 0.0,
     out: Path | None,
-    then: str,
+    then: str,  # the command that takes the log, LOG, next
+    *,
+    ramp: float = 0.0,
     controller: Path | None = None,
 ) -> None:
-    """Make a run, and write its log and results into a folder if there is one; the log so far if the link is lost.
+    """Make a run, watched by the monitor, and write its log and results into a folder if there is one.
 
-    `then` is the command that takes the log, LOG, next.
+    InputError if the link was lost, KeyboardInterrupt if it was interrupted; the log so far is written.
     """
-    recording, link = None if out is None else out / f"log{SUFFIX}", connection.link
+    link, robot, described = connection.link, connection.robot, connection.link.described
+    recording = None if out is None else out / f"log{SUFFIX}"
     if recording is not None:
         check_no_recording(recording)
-    files = [link.robot, controller, link.scenario]
-    with open_result(out, command="run", writes=["log.csv"], inputs=files, seed=link.seed) as result:
-        made = _made(connection, commander, duration=duration, ramp=ramp, recording=recording)
-        log, held = made.whole_log(), isinstance(commander, TorqueProgram)
+    held, limit = isinstance(commander, TorqueProgram), robot.torque_limit
+    shown, line = Monitor(standard_output()), bench_line if held else sample_line
+
+    def watch(sample: Sample) -> None:
+        shown.show(sample.t, lambda: line(sample, torque_limit=limit))
+        if connection.camera is not None:
+            connection.camera.watch(sample.t)
+
+    inputs = [link.robot, controller, link.scenario]
+    with open_result(out, command="run", writes=["log.csv"], inputs=inputs, seed=link.seed) as result:
+        with shown:
+            made = recorded_run(
+                robot,
+                commander,
+                operator=connection.operator,
+                duration=duration,
+                ramp=ramp,
+                watch=watch,
+                recording=recording,
+            )
+        log = made.whole_log()
         summary: dict[str, object] = {}
         if held:
             log = connection.camera.added_to(bench_log(log)) if connection.camera else bench_log(log)
             summary["peak_wheel_speed"] = float(np.abs(log.wheel_speeds).max())
         elif settled(log, SETTLE).any():
-            summary["performance"] = Performance.of(log, torque_limit=connection.robot.torque_limit)
+            summary["performance"] = Performance.of(log, torque_limit=limit)
         results = {
             "rows": len(log),
-            "sample_time": connection.robot.sample_time,
+            "sample_time": robot.sample_time,
             "ended": made.ending.kind,
             "reason": made.ending.text,
             **summary,
-            "provenance": _about_run(connection, result),
+            "provenance": to_results(result.origin)
+            | {
+                "robot": described and described.name,
+                "port": connection.address,
+                "session": robot.session_name,
+                "parameters_sha256": sha256(robot.parameters.tobytes()).hexdigest(),
+            },
         }
         page = live_run_report(
-            log,
-            link.described,
-            held=held,
-            ending=made.ending.text,
-            about=connection.words,
-            data=results,
+            log, described, held=held, ending=made.ending.text, about=connection.words, data=results
         )
         step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`" if out else ""
         result.write(page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
         if recording is not None:
             recording.unlink(missing_ok=True)
-    _finish(connection, made)
-
-
-def _made(
-    connection: Connection,
-    commander: Commander,
-    *,
-    duration: float,
-    ramp: float = 0.0,
-    recording: Path | None = None,
-) -> LiveRun:
-    """Make a run, watched by the monitor; see `recorded_run`."""
-    monitor = Monitor(standard_output())
-    line = bench_line if isinstance(commander, TorqueProgram) else sample_line
-
-    def watch(sample: Sample) -> None:
-        monitor.show(sample.t, lambda: line(sample, torque_limit=connection.robot.torque_limit))
-        if connection.camera is not None:
-            connection.camera.watch(sample.t)
-
-    with monitor:
-        return recorded_run(
-            connection.robot,
-            commander,
-            operator=connection.operator,
-            duration=duration,
-            ramp=ramp,
-            watch=watch,
-            recording=recording,
-        )
-
-
-def _about_run(connection: Connection, result: CommandResult) -> dict[str, object]:
-    """Return the provenance of a log: how it was made, on which robot, with which parameters, in which session."""
-    described = connection.link.described
-    return to_results(result.origin) | {
-        "robot": described.name if described else None,
-        "port": connection.address,
-        "session": connection.robot.session_name,
-        "parameters_sha256": sha256(connection.robot.parameters.tobytes()).hexdigest(),
-    }
-
-
-def _finish(connection: Connection, made: LiveRun) -> None:
-    """Print what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
-    if made.trouble:
-        notice_output().print(made.trouble, style="yellow", soft_wrap=True)
+    refused = ""
+    if made.ending.kind not in ("interrupt", "link"):
+        refused = counts_line(robot.session.counts.refused, robot.refused_frames())
+    for words in filter(None, (made.trouble, refused)):
+        notice_output().print(words, style="yellow", soft_wrap=True)
     if made.ending.kind == "interrupt":
         raise KeyboardInterrupt("interrupted; the robot is disarmed.")
     if made.ending.kind == "link":
         raise InputError(made.ending.text)
-    refused = counts_line(connection.robot.session.counts.refused, connection.robot.refused_frames())
-    if refused:
-        notice_output().print(refused, style="yellow", soft_wrap=True)
