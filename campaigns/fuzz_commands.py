@@ -92,7 +92,6 @@ WORK = (
     ("ballbot.cli.study", "run_study"),
     ("ballbot.cli.simulate", "run"),
     ("ballbot.cli.record", "record_run"),
-    ("ballbot.cli.record", "record_runs"),
     ("ballbot.thesis.reproduce.campaign", "reproduce"),
 )
 
