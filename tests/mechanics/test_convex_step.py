@@ -26,7 +26,6 @@ from tests.support.convex_problems import (
     proven_distance,
     random_problem,
     solve_conic,
-    with_minimiser,
 )
 
 #: asked of the minimiser, |nu - minimiser| / |nu_free|; 3e-11 was the worst bound of 3,000 problems
@@ -77,15 +76,6 @@ def test_the_minimiser_of_friction_by_direction_is_clarabel_s(shape: tuple[int, 
     # and both directions matter: the symmetric law of the forward limits ends elsewhere, unless all is at rest
     if nu.any():
         assert distance(problem, minimise(*problem), nu) > 1e-9 or (problem.C @ nu >= -1e-12).all()
-
-
-@given(shapes, st.integers(0, 2**32 - 1))
-@settings(max_examples=80, deadline=None)
-def test_the_minimiser_that_a_problem_was_made_around_is_found(shape: tuple[int, bool], seed: int) -> None:
-    """Contacts stick at random, many with a force exactly at the limit."""
-    rng = np.random.default_rng(seed)
-    problem, nu = with_minimiser(rng, wheel_count=shape[0], pivoting=shape[1])
-    assert distance(problem, minimise(*problem), nu) < TOLERANCE
 
 
 @given(shapes, st.integers(0, 2**32 - 1), st.sampled_from(KINDS))

@@ -90,41 +90,6 @@ def matrices(
     return M, np.vstack([C, np.eye(6)[5]]) if pivoting else C
 
 
-def with_minimiser(
-    rng: np.random.Generator, *, wheel_count: int, pivoting: bool
-) -> tuple[Problem, NDArray[np.float64]]:
-    """Return a problem made around its minimiser: random contacts stick, half of the time at exactly their limit."""
-    M, C = matrices(rng, wheel_count=wheel_count, pivoting=pivoting)
-    limits, rolling, h = rng.uniform(0.01, 0.3, len(C)), rng.uniform(0.1, 3), 10.0 ** rng.uniform(-4, -1)
-    sticks, disc_sticks = rng.random(len(C)) < rng.uniform(0, 1), rng.random() < 0.4
-    held = np.vstack([C[sticks], np.eye(len(M))[: 2 if disc_sticks else 0]])
-    nu = _without(rng.normal(size=len(M)) * 10.0 ** rng.uniform(-6, 0), held)
-
-    tiny = 1e-12 * np.abs(nu).max()
-    forces = limits * np.where(np.abs(C @ nu) > tiny, np.sign(C @ nu), _shares(rng, len(C)))
-    rolls = np.hypot(*nu[:2]) > tiny
-    heading = nu[:2] if rolls else rng.normal(size=2)
-    floor = rolling * heading / np.hypot(*heading) * (1.0 if rolls else _shares(rng, 1)[0])
-    push = C.T @ forces
-    push[:2] += floor
-    return Problem(M, nu + h * np.linalg.solve(M, push), C, limits, rolling, h), nu
-
-
-def _shares(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Return shares of a limit (count,), half of them exactly 1 or -1."""
-    return np.where(rng.random(count) < 0.5, rng.uniform(-1, 1, count), rng.choice([-1.0, 1.0], count))
-
-
-def _without(nu: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return nu with what the rows see taken out; zero where they see all."""
-    if len(rows) == 0:
-        return nu
-    _, s, Vt = np.linalg.svd(rows)
-    rank = int(np.sum(s > 1e-9 * s[0]))
-    null = Vt[rank:]
-    return null.T @ (null @ nu)
-
-
 def distance(problem: Problem, nu: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     """Return |nu - other| / |nu_free| in the norm of the kinetic energy, sqrt(nu^T M nu)."""
     d, free = nu - other, problem.free
