@@ -74,8 +74,8 @@ def mixture_model(robot: Robot, corrections: Corrections) -> LinearModel:
     from tests.support.lagrangian import equations  # SymPy is an extra; the tables do not need it
 
     derived, upright = equations(robot, corrections), np.zeros(5)
-    M = derived.mass_matrix(upright)
-    Q = np.stack([derived.generalized_force(upright, upright, u) for u in np.eye(robot.wheel_count)], axis=1)
+    M = derived.dynamics(upright, upright, np.zeros(robot.wheel_count))[0]
+    Q = np.stack([derived.dynamics(upright, upright, u)[2] for u in np.eye(robot.wheel_count)], axis=1)
     tipping = robot.body.mass * robot.gravity * robot.body.center_of_mass
     A, B = np.zeros((10, 10)), np.zeros((10, robot.wheel_count))
     A[:5, 5:] = np.eye(5)

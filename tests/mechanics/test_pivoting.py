@@ -19,7 +19,7 @@ from ballbot.simulation.model_plant import ModelPlant
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
 from tests.support.freed_mechanism import reflected_inertia
 
-pytestmark = pytest.mark.slow  # the pivoting model's engines take long to compile
+pytestmark = pytest.mark.sample  # no other test compiles the pivoting model's engines
 
 #: more than any wheel of these robots can exert on the ball [N m]
 HIGH = 1e3
@@ -37,13 +37,7 @@ def driven(model: Model, state: NDArray, torques: NDArray) -> NDArray[np.float64
     return np.array(states)
 
 
-@pytest.mark.parametrize(
-    "robot",
-    [
-        pytest.param(alten(FRICTION), id="3"),
-        pytest.param(four_wheeled(friction=True), id="4", marks=pytest.mark.sample),
-    ],
-)
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["3", "4"])
 def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     """Through smooth motion and stick-slip alike the spin is zero to the bit and all else equal to rounding."""
     rng = np.random.default_rng(33)
@@ -176,7 +170,6 @@ def test_a_plant_carries_the_spin_and_its_wheels_see_it() -> None:
     assert np.abs(measured.wheel_speeds - without).max() > 0.1
 
 
-@pytest.mark.sample  # compiles the closed loop of a pivoting ball, for this test alone
 def test_a_batch_runs_the_pivoting_model_as_the_plant_does() -> None:
     robot = alten(FRICTION)
     model, controller = Model(robot, pivoting=0.03), nominal_controller(robot, compensation="full")

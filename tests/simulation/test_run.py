@@ -84,7 +84,7 @@ def test_fall_ends_the_log_and_is_reported():
     [
         Model(alten(FRICTION)),
         Model(alten(FRICTION), "thesis"),
-        Model(alten(FRICTION), pivoting=0.02),
+        pytest.param(Model(alten(FRICTION), pivoting=0.02), marks=pytest.mark.sample),
         pytest.param(Model(four_wheeled(friction=True)), marks=pytest.mark.sample),
     ],
     ids=["exact", "thesis", "pivoting", "four wheels"],
