@@ -47,7 +47,6 @@ CAMPAIGNS = {
     "killed_sweep": "campaigns.killed_sweep",
     "identified_friction": "campaigns.identified_twin:identified_friction",
     "spin": "campaigns.spin",
-    "fuzz": "campaigns.fuzz",
     "mapping_corpus": "campaigns.mapping_corpus",
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
