@@ -32,7 +32,7 @@ CAMPAIGNS = {
     "prediction": "campaigns.controller_prediction",
     "limits": "campaigns.limits",
     "robust_design": "campaigns.robust_design",
-    "choice": "campaigns.controller_choice:choice",
+    "choice": "campaigns.controller_factors:choice",
     "factors": "campaigns.controller_factors",
     "optima": "campaigns.optima",
     "coverage": "campaigns.coverage",
