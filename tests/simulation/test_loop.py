@@ -179,32 +179,6 @@ def test_an_imperfection_that_is_off_leaves_the_loop_without_it(name, backlash):
     assert not np.array_equal(beside[7], alone[7])
 
 
-def test_lanes_do_not_notice_each_other():
-    """Seeds, robots and controllers of one lane, whatever runs beside it: a robot that falls, or a state of NaN."""
-    precise, none = precise_controller(ROBOT), Controller(ROBOT, np.zeros((3, 10)), estimator="kalman")
-    imperfections = Imperfections(sensors=SENSORS, torque_noise=0.01, backlash=PLAY, fallen_lean=0.6)
-    # in the same lanes: vector code and the scalar code for the remaining lanes round differently
-    alike = simulate_batch(
-        Model(ROBOT),
-        precise,
-        circle(),
-        duration=0.5,
-        initial_states=START,
-        imperfections=[replace(imperfections, seed=7)] * 12,
-    )
-    beside = simulate_batch(
-        Model(ROBOT),
-        [none, precise, precise] * 4,
-        circle(),
-        duration=0.5,
-        initial_states=START,
-        imperfections=[replace(imperfections, seed=seed) for seed in (1, 7, 2) * 4],
-    )
-    np.testing.assert_array_equal(beside.states[1], alike.states[1])
-    np.testing.assert_array_equal(beside.states[10], alike.states[10])
-    assert not np.array_equal(beside.states[2], alike.states[2])
-
-
 def test_a_push_changes_the_velocities_by_its_impulse():
     """Against `ModelPlant.push`: 0.05 s at 12 N along x, 0.4 m above the ball's centre, is 0.6 N s and 0.24 N m s."""
     controller = Controller(ROBOT, np.zeros((3, 10)))
