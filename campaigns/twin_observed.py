@@ -73,27 +73,11 @@ def roller_ripple(scenario: Scenario, *, seed: int) -> Ripple:
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Impulses:
-    """A run's wheel accelerations from sample to sample."""
-
-    acceleration: NDArray[np.float64]  #: (N, n) [rad/s^2]
-
-    @property
-    def largest(self) -> float:
-        """[rad/s^2]"""
-        return float(np.abs(self.acceleration).max())
-
-    @property
-    def kurtosis(self) -> float:
-        """Fourth moment over a normal distribution's."""
-        centred = self.acceleration - self.acceleration.mean(axis=0)
-        return float(np.mean((centred / centred.std(axis=0)) ** 4) / 3.0)
-
-
-def impulses(log: Log) -> Impulses:
-    """Return the wheel accelerations of a run."""
-    return Impulses(acceleration=np.diff(log.wheel_speeds, axis=0) / log.sample_time)
+def impulses(log: Log) -> tuple[float, float]:
+    """Return the largest wheel acceleration from sample to sample [rad/s^2], and its kurtosis over a normal one's."""
+    acceleration = np.diff(log.wheel_speeds, axis=0) / log.sample_time
+    centred = acceleration - acceleration.mean(axis=0)
+    return float(np.abs(acceleration).max()), float(np.mean((centred / centred.std(axis=0)) ** 4) / 3.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -243,10 +227,10 @@ def _roller_rows(ripples: Mapping[str, list[Ripple]]) -> list[list[str]]:
     return rows
 
 
-def _impulse_rows(kicks: Mapping[str, list[Impulses]]) -> list[list[str]]:
+def _impulse_rows(kicks: Mapping[str, list[tuple[float, float]]]) -> list[list[str]]:
     rows = []
     for name, found in kicks.items():
-        largest, kurtosis = np.mean([(one.largest, one.kurtosis) for one in found], axis=0)
+        largest, kurtosis = np.mean(found, axis=0)
         text = f"up to {largest:.0f} rad/s^2, kurtosis {kurtosis:.1f} times a normal distribution's"
         rows.append([f"wheel acceleration from sample to sample, {name}", text])
     return rows
