@@ -340,7 +340,7 @@ def test_damaged_files_are_accepted_or_refused(tmp_path: Path, name: str) -> Non
     assert [one for one in refusals if not (one.isprintable() and 0 < len(one) < 20_000)] == []
 
 
-# --- damage, the same for the same random numbers -----------------------------------------------------
+# --- damage, the same for the same random numbers ---------------------------------------------------
 
 _NUMBERS = """
 0 -0.0 -1 1 2 3.5 1e-3 0.005 5e-9 1e-300 5e-324 1e308 -1e308 1e400 nan -nan inf -inf 1.7e9 1.7e18 1000 1e5 1_000
@@ -352,81 +352,41 @@ _WORDS = r"[/x] $\frac$ %s {} # = [ ] [[ t x u1 u9 true_x é 日本 nan base nam
 NUMBERS = (*_NUMBERS.split(), '""', "''", "9" * 30, "9" * 5000)
 #: replacements of a word, or insertions
 WORDS = (*_WORDS.split(), "", " ", "\t", "\0", "\x1b[31m", "\\", '"', "'", "\ufeff", "\u202e", "a" * 300)
-_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
-_WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
-_SEPARATORS = ((",", ";"), (",", "\t"), ("\n", "\r\n"), ("\n", "\r"), ("=", ":"), (".", ","), ("\n", ""))
-#: bytes of a mutated file, at most
-_LARGEST = 200_000
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
+WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
+SEPARATORS = ((",", ";"), (",", "\t"), ("\n", "\r\n"), ("\n", "\r"), ("=", ":"), (".", ","), ("\n", ""))
+FACTORS = (-1.0, 0.5, 2.0, 1e3, 1e-3, 1e6, 57.3, 1.0 + 1e-12)
+ENCODINGS = ("utf-16", "utf-8-sig", "latin-1", "utf-32")
 
 
 def mutated(content: bytes, random: Random) -> bytes:
-    """Return a file's content with one to four things changed in it."""
+    """Return a file's content with one to four things changed in it; bytes that are no UTF-8 stay what they are."""
     for _ in range(random.choice((1, 1, 1, 2, 3, 4))):
-        try:
-            text = content.decode()
-        except UnicodeDecodeError:
-            text = "\0"
-        if "\0" not in text and random.random() < 0.8:
-            content = _text_changed(text, random)
-        else:
-            content = _bytes_changed(content, random)
-    return content[:_LARGEST]
-
-
-def _text_changed(text: str, random: Random) -> bytes:
-    match random.choice(("number", "number", "scale", "word", "lines", "separator", "insert", "encoding")):
-        case "number":
-            text = _replaced(_NUMBER, lambda _: random.choice(NUMBERS), text, random)
-        case "scale":
-            factor = random.choice((-1.0, 0.5, 2.0, 1e3, 1e-3, 1e6, 57.3, 1.0 + 1e-12))
-            text = _replaced(_NUMBER, lambda one: repr(factor * float(one)), text, random)
-        case "word":
-            text = _replaced(_WORD, lambda _: random.choice((*WORDS, *_WORD.findall(text))), text, random)
-        case "lines":
-            text = "\n".join(_lines_changed(text.split("\n"), random))
-        case "separator":
-            text = text.replace(*random.choice(_SEPARATORS), random.choice((1, -1)))
-        case "insert":
-            place = random.randrange(len(text) + 1)
-            text = text[:place] + random.choice((*WORDS, *NUMBERS)) + text[place:]
-        case _:
-            return text.encode(random.choice(("utf-16", "utf-8-sig", "latin-1", "utf-32")), "replace")
-    return text.encode()
-
-
-def _replaced(pattern: re.Pattern[str], by: Callable[[str], str], text: str, random: Random) -> str:
-    found = list(pattern.finditer(text))
-    if not found:
-        return text
-    one = random.choice(found)
-    return text[: one.start()] + by(one[0]) + text[one.end() :]
-
-
-def _lines_changed(lines: list[str], random: Random) -> list[str]:
-    first, other = random.randrange(len(lines)), random.randrange(len(lines))
-    end = min(len(lines), first + random.choice((1, 1, 1, 2, 10)))
-    match random.randrange(3):
-        case 0:
-            del lines[first:end]
-        case 1:
-            lines[first:first] = lines[first:end]
-        case _:
-            lines[first], lines[other] = lines[other], lines[first]
-    return lines
-
-
-def _bytes_changed(content: bytes, random: Random) -> bytes:
-    """Cut the content, change some bytes, or copy a piece to another place, once or many times."""
-    place = random.randrange(len(content) + 1)
-    match random.randrange(3):
-        case 0:
-            return content[:place]
-        case 1:
-            first = random.randrange(len(content) + 1)
-            piece = content[first : first + random.choice((1, 4, 8, 64, 512))]
-            return content[:place] + piece * random.choice((1, 2, 10, 200)) + content[place:]
-        case _:
-            changed = bytearray(content)
-            for _ in range(random.choice((1, 1, 2, 8)) if changed else 0):
-                changed[random.randrange(len(changed))] = random.choice((0, 1, 0x7F, 0x80, 0xFF))
-            return bytes(changed)
+        text = content.decode("utf-8", "surrogateescape")
+        found = list(random.choice((NUMBER, WORD)).finditer(text))
+        place, end = (random.randrange(len(text) + 1) for _ in range(2))
+        match random.choice(
+            ("one", "one", "one", "separator", "insert", "piece", "piece", "end", "encoding")
+        ):
+            case "one" if found:
+                one = random.choice(found)
+                if one.re is NUMBER:
+                    by = random.choice((*NUMBERS, *(repr(factor * float(one[0])) for factor in FACTORS)))
+                else:
+                    by = random.choice((*WORDS, *WORD.findall(text)))
+                text = text[: one.start()] + by + text[one.end() :]
+            case "separator":
+                text = text.replace(*random.choice(SEPARATORS), random.choice((1, -1)))
+            case "insert":
+                text = text[:place] + random.choice((*WORDS, *NUMBERS, "\udcff", "\x01")) + text[place:]
+            case "piece":  # removed, or again and again; often of whole lines
+                if random.random() < 0.7:
+                    place, end = (text.rfind("\n", 0, one) + 1 for one in (place, end))
+                piece = text[place : min(end, place + 2000)]
+                text = text[:place] + piece * random.choice((0, 2, 2, 10)) + text[place + len(piece) :]
+            case "end":
+                text = text[:place]
+            case "encoding":
+                return text.encode(random.choice(ENCODINGS), "replace")
+        content = text.encode("utf-8", "surrogateescape")[:200_000]
+    return content
