@@ -18,8 +18,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.heading import Heading
 from ballbot.log import Log
 from ballbot.mechanics.model import Model, ModelLike, as_model
-from ballbot.notebook import in_notebook
-from ballbot.progress import Progress, ProgressCallback
+from ballbot.progress import Progress, ProgressCallback, in_notebook
 from ballbot.simulation.batch_result import REFERENCES, column_names
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
