@@ -75,6 +75,7 @@ REFUSALS = [
     ("run --emulated --duration -1", "--duration. It must be above 0."),
     ("run --emulated --reference sqare", "There is no reference 'sqare'"),
     ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
+    ("run compare --emulated --prediction none.json --out out", "none.json"),
     ("view", "nothing to show"),
     ("view alten log.csv", "--robot alten"),
     ("view a=log.csv a=other.csv --robot alten", "label 'a'"),

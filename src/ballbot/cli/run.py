@@ -1,4 +1,4 @@
-"""`ballbot run`: a live robot, from its wiring check to a balancing run."""
+"""`ballbot run`: a live robot, from its wiring check to a comparison of two controllers on it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cyclopts import App
 from numpy.typing import NDArray
 
 from ballbot.cli import options
-from ballbot.cli.context import open_result
+from ballbot.cli.context import Content, open_result
 from ballbot.cli.output import emit, notice_output, standard_output
 from ballbot.cli.robot_link import (
     Connection,
@@ -37,12 +37,15 @@ from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.report.blocks import finding_line
-from ballbot.report.run import live_run_report, wiring_report
+from ballbot.report.live import alternation_report, live_run_report, wiring_report
 from ballbot.results import to_results
+from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
-from ballbot.workflows.metrics import SETTLE, Performance, settled
+from ballbot.workflows.alternation import MIN_RUNS, alternate
+from ballbot.workflows.controller_prediction import check_controller, evaluate_log, read_prediction
+from ballbot.workflows.metrics import SETTLE, Performance, performance_of, settled
 
-ABOUT = """Run a live robot over a serial port: check it, record it, balance it.
+ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
 
 Every command takes the robot's port, such as /dev/ttyACM0, or --emulated in its place.
 docs/tutorials/hardware.md and docs/bring_up.md have the commands in the order in which a new robot needs them.
@@ -243,6 +246,111 @@ def _bench(
     finally:
         if robot.session.connected:
             robot.use_parameters(own)
+
+
+@run.command
+def send(
+    port: Port = None,
+    /,
+    *,
+    link: LinkOptions = _LINK,
+    controller: Path,
+    lean: options.LeanLimit = 0.35,
+) -> None:
+    """Send a controller to a disarmed robot, which keeps it until it is switched off.
+
+    Example: ballbot run send /dev/ttyACM0 --robot found/robot.toml --controller found/controller.toml
+
+    Parameters
+    ----------
+    controller
+        A controller file.
+    """
+    read = ControllerOnRobot(controller=controller).read(link)
+    assert read is not None
+    with connected(port, link) as connection:
+        sent = connection.robot.use_parameters(export_controller(read, lean=lean).parameters)
+    text = "was sent; the self-test must pass before the robot arms" if sent else "is on the robot already"
+    standard_output().print(
+        f"{controller} {text}.\nNext: `ballbot run PORT --duration 32 --out run`", soft_wrap=True
+    )
+    emit({"controller": controller, "sent": sent})
+
+
+@run.command
+def compare(
+    port: Port = None,
+    /,
+    *,
+    link: LinkOptions = _LINK,
+    prediction: Path,
+    rounds: options.WholeNumber = MIN_RUNS // 2,
+    lean: options.LeanLimit = 0.35,
+    out: options.Out,
+) -> None:
+    """Compare a study's controller with the one before it on the robot: runs in turn on the same course, A B A B.
+
+    What drifts from run to run, such as battery and floor, is not counted as a gain. Every run of the study's
+    controller is compared with the study's prediction, as `ballbot validate --prediction` does. Put the robot back to
+    its start before each run.
+
+    Example: ballbot run compare /dev/ttyACM0 --prediction found/results.json --out compared
+
+    Example: ballbot run compare --emulated --prediction found/results.json --out compared
+
+    Parameters
+    ----------
+    prediction
+        The results.json of a study, with controller.toml, previous_controller.toml and robot.toml beside it.
+    rounds
+        Runs of each controller, two or more.
+    """
+    if rounds < MIN_RUNS // 2:
+        raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
+    predicted = read_prediction(prediction)
+    described = Robot.load(prediction.with_name("robot.toml"))
+    files = [prediction.with_name(name) for name in ("previous_controller.toml", "controller.toml")]
+    controllers = [read_controller(path, described) for path in files]
+    check_controller(predicted, controllers[1])
+    names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
+    for name in names:
+        check_no_recording(out / f"{name}{SUFFIX}")
+    with open_result(
+        out,
+        command="run compare",
+        writes=[f"{name}.csv" for name in names],
+        inputs=[prediction, files, link.robot, link.scenario],
+        seed=link.seed,
+    ) as result:
+        logs = []
+        with connected(port, link) as connection:
+            about = _about_run(connection, result) | {"robot": described.name}
+            for k, name in enumerate(names):
+                result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
+                parameters = export_controller(controllers[k % 2], lean=lean).parameters
+                connection.robot.use_parameters(parameters)
+                course = live_reference(predicted.course.name)
+                commander = FollowReference(course, sample_time=connection.robot.sample_time)
+                recording = out / f"{name}{SUFFIX}"
+                made = _made(connection, commander, duration=predicted.course.duration, recording=recording)
+                _finish(connection, made)
+                result.console.print(made.ending.text, soft_wrap=True)
+                logs.append(made.whole_log())
+        performances = [performance_of(log, controllers[k % 2]) for k, log in enumerate(logs)]
+        verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
+        found, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
+        page = alternation_report(found, logs, controllers=compared, about=connection.words, origin=about)
+        written: dict[str, Content] = {
+            f"{name}.csv": log.write for name, log in zip(names, logs, strict=True)
+        }
+        step = {
+            "keep": f"go on with {files[1]}.",
+            "weaken": "`ballbot design ROBOT --compensation-gain 0.8 --out weaker`",
+            "revert": f"go back to {files[0]}.",
+        }[found.recommendation]
+        result.write(page, files=written, next_step=step)
+        for name in names:
+            (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
 
 
 def _record(
