@@ -57,4 +57,4 @@ def test_page_shows_every_command_against_the_emulated_robot():
     live = [words for words in commands_of(TUTORIAL + PAGE) if words[0] == "run"]
     assert all("--emulated" in words for words in live)
     shown = {words[1] for words in live if not words[1].startswith("-")}
-    assert shown == {"monitor", "wiring", "sweep", "upside-down", "send", "compare"}
+    assert shown == {"monitor", "wiring", "sweep", "upside-down", "compare"}

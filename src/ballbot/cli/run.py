@@ -12,7 +12,7 @@ from cyclopts import App
 from numpy.typing import NDArray
 
 from ballbot.cli import options
-from ballbot.cli.context import Content, open_result
+from ballbot.cli.context import CommandResult, Content, open_result
 from ballbot.cli.output import emit, notice_output, standard_output
 from ballbot.cli.robot_link import (
     Connection,
@@ -29,6 +29,7 @@ from ballbot.link.lines import bench_line, counts_line, sample_line
 from ballbot.link.live import (
     Commander,
     FollowReference,
+    LiveRun,
     Sample,
     TorqueProgram,
     recorded_run,
@@ -249,35 +250,6 @@ def _bench(
 
 
 @run.command
-def send(
-    port: Port = None,
-    /,
-    *,
-    link: LinkOptions = _LINK,
-    controller: Path,
-    lean: options.LeanLimit = 0.35,
-) -> None:
-    """Send a controller to a disarmed robot, which keeps it until it is switched off.
-
-    Example: ballbot run send /dev/ttyACM0 --robot found/robot.toml --controller found/controller.toml
-
-    Parameters
-    ----------
-    controller
-        A controller file.
-    """
-    read = ControllerOnRobot(controller=controller).read(link)
-    assert read is not None
-    with connected(port, link) as connection:
-        sent = connection.robot.use_parameters(export_controller(read, lean=lean).parameters)
-    text = "was sent; the self-test must pass before the robot arms" if sent else "is on the robot already"
-    standard_output().print(
-        f"{controller} {text}.\nNext: `ballbot run PORT --duration 32 --out run`", soft_wrap=True
-    )
-    emit({"controller": controller, "sent": sent})
-
-
-@run.command
 def compare(
     port: Port = None,
     /,
@@ -363,68 +335,91 @@ def _record(
     ramp: float = 0.0,
     controller: Path | None = None,
 ) -> None:
-    """Make a run, watched by the monitor, and write its log and results into a folder if there is one.
-
-    InputError if the link was lost, KeyboardInterrupt if it was interrupted; the log so far is written.
-    """
-    link, robot, described = connection.link, connection.robot, connection.link.described
-    recording = None if out is None else out / f"log{SUFFIX}"
+    """Make a run, and write its log and results into a folder if there is one; the log so far if the link is lost."""
+    recording, link = None if out is None else out / f"log{SUFFIX}", connection.link
     if recording is not None:
         check_no_recording(recording)
-    held, limit = isinstance(commander, TorqueProgram), robot.torque_limit
-    shown, line = Monitor(standard_output()), bench_line if held else sample_line
-
-    def watch(sample: Sample) -> None:
-        shown.show(sample.t, lambda: line(sample, torque_limit=limit))
-        if connection.camera is not None:
-            connection.camera.watch(sample.t)
-
-    inputs = [link.robot, controller, link.scenario]
-    with open_result(out, command="run", writes=["log.csv"], inputs=inputs, seed=link.seed) as result:
-        with shown:
-            made = recorded_run(
-                robot,
-                commander,
-                operator=connection.operator,
-                duration=duration,
-                ramp=ramp,
-                watch=watch,
-                recording=recording,
-            )
-        log = made.whole_log()
+    files = [link.robot, controller, link.scenario]
+    with open_result(out, command="run", writes=["log.csv"], inputs=files, seed=link.seed) as result:
+        made = _made(connection, commander, duration=duration, ramp=ramp, recording=recording)
+        log, held = made.whole_log(), isinstance(commander, TorqueProgram)
         summary: dict[str, object] = {}
         if held:
             log = connection.camera.added_to(bench_log(log)) if connection.camera else bench_log(log)
             summary["peak_wheel_speed"] = float(np.abs(log.wheel_speeds).max())
         elif settled(log, SETTLE).any():
-            summary["performance"] = Performance.of(log, torque_limit=limit)
+            summary["performance"] = Performance.of(log, torque_limit=connection.robot.torque_limit)
         results = {
             "rows": len(log),
-            "sample_time": robot.sample_time,
+            "sample_time": connection.robot.sample_time,
             "ended": made.ending.kind,
             "reason": made.ending.text,
             **summary,
-            "provenance": to_results(result.origin)
-            | {
-                "robot": described and described.name,
-                "port": connection.address,
-                "session": robot.session_name,
-                "parameters_sha256": sha256(robot.parameters.tobytes()).hexdigest(),
-            },
+            "provenance": _about_run(connection, result),
         }
         page = live_run_report(
-            log, described, held=held, ending=made.ending.text, about=connection.words, data=results
+            log,
+            link.described,
+            held=held,
+            ending=made.ending.text,
+            about=connection.words,
+            data=results,
         )
         step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`" if out else ""
         result.write(page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
         if recording is not None:
             recording.unlink(missing_ok=True)
-    refused = ""
-    if made.ending.kind not in ("interrupt", "link"):
-        refused = counts_line(robot.session.counts.refused, robot.refused_frames())
-    for words in filter(None, (made.trouble, refused)):
-        notice_output().print(words, style="yellow", soft_wrap=True)
+    _finish(connection, made)
+
+
+def _made(
+    connection: Connection,
+    commander: Commander,
+    *,
+    duration: float,
+    ramp: float = 0.0,
+    recording: Path | None = None,
+) -> LiveRun:
+    """Make a run, watched by the monitor; see `recorded_run`."""
+    monitor = Monitor(standard_output())
+    line = bench_line if isinstance(commander, TorqueProgram) else sample_line
+
+    def watch(sample: Sample) -> None:
+        monitor.show(sample.t, lambda: line(sample, torque_limit=connection.robot.torque_limit))
+        if connection.camera is not None:
+            connection.camera.watch(sample.t)
+
+    with monitor:
+        return recorded_run(
+            connection.robot,
+            commander,
+            operator=connection.operator,
+            duration=duration,
+            ramp=ramp,
+            watch=watch,
+            recording=recording,
+        )
+
+
+def _about_run(connection: Connection, result: CommandResult) -> dict[str, object]:
+    """Return the provenance of a log: how it was made, on which robot, with which parameters, in which session."""
+    described = connection.link.described
+    return to_results(result.origin) | {
+        "robot": described.name if described else None,
+        "port": connection.address,
+        "session": connection.robot.session_name,
+        "parameters_sha256": sha256(connection.robot.parameters.tobytes()).hexdigest(),
+    }
+
+
+def _finish(connection: Connection, made: LiveRun) -> None:
+    """Print what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
+    if made.trouble:
+        notice_output().print(made.trouble, style="yellow", soft_wrap=True)
     if made.ending.kind == "interrupt":
         raise KeyboardInterrupt("interrupted; the robot is disarmed.")
     if made.ending.kind == "link":
         raise InputError(made.ending.text)
+    refused = counts_line(connection.robot.session.counts.refused, connection.robot.refused_frames())
+    if refused:
+        notice_output().print(refused, style="yellow", soft_wrap=True)

@@ -8,5 +8,5 @@ league.py                 controllers against each other on the same courses wit
 excite.py                 an informative excitation for identification
 limits.py                 the largest tilts and impulses that a robot recovers from; what a reference demands
 robust_design.py          LQR weights for robots that differ from the one described
-record.py                 runs of the twin, into folders
+record.py                 a run of the twin, and the files that say how it was made
 """
