@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_nam
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.blocks import Block, Film, Paragraph, Result, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
+from ballbot.report.words import millimetres
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent
 from ballbot.twin.recording import Recording
@@ -33,7 +35,7 @@ from ballbot.workflows.metrics import (
     settled,
     settling_time,
 )
-from ballbot.workflows.record import RecordJob
+from ballbot.workflows.record import RecordJob, recording_results
 
 _DEGREES = math.degrees(1.0)
 _REFERENCES = ("ref_x", "ref_y", "ref_psi")
@@ -79,6 +81,10 @@ def simulation_report(
 
 
 _HELD = {"driveline_sweep": "the wheels in the air", "upside_down": "upside down with the ball on its wheels"}
+_NOT_A_ROBOT = (
+    "How the real robot runs: the twin has the faults of its scenario, and a robot has others. Compare a log with "
+    "`ballbot validate`."
+)
 
 
 def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Finding]) -> Result:
@@ -96,14 +102,45 @@ def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Fi
         title=f"{job.robot.name}: a run of the twin",
         lead=f"{lead}; scenario {job.scenario.name}, seed {job.seed}.",
         undecided=[
-            "How the real robot runs: the twin has the faults of its scenario, and a robot has others. Compare a log "
-            "with `ballbot validate`.",
-            "How much runs differ: this is one seed.",
+            _NOT_A_ROBOT,
+            "How much runs differ: this is one seed (--seeds records more).",
         ],
         held=held,
         ending=f"{float(log.t[-1] - log.t[0]):.1f} s were recorded." if held else "",
         findings=findings,
-        data={**({} if held else run_results(log)), **recording.results},
+        data=recording_results(job, recording),
+    )
+
+
+#: in the results of each run: the largest distance from the reference, and its root mean square [m]
+_DISTANCES = ("peak_position_error_whole_run", "rms_position_error_whole_run")
+
+
+def recordings_report(
+    job: RecordJob, runs: Mapping[str, Mapping[str, object]], findings: Sequence[Finding]
+) -> Result:
+    """Return the page of runs of several seeds, from the results of each by the name of its folder."""
+    early = sum(one["ended"] is not None for one in runs.values())
+    verdict = [("Runs", f"{len(runs)} runs of {job.duration:g} s; {early} ended early.")]
+    distances = {
+        name: [cast("float", one.get(key, np.nan)) for key in _DISTANCES] for name, one in runs.items()
+    }
+    peaks = np.array([peak for peak, _ in distances.values()])
+    if np.isfinite(peaks).any():
+        low, middle, high = map(millimetres, np.nanquantile(peaks, [0.0, 0.5, 1.0]))
+        text = f"From the reference, over the whole run: {low} to {high} mm, median {middle} mm."
+        verdict.append(("Largest distance", text))
+    rows = [(name, *map(millimetres, distances[name]), str(one["ended"] or "")) for name, one in runs.items()]
+    caption = "The distance is that of the true position from the reference, over the whole run."
+    headings = ("folder", "largest distance [mm]", "distance, RMS [mm]", "ended early")
+    return Result(
+        title=f"{job.robot.name}: {len(runs)} runs of the twin",
+        lead=f"Scenario {job.scenario.name}, experiment {job.experiment}, reference {job.reference}.",
+        verdict=verdict,
+        sections=[section("Each run", Sheet(headings=headings, rows=rows, caption=caption))],
+        undecided=[_NOT_A_ROBOT],
+        findings=findings,
+        data={"runs": runs},
     )
 
 
