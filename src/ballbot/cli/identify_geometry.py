@@ -94,9 +94,5 @@ def identify_geometry(
             )
             of_geometry.append(note("no-robot-file", text))
         page = geometry_report(found, of_geometry, robot=described, log_findings=findings)
-        step = (
-            f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
-            if files
-            else ""
-        )
-        result.write(page, files=files, next_step=step)
+        step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
+        result.write(page, files=files, next_step=step if files else "")

@@ -29,6 +29,7 @@ from ballbot.link.lines import bench_line, counts_line, sample_line
 from ballbot.link.live import (
     Commander,
     FollowReference,
+    LiveRun,
     Sample,
     TorqueProgram,
     recorded_run,
@@ -311,7 +312,12 @@ def _record(
         result.write(page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
         if recording is not None:
             recording.unlink(missing_ok=True)
-    refused = ""
+    _finish(connection, made)
+
+
+def _finish(connection: Connection, made: LiveRun) -> None:
+    """Print what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
+    robot, refused = connection.robot, ""
     if made.ending.kind not in ("interrupt", "link"):
         refused = counts_line(robot.session.counts.refused, robot.refused_frames())
     for words in filter(None, (made.trouble, refused)):

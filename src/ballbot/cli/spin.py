@@ -91,18 +91,13 @@ def spin(
             "--log needs --robot, because the ball's velocity is "
             "computed from the wheel speeds with the robot's geometry."
         )
-    turn = None
-    if camera.forward is not None:
-        if not math.isfinite(camera.forward):
-            raise InputError(f"--forward is {camera.forward:g}; it must be an angle in degrees.")
-        turn = facing(math.radians(camera.forward))
-    colour = None if camera.colour is None else _colour(camera.colour)
-    circle = None
+    turn = None if camera.forward is None else facing(math.radians(camera.forward))
+    colour, circle = camera.colour and _colour(camera.colour), None
     if camera.circle is not None:
-        place = "x,y,radius in pixels, such as 320,240,150"
-        x, y, radius = numbers_listed(camera.circle, "--circle", count=3, wanted=place)
+        wanted = "x,y,radius in pixels, such as 320,240,150"
+        x, y, radius = numbers_listed(camera.circle, "--circle", count=3, wanted=wanted)
         circle = (x, y, radius)
-    setup = Setup(seam=seam_named(camera.seam), colour=colour, circle=circle)
+    setup = Setup(seam=seam_named(camera.seam), colour=colour or None, circle=circle)
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
     findings = bench_findings(described, {str(log): run}) if described and run else ()
@@ -121,16 +116,10 @@ def spin(
         if run is not None and comparison is not None:
             files["log.csv"] = log_with_spin(run, found, comparison.clock).write
         files |= {"spin.csv": found.log().write, "overlay.png": (picture := overlay(found))}
-        page = spin_report(
-            found,
-            comparison,
-            video=video.name,
-            picture=picture,
-            log_findings=findings,
-        )
-        step = f"`ballbot identify-upside-down {robot} {result.path('log.csv')} --out found`"
-        if run is None:
-            step = "give the log of the run with --log and --robot."
+        page = spin_report(found, comparison, video=video.name, picture=picture, log_findings=findings)
+        step = "give the log of the run with --log and --robot."
+        if run is not None:
+            step = f"`ballbot identify-upside-down {robot} {result.path('log.csv')} --out found`"
         result.write(page, files=files, named=["spin.csv"], next_step=step)
 
 

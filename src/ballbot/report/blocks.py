@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 #: what people read of every result, and what programs read
 PAGE, RESULTS = "report.html", "results.json"
 #: a number alone or with its sign, interval or unit; what stands flush right in a table
-_NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \.\. .*)?|falls|no|none")
+_NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( to .*)?|falls|no|none")
 
 
 @dataclass(frozen=True, kw_only=True)

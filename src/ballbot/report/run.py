@@ -37,11 +37,8 @@ from ballbot.workflows.metrics import (
 from ballbot.workflows.record import RecordJob
 
 _DEGREES = math.degrees(1.0)
-_REFERENCES = ("ref_x", "ref_y", "ref_psi")
 #: names of lines
 _TRUE, _ON_BOARD = "true", "on board"
-#: of lengths [mm] and angles [deg] in words: what rounds to zero is zero
-_RESOLUTION = 1e-3
 
 
 def simulation_report(
@@ -229,7 +226,13 @@ def over_time(log: Log, robot: Robot | None) -> list[Block]:
     limit = () if robot is None else (-robot.drive.torque_limit, robot.drive.torque_limit)
     torques = _columns(log, torque_names(MAX_WHEELS))
     speeds = _columns(log, wheel_speed_names(MAX_WHEELS))
-    panels = [*pose_panels(log), *_error_panels(log)]
+    panels = pose_panels(log)
+    if _has_reference(log):
+        distance = Line("distance", 1e3 * position_error(log), "measured")
+        panels.append(Panel(label="distance from the reference [mm]", lines=[distance], from_zero=True))
+    if _has_lean(log):
+        lean = Line("lean", _DEGREES * leans(log), "measured")
+        panels.append(Panel(label="lean [deg]", lines=[lean], from_zero=True))
     if torques:
         reached = robot is not None and _largest(torques) > 0.5 * robot.drive.torque_limit
         panels.append(
@@ -261,18 +264,6 @@ def pose_panels(log: Log) -> list[Panel]:
         if lines:
             panels.append(Panel(label=label, lines=lines))
     return panels
-
-
-def _error_panels(log: Log) -> list[Panel]:
-    found = []
-    if _has_reference(log):
-        found.append(("distance from the reference [mm]", "distance", 1e3 * position_error(log)))
-    if _has_lean(log):
-        found.append(("lean [deg]", "lean", _DEGREES * leans(log)))
-    return [
-        Panel(label=label, lines=[Line(name, values, "measured")], from_zero=True)
-        for label, name, values in found
-    ]
 
 
 def _columns(log: Log, names: Sequence[str]) -> list[NDArray[np.float64]]:
@@ -334,7 +325,7 @@ def _largest_lean(log: Log) -> float:
 
 
 def _has_reference(log: Log) -> bool:
-    return all(name in log for name in (*_REFERENCES, "x", "y", "psi"))
+    return all(name in log for name in ("ref_x", "ref_y", "ref_psi", "x", "y", "psi"))
 
 
 def _mm(metres: float) -> str:
@@ -342,4 +333,4 @@ def _mm(metres: float) -> str:
 
 
 def _rounded(value: float) -> str:
-    return "0" if abs(value) < 0.5 * _RESOLUTION else digits(value, 2)
+    return "0" if abs(value) < 0.5e-3 else digits(value, 2)  # of lengths [mm] and angles [deg]

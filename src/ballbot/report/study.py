@@ -36,7 +36,7 @@ from ballbot.report.style import drawn_picture
 from ballbot.report.validation import undecided_by, validation_results, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
 from ballbot.robot.file import robot_text
-from ballbot.rounding import digits
+from ballbot.rounding import digits, interval
 from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
 from ballbot.validation.result import model_findings
@@ -179,7 +179,7 @@ def too_few(robots: int) -> str:
 
 def interval_words(estimate: MedianEstimate) -> str:
     """Return a median's interval in words; of fewer than six values the range, which is no 95 % interval."""
-    bounds = f"{digits(estimate.low)} to {digits(estimate.high)}"
+    bounds = interval(estimate.low, estimate.high)
     return f"95 % interval {bounds}" if estimate.runs >= MIN_RUNS else f"{bounds} in {estimate.runs} draws"
 
 
@@ -255,32 +255,40 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
     yield predicted_sheet(prediction)
 
 
+_STIFFNESS: tuple[Column[tuple[Stiffness, Variant, Trial]], ...] = (
+    Column(
+        "gain [N m/m]", lambda row: row[0].position_gain, lambda gain: digits(gain, 2), key="position_gain"
+    ),
+    Column(
+        "compensation",
+        lambda row: row[1].compensation,
+        lambda has: "full" if has else "none",
+        key="compensation",
+    ),
+    Column("observer", lambda row: row[1].observer, lambda has: "yes" if has else "no", key="observer"),
+    Column(None, lambda row: row[0].sensitivity, key="sensitivity"),
+    Column("peak [mm]", lambda row: row[2].peak.median, millimetres),
+    Column("falls", lambda row: row[2].falls),
+)
+
+
+def _of_every_gain(found: FrictionByStiffness) -> list[tuple[Stiffness, Variant, Trial]]:
+    return [(one, variant, trial) for one in found.gains for variant, trial in one.trials.items()]
+
+
 def _stiffness_section(found: FrictionByStiffness) -> Section:
     """Return the section on the peak error of each gain, with and without compensation and observer."""
-
-    def column(variant: Variant) -> Column[Stiffness]:
-        return Column(_variant_words(variant), lambda one: _reached(one.trials[variant]))
-
     caption = (
         f"Peak error on {found.course.duration:g} s of the {found.course.name} over the torque that a metre of error "
         f"asks of the wheels, up to that of the precise controller, {digits(found.precise_gain, 2)} N m/m, and beyond: "
         "medians over the simulated robots. All have the Kalman filter, shaped references with feed-forward and the "
         "lean limit; with the observer, integral action."
     )
-    columns = [
-        Column[Stiffness]("gain [N m/m]", lambda one: digits(one.position_gain, 2)),
-        *map(column, VARIANTS),
-    ]
     return details(
         "Where friction matters for this robot",
         Paragraph(text=stiffness_sentences(found)),
-        sheet_of(found.gains, columns, caption=caption),
+        sheet_of(_of_every_gain(found), _STIFFNESS, caption=caption),
     )
-
-
-def _variant_words(variant: Variant) -> str:
-    compensation = "full" if variant.compensation else "no"
-    return f"{compensation} compensation, {'observer' if variant.observer else 'no observer'}"
 
 
 def stiffness_sentences(found: FrictionByStiffness) -> str:
@@ -374,7 +382,7 @@ def _trial_columns(soft: Trial) -> Sequence[Column[tuple[str, Trial]]]:
         Column(
             "95 % interval",
             lambda row: [row[1].peak.low, row[1].peak.high],
-            lambda ends: " – ".join(map(millimetres, ends)),
+            lambda ends: interval(ends[0], ends[1], millimetres),
             key="peak_position_error_interval",
         ),
         Column(
@@ -409,17 +417,7 @@ def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
     stiffest = {plain.observer: found.stiffest(plain) for plain in VARIANTS if not plain.compensation}
     return {
         "course": found.course,
-        "gains": [
-            {
-                "position_gain": one.position_gain,
-                "compensation": variant.compensation,
-                "observer": variant.observer,
-                "sensitivity": one.sensitivity,
-                **_trial(trial),
-            }
-            for one in found.gains
-            for variant, trial in one.trials.items()
-        ],
+        "gains": [entries_of(row, _STIFFNESS) | _trial(row[2]) for row in _of_every_gain(found)],
         "verdicts": [
             {
                 "observer": observer,

@@ -35,7 +35,7 @@ from ballbot.report.style import (
 )
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.results import to_results
-from ballbot.rounding import digits, unit_heading
+from ballbot.rounding import digits, interval, unit_heading
 from ballbot.summary import counted
 from ballbot.validation import ErrorPair, ModelPair, Validation, findings
 from ballbot.validation.models import FINEST, Trajectories
@@ -261,12 +261,12 @@ def _residual_blocks(validation: Validation) -> Iterator[Block]:
 def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with what they lack."""
     names = validation.models.names
-    both, verdicts_of, interval = (
+    both, verdicts_of, ends = (
         (pair.first, pair.second),
         pair.verdicts(),
         np.transpose(pair.ratio_interval()),
     )
-    known = np.isfinite(interval[:, 0])
+    known = np.isfinite(ends[:, 0])
 
     def shown(value: float, rmse: float) -> str:
         return "≈ 0" if rmse <= FINEST else digits(value)  # no digits of what is only rounding
@@ -276,7 +276,7 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
             unit_heading(state_mark(name), STATE_UNITS[name]),
             *(shown(1e3 * one.error[i], one.rmse[i]) for one in both),
             digits(pair.ratio[i]),
-            " – ".join(map(digits, interval[i])) if known[i] else "too few",
+            interval(*ends[i]) if known[i] else "too few",
             verdicts_of[i] if known[i] else "–",
             *(shown(one.rmse[i], one.rmse[i]) for one in both),
         )
