@@ -68,7 +68,7 @@ def spin_report(
 
 
 def _comparison_sheet(comparison: WheelComparison) -> Sheet:
-    clock = signed(plus_minus(comparison.clock.offset, comparison.offset_half_width))
+    clock = signed(plus_minus(comparison.motion.clock.offset, comparison.motion.offset_half_width))
     rows = [
         ("clock of the video after the log's", clock, "s"),
         *(
@@ -141,13 +141,13 @@ def _data(
         "wheels": comparison
         and {
             "clock": {
-                "offset": comparison.clock.offset,
-                "offset_half_width": comparison.offset_half_width,
-                "rate": comparison.clock.rate,
+                "offset": comparison.motion.clock.offset,
+                "offset_half_width": comparison.motion.offset_half_width,
+                "rate": comparison.motion.clock.rate,
             },
             "forward": comparison.forward,
             "camera_tilt": comparison.tilt,
-            "rotation_half_width": comparison.rotation_half_width,
+            "rotation_half_width": comparison.motion.rotation_half_width,
             "rms_difference": comparison.rms,
             "rms_difference_of_peak": comparison.rms_share,
             "peak": comparison.peak,

@@ -148,10 +148,7 @@ def _active(plant: Plant | ModelLike, controller: ControllerLike, scenario: Scen
 def sample_count(duration: float, sample_time: float) -> int:
     """Return how many samples a duration has.
 
-    Raises
-    ------
-    InputError
-        If it is not at least one, or more than a log can hold.
+    InputError if it is not at least one, or more than a log can hold.
     """
     if not (np.isfinite(duration) and duration / sample_time > 0.5):
         raise InputError(

@@ -62,25 +62,12 @@ def replay_part(
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
-    Parameters
-    ----------
-    logs : Log or log file, or several in a list or a mapping
-        At most `MOST_RUNS`; time counts from each log's start. With an empty mapping the robots stand at rest.
-    robot : Robot, preset or robot file, or mapping of str to them
-        Of all logs, or of each by the log's name.
-    layout : {"side", "ghosts"}
-        How several logs are shown at first; the page can change it.
-    autoplay : bool
-        Whether it plays at once.
-    name : str
-        Different for each replay of a page.
-    colors : sequence of {"blue", "orange", "violet", "teal", "ink"}
-        Of the runs, as they are drawn in the figures beside the replay.
+    At most `MOST_RUNS` logs; time counts from each log's start. With an empty mapping the robots stand at rest. The
+    robot is that of all logs, or of each by the log's name. The page can change the layout; `name` differs for each
+    replay of a page; the runs have the colours in which the figures beside the replay draw them.
 
-    Raises
-    ------
-    InputError
-        If there is no robot or there are too many logs, or one cannot be shown (`ballbot.viewer.motion.motion_of`).
+    InputError if there is no robot or there are too many logs, or one cannot be shown
+    (`ballbot.viewer.motion.motion_of`).
     """
     data = _replay_data(logs, robot, layout=layout, autoplay=autoplay, colors=colors)
     return ReplayPart(
@@ -108,16 +95,7 @@ def replay_page(
     autoplay: bool = True,
     lead: str = "",
 ) -> str:
-    """Return a replay of logs as a whole page; see `replay_part`.
-
-    Parameters
-    ----------
-    logs, robot, layout, autoplay
-        As for `replay_part`.
-    title : str
-    lead : str
-        A sentence or two under the title.
-    """
+    """Return a replay of logs as a whole page, with a sentence or two as `lead` under the title; see `replay_part`."""
     part = replay_part(logs, robot, layout=layout, autoplay=autoplay)
     style = part.style + web_file("page.css")
     return _document(
