@@ -14,26 +14,13 @@ from numpy.typing import NDArray
 from ballbot.cli import options
 from ballbot.cli.context import open_result
 from ballbot.cli.output import emit, notice_output, standard_output
-from ballbot.cli.robot_link import (
-    Connection,
-    LinkOptions,
-    Monitor,
-    Port,
-    connected,
-)
+from ballbot.cli.robot_link import Connection, LinkOptions, Monitor, Port, connected
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
 from ballbot.link.lines import bench_line, counts_line, sample_line
-from ballbot.link.live import (
-    Commander,
-    FollowReference,
-    LiveRun,
-    Sample,
-    TorqueProgram,
-    recorded_run,
-)
+from ballbot.link.live import Commander, FollowReference, LiveRun, Sample, TorqueProgram, recorded_run
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
@@ -203,12 +190,7 @@ def sweep(
 
 @run.command
 def upside_down(
-    port: Port = None,
-    /,
-    *,
-    link: LinkOptions = _LINK,
-    duration: options.Positive = 60.0,
-    out: options.Out,
+    port: Port = None, /, *, link: LinkOptions = _LINK, duration: options.Positive = 60.0, out: options.Out
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
 

@@ -18,13 +18,7 @@ from ballbot.log.checks import bench_findings
 from ballbot.report.spin import spin_report
 from ballbot.robot import Robot
 from ballbot.vision.seam import seam_named
-from ballbot.vision.spin import (
-    compare_with_wheels,
-    facing,
-    log_with_spin,
-    measure_spin,
-    overlay,
-)
+from ballbot.vision.spin import compare_with_wheels, facing, log_with_spin, measure_spin, overlay
 from ballbot.vision.video import open_video
 
 _WRITTEN = ("spin.csv", "overlay.png", "log.csv")

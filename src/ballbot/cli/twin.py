@@ -25,12 +25,7 @@ twin = App(name="twin", help=ABOUT)
 
 @twin.command
 def export(
-    robot: options.Robot,
-    /,
-    *,
-    scenario: str = "nominal",
-    mounting: Mounting = "floor",
-    out: Path,
+    robot: options.Robot, /, *, scenario: str = "nominal", mounting: Mounting = "floor", out: Path
 ) -> None:
     """Write the twin as MJCF, for MuJoCo's viewer and other tools that read it.
 

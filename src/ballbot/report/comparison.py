@@ -19,14 +19,7 @@ from ballbot.log import Log
 from ballbot.report.blocks import Cell, Paragraph, Result, Section, Sheet, section
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
-from ballbot.report.style import (
-    LOOKS,
-    LineStyle,
-    drawn_picture,
-    label_of,
-    one_panel,
-    thinned,
-)
+from ballbot.report.style import LOOKS, LineStyle, drawn_picture, label_of, one_panel, thinned
 from ballbot.report.words import capital
 from ballbot.rounding import digits, interval, unit_heading
 from ballbot.summary import counted

@@ -430,10 +430,7 @@ def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
 
 
 #: the files of a study besides results.json and its page
-STUDY_FILES = (
-    "robot.toml",
-    *("controller.toml", "compensated_controller.toml", "previous_controller.toml"),
-)
+STUDY_FILES = ("robot.toml", *("controller.toml", "compensated_controller.toml", "previous_controller.toml"))
 
 _BASELINE = """\
 # The controller without friction compensation: to go back to if the new one does not do what was predicted. This

@@ -338,10 +338,7 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
 
 
 def correlation_figure(
-    labels: Sequence[str],
-    correlation: NDArray[np.float64],
-    *,
-    marked: NDArray[np.bool_] | None = None,
+    labels: Sequence[str], correlation: NDArray[np.float64], *, marked: NDArray[np.bool_] | None = None
 ) -> Figure:
     """Return a correlation matrix as a map with its numbers; what correlates with nothing is left out.
 
