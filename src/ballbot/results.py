@@ -61,8 +61,8 @@ def to_results(value: Dataclass | Mapping[str, object]) -> dict[str, object]:
     Parameters
     ----------
     value : dataclass or mapping
-        Its values may be dataclasses, mappings, sequences, arrays, paths, enums and complex numbers
-        ([real, imaginary]).
+        Its values may be dataclasses, mappings, sequences, arrays, paths, enums, rotations (quaternions wxyz) and
+        complex numbers ([real, imaginary]).
     """
     if isinstance(value, Mapping):
         return {str(name): plain(one) for name, one in value.items()}
@@ -101,6 +101,8 @@ def plain(value: object) -> object:
             return "Infinity" if value > 0.0 else "-Infinity"
     if is_dataclass(value) and not isinstance(value, type):
         return to_results(value)
+    if hasattr(value, "as_quat"):  # a rotation of SciPy's: its unit quaternion in the order wxyz
+        return plain(value.as_quat(canonical=True)[..., [3, 0, 1, 2]])  # pyright: ignore[reportAttributeAccessIssue]
     if hasattr(value, "to_dict"):  # a controller
         return plain(value.to_dict())  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(value, Sequence) and not isinstance(value, str):
