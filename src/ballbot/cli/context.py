@@ -112,7 +112,6 @@ class CommandResult:
         printed: Iterable[RenderableType] | None = None,  # what a terminal shows, if not the page's parts
         named: Sequence[str] = (),  # files whose places are printed before the page's
         next_step: str = "",  # what to do next, with its commands
-        paged: bool = True,  # whether the page is written
     ) -> None:
         """Write results.json, report.html and other files by their names, all of them or none; then print the page.
 
@@ -125,14 +124,14 @@ class CommandResult:
             from ballbot.report.page import render
 
             with self.folder.replaced() as new:
-                render(found, new, paged=paged)
+                render(found, new)
                 for name, content in files.items():
                     _write(new / name, content)
         emit(found.to_dict())
         parts = found.parts(brief=self.folder is not None) if printed is None else printed
         print_parts(parts, self.console)
         if self.folder is not None:
-            print_parts(map(self.path, (*named, PAGE if paged else RESULTS)), self.console)
+            print_parts(map(self.path, (*named, PAGE)), self.console)
         if next_step:
             print_parts([f"Next: {next_step}"], self.console)
 

@@ -30,11 +30,10 @@ from ballbot.viewer.page import hash_source, web_file
 _POWER = re.compile(r"\^(-?\d)\b")
 
 
-def render(result: Result, folder: Path, *, paged: bool = True) -> None:
-    """Write a result into a folder: its results.json, and its page unless it is not `paged`."""
+def render(result: Result, folder: Path) -> None:
+    """Write a result into a folder: its results.json and its page."""
     write_text(folder / RESULTS, results_text(result.to_dict()))
-    if paged:
-        write_text(folder / PAGE, page_of(result))
+    write_text(folder / PAGE, page_of(result))
 
 
 def page_of(report: Result) -> str:

@@ -226,8 +226,6 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     )
     yield sheet_of(choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption)
     yield position_error_series(choice.runs, "Distance from the reference over time on the first robot.")
-    if study.options.quick:
-        return
     shown = dict.fromkeys(("none", choice.chosen or "none"))
     try:
         part = replay_part(
