@@ -270,42 +270,43 @@ _STIFFNESS: tuple[Column[tuple[Stiffness, Variant, Trial]], ...] = (
 )
 
 
-def _of_every_gain(found: FrictionByStiffness) -> list[tuple[Stiffness, Variant, Trial]]:
-    return [(one, variant, trial) for one in found.gains for variant, trial in one.trials.items()]
+def _of_every_gain(stiffness: FrictionByStiffness) -> list[tuple[Stiffness, Variant, Trial]]:
+    return [(one, variant, trial) for one in stiffness.gains for variant, trial in one.trials.items()]
 
 
-def _stiffness_section(found: FrictionByStiffness) -> Section:
+def _stiffness_section(stiffness: FrictionByStiffness) -> Section:
     """Return the section on the peak error of each gain, with and without compensation and observer."""
+    course, precise = stiffness.course, digits(stiffness.precise_gain, 2)
     caption = (
-        f"Peak error on {found.course.duration:g} s of the {found.course.name} over the torque that a metre of error "
-        f"asks of the wheels, up to that of the precise controller, {digits(found.precise_gain, 2)} N m/m, and beyond: "
-        "medians over the simulated robots. All have the Kalman filter, shaped references with feed-forward and the "
-        "lean limit; with the observer, integral action."
+        f"Peak error on {course.duration:g} s of the {course.name} over the torque that a metre of error asks of the "
+        f"wheels, up to that of the precise controller, {precise} N m/m, and beyond: medians over the simulated "
+        "robots. All have the Kalman filter, shaped references with feed-forward and the lean limit; with the "
+        "observer, integral action."
     )
     return details(
         "Where friction matters for this robot",
-        Paragraph(text=stiffness_sentences(found)),
-        sheet_of(_of_every_gain(found), _STIFFNESS, caption=caption),
+        Paragraph(text=stiffness_sentences(stiffness)),
+        sheet_of(_of_every_gain(stiffness), _STIFFNESS, caption=caption),
     )
 
 
-def stiffness_sentences(found: FrictionByStiffness) -> str:
+def stiffness_sentences(stiffness: FrictionByStiffness) -> str:
     """Return how stiff the robot may be, and up to which stiffness compensation pays."""
-    plain, softest = VARIANTS[0], found.gains[0]
+    plain, softest = VARIANTS[0], stiffness.gains[0]
     runs = len(softest.trials[plain].scores)
     if runs < MIN_RUNS:
         return f"{too_few(runs)} where friction matters."
     pays = [
-        f"{words} {_paying(found, observer)}"
+        f"{words} {_paying(stiffness, observer)}"
         for observer, words in ((False, "without the observer"), (True, "with it"))
     ]
-    stiffest = found.stiffest(plain)
+    stiffest = stiffness.stiffest(plain)
     if stiffest is None:
         limit = f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
     else:
         beyond = "beyond, a run falls, the margins end or the error grows again"
-        if stiffest is found.gains[-1]:
-            beyond = "beyond, the margins end" if found.margins_end else "stiffer gains were not tried"
+        if stiffest is stiffness.gains[-1]:
+            beyond = "beyond, the margins end" if stiffness.margins_end else "stiffer gains were not tried"
         limit = (
             f"This robot may be as stiff as {_gain(stiffest)}, "
             f"{digits(stiffest.position_gain / softest.position_gain, 2)} times the soft gain: without compensation "
@@ -314,15 +315,15 @@ def stiffness_sentences(found: FrictionByStiffness) -> str:
     return f"{limit} Compensating the friction pays {', and '.join(pays)}."
 
 
-def _paying(found: FrictionByStiffness, observer: bool) -> str:
-    paying = found.pays_over(observer=observer)
+def _paying(stiffness: FrictionByStiffness, observer: bool) -> str:
+    paying = stiffness.pays_over(observer=observer)
     if not paying:
         return "at none of these gains"
     without, with_it = (
         paying[-1].trials[Variant(compensation=has, observer=observer)] for has in (False, True)
     )
     ratio = without.ratio_to(with_it)
-    from_on = "" if paying[0] is found.gains[0] else f"from {_gain(paying[0])} on "
+    from_on = "" if paying[0] is stiffness.gains[0] else f"from {_gain(paying[0])} on "
     return (
         f"{from_on}up to {_gain(paying[-1])} (there it makes the peak error {digits(ratio.median, 2)} times smaller, "
         f"{interval_words(ratio)})"
@@ -410,17 +411,19 @@ def _confirmation(made: Confirmation) -> dict[str, object]:
     }
 
 
-def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
+def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:
     """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
-    stiffest = {plain.observer: found.stiffest(plain) for plain in VARIANTS if not plain.compensation}
+    stiffest = {plain.observer: stiffness.stiffest(plain) for plain in VARIANTS if not plain.compensation}
     return {
-        "course": found.course,
-        "gains": [entries_of(row, _STIFFNESS) | _trial(row[2]) for row in _of_every_gain(found)],
+        "course": stiffness.course,
+        "gains": [entries_of(row, _STIFFNESS) | _trial(row[2]) for row in _of_every_gain(stiffness)],
         "verdicts": [
             {
                 "observer": observer,
                 "stiffest": one and one.position_gain,
-                "compensation_pays_over": [gain.position_gain for gain in found.pays_over(observer=observer)],
+                "compensation_pays_over": [
+                    gain.position_gain for gain in stiffness.pays_over(observer=observer)
+                ],
             }
             for observer, one in stiffest.items()
         ],
