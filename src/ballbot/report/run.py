@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results
-from ballbot.link.wiring import Turn, WiringCheck
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
@@ -19,7 +19,6 @@ from ballbot.report.blocks import Block, Column, Film, Paragraph, Result, Sheet,
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent
-from ballbot.twin.recording import Recording
 from ballbot.viewer.page import replay_part
 from ballbot.workflows.metrics import (
     BAND,
@@ -34,7 +33,11 @@ from ballbot.workflows.metrics import (
     settled,
     settling_time,
 )
-from ballbot.workflows.record import RecordJob
+
+if TYPE_CHECKING:  # the link and the twin are extras
+    from ballbot.link.wiring import Turn, WiringCheck
+    from ballbot.twin.recording import Recording
+    from ballbot.workflows.record import RecordJob
 
 _DEGREES = math.degrees(1.0)
 #: names of lines
