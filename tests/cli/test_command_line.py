@@ -44,6 +44,7 @@ REFUSALS = [
     ("design alten --robust --kind precise --out out", "searches for the weights of the nominal kind"),
     ("simulate alten --controller precice --out out", "'precise'"),
     ("simulate alten --controller nowhere.toml --out out", "'nowhere.toml'"),
+    ("record nominal --controller log.csv --out out", "log.csv"),
     ("simulate alten --controller precise --compensation full --out out", "leave one of them out."),
     ("simulate alten --format parquett --out out", "'parquet'"),
     ("simulate alten --reference triangle --out out", "There is no reference 'triangle'"),

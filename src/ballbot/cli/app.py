@@ -76,11 +76,7 @@ COMMANDS = (
     Command("limits", "Control", "Find the largest tilts and impulses that a robot recovers from."),
     Command("compare", "Experiments", "Compare controllers on the same courses and seeds."),
     Command("excite", "Experiments", "Design an informative excitation within limits; try it on the twin."),
-    Command(
-        "twin",
-        "Experiments",
-        "Write the twin's MuJoCo model or a scenario.",
-    ),
+    Command("twin", "Experiments", "Write the twin's MuJoCo model or a scenario."),
     Command("reproduce", "Thesis", "Reproduce the thesis's figures and tables."),
     Command("completion", "Help", "Print a script that completes commands and options in a shell."),
 )

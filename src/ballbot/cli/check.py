@@ -104,13 +104,12 @@ def check(
 
 
 def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:
-    if options.swing is None:
-        if options != _SWING:
-            raise InputError(
-                "--swing-column, --pivot-distance and --pivot-deviation "
-                "describe a swing; give the swing with --swing FILE."
-            )
+    if options == _SWING:
         return None
+    if options.swing is None:
+        raise InputError(
+            "--swing-column, --pivot-distance and --pivot-deviation describe a swing: give --swing FILE."
+        )
     from ballbot.identification.swing import Pivot
     from ballbot.workflows.robot_check import check_swing
 

@@ -14,31 +14,19 @@ from numpy.typing import NDArray
 from ballbot.cli import options
 from ballbot.cli.context import CommandResult, Content, open_result
 from ballbot.cli.output import emit, notice_output, standard_output
-from ballbot.cli.robot_link import (
-    Connection,
-    LinkOptions,
-    Monitor,
-    Port,
-    connected,
-)
+from ballbot.cli.robot_link import Connection, LinkOptions, Monitor, Port, connected
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
 from ballbot.link.lines import bench_line, counts_line, sample_line
-from ballbot.link.live import (
-    Commander,
-    FollowReference,
-    LiveRun,
-    Sample,
-    TorqueProgram,
-    recorded_run,
-)
+from ballbot.link.live import Commander, FollowReference, LiveRun, Sample, TorqueProgram, recorded_run
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.report.blocks import finding_line
-from ballbot.report.live import alternation_report, live_run_report, wiring_report
+from ballbot.report.live import alternation_report
+from ballbot.report.run import live_run_report, wiring_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
@@ -206,12 +194,7 @@ def sweep(
 
 @run.command
 def upside_down(
-    port: Port = None,
-    /,
-    *,
-    link: LinkOptions = _LINK,
-    duration: options.Positive = 60.0,
-    out: options.Out,
+    port: Port = None, /, *, link: LinkOptions = _LINK, duration: options.Positive = 60.0, out: options.Out
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
 

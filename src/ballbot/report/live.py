@@ -1,88 +1,17 @@
-"""The pages of a live robot: of a run, of its wiring, and of two controllers in turn."""
+"""The page of two controllers in turn on a live robot."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ballbot.findings import finding_results
-from ballbot.link.wiring import Turn, WiringCheck
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Column, Result, Sheet, entries_of, section, sheet_of
-from ballbot.report.run import run_report
+from ballbot.report.blocks import Bullets, Column, Result, Sheet, section, sheet_of
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
 from ballbot.results import to_results
-from ballbot.robot import Robot
 from ballbot.rounding import unit_heading
 from ballbot.workflows.alternation import Alternation
 from ballbot.workflows.controller_prediction import SHOWN
 from ballbot.workflows.metrics import position_error
-
-
-def live_run_report(
-    log: Log, robot: Robot | None, *, held: bool, ending: str, about: str, data: Mapping[str, object]
-) -> Result:
-    """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
-    undecided = ["How much runs differ: this is one. `ballbot run compare` makes several in turn."]
-    if not held:
-        undecided.insert(
-            0,
-            "Where the robot truly was: position and heading are those that it computes on board, and they drift.",
-        )
-    if robot is None:
-        undecided.append("What is a wheel's share of its limit: the robot is not described (--robot).")
-    return run_report(
-        log,
-        robot,
-        title="A run of a live robot",
-        lead=about,
-        undecided=undecided,
-        held=held,
-        ending=ending,
-        data=data,
-    )
-
-
-def wiring_report(check: WiringCheck, *, about: str) -> Result:
-    """Return the page of a wiring check."""
-    undecided = [
-        "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs."
-    ]
-    if not check.passed:
-        undecided.append(
-            "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
-        )
-    columns: list[Column[Turn]] = [
-        Column("the robot was", lambda one: one.movement.words, key="movement"),
-        Column("attitude [deg]", lambda one: one.attitude, _in_degrees, key="attitude"),
-        Column("wheels [deg]", lambda one: one.wheels, _in_degrees, key="wheels"),
-    ]
-    wrong = "" if check.passed else f" {check.findings[0].text}"
-    caption = (
-        "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
-    )
-    return Result(
-        title="Wiring of a robot",
-        lead=about,
-        verdict=[("", f"The wiring is {'not ' if wrong else ''}right.{wrong}")],
-        sections=[section("Turns by hand", sheet_of(check.turns, columns, caption=caption))],
-        undecided=undecided,
-        findings=check.findings,
-        accepted=False,
-        data={
-            "passed": check.passed,
-            "turns": [entries_of(one, columns) for one in check.turns],
-            "wheel_scales": check.wheel_scales,
-            "findings": finding_results(check.findings),
-        },
-    )
-
-
-def _in_degrees(angles: NDArray[np.float64]) -> str:
-    # zero is added to a rounded number so that it is never written as -0
-    return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
 
 
 def alternation_report(

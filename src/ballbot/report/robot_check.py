@@ -27,12 +27,7 @@ from ballbot.report.words import capital
 from ballbot.robot.figure import robot_figure
 from ballbot.summary import counted, pole_words
 from ballbot.workflows.reference_check import MARGIN_HEADINGS, margin_rows, reference_verdict
-from ballbot.workflows.robot_check import (
-    MATRICES,
-    MATRIX_EQUATIONS,
-    CheckedRobot,
-    PoleSpread,
-)
+from ballbot.workflows.robot_check import MATRICES, MATRIX_EQUATIONS, CheckedRobot, PoleSpread
 
 
 def robot_check_report(checked: CheckedRobot) -> Result:

@@ -5,22 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding
+from ballbot.findings import Finding, finding_results
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.blocks import Block, Film, Paragraph, Result, Sheet, section
+from ballbot.report.blocks import Block, Column, Film, Paragraph, Result, Sheet, entries_of, section, sheet_of
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.words import millimetres
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent
-from ballbot.twin.recording import Recording
 from ballbot.viewer.page import replay_part
 from ballbot.workflows.metrics import (
     BAND,
@@ -35,14 +34,15 @@ from ballbot.workflows.metrics import (
     settled,
     settling_time,
 )
-from ballbot.workflows.record import RecordJob, recording_results
+
+if TYPE_CHECKING:  # the link and the twin are extras
+    from ballbot.link.wiring import Turn, WiringCheck
+    from ballbot.twin.recording import Recording
+    from ballbot.workflows.record import RecordJob
 
 _DEGREES = math.degrees(1.0)
-_REFERENCES = ("ref_x", "ref_y", "ref_psi")
 #: names of lines
 _TRUE, _ON_BOARD = "true", "on board"
-#: of lengths [mm] and angles [deg] in words: what rounds to zero is zero
-_RESOLUTION = 1e-3
 
 
 def simulation_report(
@@ -108,8 +108,72 @@ def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Fi
         held=held,
         ending=f"{float(log.t[-1] - log.t[0]):.1f} s were recorded." if held else "",
         findings=findings,
-        data=recording_results(job, recording),
+        data={**({} if held else run_results(log)), **recording.results},
     )
+
+
+def live_run_report(
+    log: Log, robot: Robot | None, *, held: bool, ending: str, about: str, data: Mapping[str, object]
+) -> Result:
+    """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
+    undecided = ["How much runs differ: this is one. `ballbot run compare` makes several in turn."]
+    if not held:
+        undecided.insert(
+            0,
+            "Where the robot truly was: position and heading are those that it computes on board, and they drift.",
+        )
+    if robot is None:
+        undecided.append("What is a wheel's share of its limit: the robot is not described (--robot).")
+    return run_report(
+        log,
+        robot,
+        title="A run of a live robot",
+        lead=about,
+        undecided=undecided,
+        held=held,
+        ending=ending,
+        data=data,
+    )
+
+
+def wiring_report(check: WiringCheck, *, about: str) -> Result:
+    """Return the page of a wiring check."""
+    undecided = [
+        "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs."
+    ]
+    if not check.passed:
+        undecided.append(
+            "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
+        )
+    columns: list[Column[Turn]] = [
+        Column("the robot was", lambda one: one.movement.words, key="movement"),
+        Column("attitude [deg]", lambda one: one.attitude, _in_degrees, key="attitude"),
+        Column("wheels [deg]", lambda one: one.wheels, _in_degrees, key="wheels"),
+    ]
+    wrong = "" if check.passed else f" {check.findings[0].text}"
+    caption = (
+        "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
+    )
+    return Result(
+        title="Wiring of a robot",
+        lead=about,
+        verdict=[("", f"The wiring is {'not ' if wrong else ''}right.{wrong}")],
+        sections=[section("Turns by hand", sheet_of(check.turns, columns, caption=caption))],
+        undecided=undecided,
+        findings=check.findings,
+        accepted=False,
+        data={
+            "passed": check.passed,
+            "turns": [entries_of(one, columns) for one in check.turns],
+            "wheel_scales": check.wheel_scales,
+            "findings": finding_results(check.findings),
+        },
+    )
+
+
+def _in_degrees(angles: NDArray[np.float64]) -> str:
+    # zero is added to a rounded number so that it is never written as -0
+    return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
 
 
 #: in the results of each run: the largest distance from the reference, and its root mean square [m]
@@ -201,7 +265,13 @@ def over_time(log: Log, robot: Robot | None) -> list[Block]:
     limit = () if robot is None else (-robot.drive.torque_limit, robot.drive.torque_limit)
     torques = _columns(log, torque_names(MAX_WHEELS))
     speeds = _columns(log, wheel_speed_names(MAX_WHEELS))
-    panels = [*pose_panels(log), *_error_panels(log)]
+    panels = pose_panels(log)
+    if _has_reference(log):
+        distance = Line("distance", 1e3 * position_error(log), "measured")
+        panels.append(Panel(label="distance from the reference [mm]", lines=[distance], from_zero=True))
+    if _has_lean(log):
+        lean = Line("lean", _DEGREES * leans(log), "measured")
+        panels.append(Panel(label="lean [deg]", lines=[lean], from_zero=True))
     if torques:
         reached = robot is not None and _largest(torques) > 0.5 * robot.drive.torque_limit
         panels.append(
@@ -233,18 +303,6 @@ def pose_panels(log: Log) -> list[Panel]:
         if lines:
             panels.append(Panel(label=label, lines=lines))
     return panels
-
-
-def _error_panels(log: Log) -> list[Panel]:
-    found = []
-    if _has_reference(log):
-        found.append(("distance from the reference [mm]", "distance", 1e3 * position_error(log)))
-    if _has_lean(log):
-        found.append(("lean [deg]", "lean", _DEGREES * leans(log)))
-    return [
-        Panel(label=label, lines=[Line(name, values, "measured")], from_zero=True)
-        for label, name, values in found
-    ]
 
 
 def _columns(log: Log, names: Sequence[str]) -> list[NDArray[np.float64]]:
@@ -306,7 +364,7 @@ def _largest_lean(log: Log) -> float:
 
 
 def _has_reference(log: Log) -> bool:
-    return all(name in log for name in (*_REFERENCES, "x", "y", "psi"))
+    return all(name in log for name in ("ref_x", "ref_y", "ref_psi", "x", "y", "psi"))
 
 
 def _mm(metres: float) -> str:
@@ -314,4 +372,4 @@ def _mm(metres: float) -> str:
 
 
 def _rounded(value: float) -> str:
-    return "0" if abs(value) < 0.5 * _RESOLUTION else digits(value, 2)
+    return "0" if abs(value) < 0.5e-3 else digits(value, 2)  # of lengths [mm] and angles [deg]

@@ -137,7 +137,7 @@ def _data(
             "rms": np.sqrt(np.mean(spin.omega[known] ** 2, axis=0)),
             "median_standard_error": np.median(spin.errors[known], axis=0),
         },
-        "robot_camera_wxyz": spin.robot_camera.as_quat(canonical=True)[[3, 0, 1, 2]],
+        "robot_camera_wxyz": spin.robot_camera,
         "wheels": comparison
         and {
             "clock": {

@@ -80,7 +80,7 @@ class StudyOptions:
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
     draws: int = 100  #: robots on which the candidates are compared; a prediction needs 6
     confirm: bool = True  #: whether the twin confirms the choice, if its engine is installed
-    quick: bool = False  #: whether to stop at the verdict, without what shows where it comes from
+    quick: bool = False  #: whether to leave out where friction matters
 
 
 #: suits most logs
