@@ -16,12 +16,12 @@ from ballbot import Model, Robot
 from ballbot.mechanics.engine.convex import convex_block, problem_in
 from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
 from ballbot.mechanics.geometry import body_rates_matrix
-from ballbot.mechanics.stick_slip import minimise
 from tests.support.control_examples import FRICTION, alten, four_wheeled
 from tests.support.convex_problems import (
     KINDS,
     Kind,
     distance,
+    minimise,
     objective,
     random_problem,
     solve_conic,
@@ -45,7 +45,7 @@ def test_the_minimiser_is_no_worse_than_clarabel_s(shape: tuple[int, bool], seed
     """
     rng = np.random.default_rng(seed)
     problem = random_problem(rng, wheel_count=shape[0], pivoting=shape[1], kind=kind)
-    nu = minimise(*problem)
+    nu = minimise(problem)
     rest = objective(problem, np.zeros_like(nu))
     assert objective(problem, nu) <= objective(problem, solve_conic(problem)) + TOLERANCE * rest
 
@@ -57,8 +57,7 @@ def test_the_minimiser_of_friction_by_direction_is_clarabel_s(shape: tuple[int, 
     rng = np.random.default_rng(seed)
     problem = random_problem(rng, wheel_count=shape[0], pivoting=shape[1])
     backward = problem.limits * rng.uniform(0.0, 2.0, len(problem.limits))
-    both = np.stack([problem.limits, backward], axis=1)
-    nu = minimise(problem.M, problem.free, problem.C, both, problem.rolling, problem.h)
+    nu = minimise(problem, backward)
     conic = solve_conic(problem, backward)
     rest = objective(problem, np.zeros_like(nu), backward)
     assert objective(problem, nu, backward) <= objective(problem, conic, backward) + TOLERANCE * rest
@@ -67,7 +66,7 @@ def test_the_minimiser_of_friction_by_direction_is_clarabel_s(shape: tuple[int, 
     assert distance(problem, nu, conic) < 1e-4
     # and both directions matter: the symmetric law of the forward limits ends elsewhere, unless all is at rest
     if nu.any():
-        assert distance(problem, minimise(*problem), nu) > 1e-9 or (problem.C @ nu >= -1e-12).all()
+        assert distance(problem, minimise(problem), nu) > 1e-9 or (problem.C @ nu >= -1e-12).all()
 
 
 @given(shapes, st.integers(0, 2**32 - 1), st.sampled_from(KINDS))
@@ -79,7 +78,7 @@ def test_friction_s_power_is_that_of_its_limits_and_never_drives(
     rng = np.random.default_rng(seed)
     problem = random_problem(rng, wheel_count=shape[0], pivoting=shape[1], kind=kind)
     M, free, C, limits, rolling, h = problem
-    nu = minimise(*problem)
+    nu = minimise(problem)
     power = M @ (free - nu) @ nu / h
     law = limits @ np.abs(C @ nu) + rolling * np.hypot(nu[0], nu[1])
     # To first order, an error d of nu changes the power by (M (free - 2 nu) / h) . d and the law by at most

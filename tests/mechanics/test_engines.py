@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ballbot import Model, Robot
 from tests.support.constraint_elimination import NO_PIVOT, constrained, robot_acceleration
 from tests.support.freed_mechanism import rolling_motion
+from tests.support.normal_force import normal_force
 from tests.support.symbolic_oracle import random_robot, random_state
 
 # Required: 1e-8. Both sides are float64 and solve well-conditioned systems: 4e-14 was the worst seen
@@ -62,7 +63,7 @@ def test_accelerations_floor_force_mass_matrix_and_energy_equal_the_engine_s(
         assert relative_difference(model.acceleration(q, q_dot, u), expected) < TOLERANCE
         # linear momentum: the floor bears the robot with `normal_force`
         weight = (robot.ball.mass + robot.body.mass) * robot.gravity
-        upward = model.normal_force(q, q_dot, u)
+        upward = normal_force(model, q, q_dot, u)
         assert_allclose(solution.floor_force[:, 2], upward, rtol=0, atol=TOLERANCE * weight)
         units = [np.broadcast_to(unit, q_dot.shape) for unit in np.eye(q_dot.shape[1])]
         S = np.stack([rolling_motion(robot, q, unit, 0).velocities for unit in units], axis=2)

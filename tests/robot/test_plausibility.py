@@ -53,21 +53,10 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         "Did you mean wheels.tilt 0.785 rad (44.98 deg)?",
     ),
     "gear ratio": ({"drive__gear_ratio": 1e4}, "robot-drive", "drive.gear_ratio 1e+04 (usual: 1 to 200)"),
-    "gear ratio inverse": ({"drive__gear_ratio": 1 / 27.6}, "robot-drive", "drive.gear_ratio 0.03623"),
     "centre of mass in mm": (
         {"body__center_of_mass": 0.000393},
         "robot-body",
         "Did you mean body.center_of_mass 0.393 m?",
-    ),
-    "centre of mass in the ball": (
-        {"body__center_of_mass": 0.1},
-        "robot-body",
-        "0.909 ball radii above its centre",
-    ),
-    "inertia ten times": (
-        {"body__inertia": (43.7, 43.7, 1.93, 0, 0, 0)},
-        "robot-body",
-        "the radius of gyration about the centre of mass is",
     ),
     "torque limit in mN m": (
         {"drive__torque_limit": 0.006},
@@ -85,8 +74,6 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         "robot-wheels",
         "cut into each other",
     ),
-    "wheel ten times": ({"wheels__radius": 0.63}, "robot-wheels", "Check wheels.radius and ball.radius"),
-    "slow": ({"sensors__sample_time": 0.5}, "robot-balance", "of the time in which the body falls e-fold"),
     "sample time in us": (
         {"sensors__sample_time": 1.2e-5},
         "robot-sensors",

@@ -14,7 +14,7 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import change_pose, circle, hold
 from ballbot.estimation import named_estimator
 from ballbot.mechanics.engine.arrays import accelerations, wheel_speeds_at
-from ballbot.mechanics.engine.lanes import unpacked
+from ballbot.mechanics.engine.lanes import AHEAD, LANES, PASSED, unpacked
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, rotation_to, transforms
 from ballbot.robot.derived import encoder_step
 from ballbot.simulation.imperfections import Imperfections, Push, Supply, packed_on_floor
@@ -39,6 +39,11 @@ ROTOR = DRIVE.reflected_inertia
 PLAY = math.radians(1.0)
 #: turns the robot about the vertical alone
 TURNING = np.ones(3)
+
+
+def of_wheels(plant: SensedPlant, first: int) -> np.ndarray:
+    """Return a number of each wheel (n,) from the work array: its place in the play, or the torque passed on."""
+    return plant._block.work[first * LANES : (first + plant.robot.wheel_count) * LANES : LANES].copy()
 
 
 def torques_of(seed: int, samples: int, size: float = 0.3) -> np.ndarray:
@@ -128,11 +133,11 @@ def test_a_motor_crosses_its_play_in_the_time_that_its_inertia_takes():
     plant, torque = geared(FREE), 0.1
     for seed in range(5):
         plant.reset(seed=seed)
-        gaps = 0.5 * PLAY - plant.play_places
+        gaps = 0.5 * PLAY - of_wheels(plant, AHEAD)
         crossed = np.full(3, np.nan)
         for k in range(60):
             plant.step(torque * TURNING, 5e-4)
-            place = plant.play_places
+            place = of_wheels(plant, AHEAD)
             crossed[np.isnan(crossed) & (place >= 0.5 * PLAY - 1e-12)] = (k + 1) * 5e-4
         # the others' impacts move a wheel that is still waiting: only the first motor's crossing is its own
         first = np.argmin(gaps)
@@ -175,7 +180,7 @@ def test_motors_stay_within_their_play_and_push_only_at_its_stops(play, seed, si
         measured = plant.step(u, 5e-4)
         if measured.ended:
             return
-        place, force = plant.play_places, plant.transmitted
+        place, force = of_wheels(plant, AHEAD), of_wheels(plant, PASSED)
         assert np.all(np.abs(place) <= 0.5 * play * (1 + 1e-9) + 1e-12)
         # one step: a torque that is transmitted has its motor at that side's stop (rounding of the angles aside)
         assert np.all(np.abs(force[np.abs(place) < 0.5 * play - 1e-9]) == 0.0)

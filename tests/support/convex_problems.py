@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ballbot import Model
+from ballbot.mechanics.engine.compiled import compiled
+from ballbot.mechanics.stick_slip import minimiser
 from tests.support.control_examples import alten, four_wheeled
 
 #: what is drawn: from stuck to sliding; with some limits zero; with speeds down to 1e-12 of the usual; with steps of up
@@ -28,7 +30,7 @@ KINDS: tuple[Kind, ...] = ("usual", "some without friction", "tiny speeds", "hug
 
 
 class Problem(NamedTuple):
-    """The arguments of `minimise`, but for its guess."""
+    """A step's numbers."""
 
     M: NDArray[np.float64]  #: (m, m), m = 5, or 6 where the ball pivots
     free: NDArray[np.float64]  #: (m,) nu_free
@@ -36,6 +38,21 @@ class Problem(NamedTuple):
     limits: NDArray[np.float64]  #: (k,) g_i [N m]
     rolling: float  #: rho [N]
     h: float  #: [s]
+
+
+def minimise(problem: Problem, backward: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """Return the velocities (m,) by the compiled minimiser; `backward` (k,) are the limits of backward speeds."""
+    M, free, C, limits, rolling, h = problem
+    if backward is not None:  # an asymmetric box is a symmetric one about a force of its own
+        free = free - h * np.linalg.solve(M, C.T @ (0.5 * (limits - backward)))
+        limits = 0.5 * (limits + backward)
+    rows = [tuple(map(tuple, one.tolist())) for one in (M, C)]
+    return np.array(_minimise(rows[0], tuple(free.tolist()), rows[1], tuple(limits.tolist()), rolling, h))
+
+
+@compiled
+def _minimise(M, free, C, limits, rolling_force, h):
+    return minimiser(M, free, C, limits, rolling_force, h)
 
 
 def random_problem(

@@ -48,7 +48,8 @@ def new(
         out, name = Path(name), Path(name).stem
     if is_model_file(out or name):
         raise InputError(
-            f"{out or name} would be a model; write one with: ballbot twin export ROBOT --out {out or name}"
+            f"{out or name} would be a model; write one with: ballbot twin export ROBOT --out "
+            f"{Path(out or name).with_suffix('.xml')}"
         )
     path = out or Path(f"{name}.toml")
     if printable_line(name) != name:

@@ -71,14 +71,9 @@ class Transforms:
 def transforms(robot: Robot) -> Transforms:
     """Build the transformation matrices as Appendix II does: levers crossed with directions of force.
 
-    Two departures from print. (II.15) divides by r_w, which makes a velocity over ground into an angular one;
-    T_vgb is without that division, so that T_vgb Omega_ball = (x_dot, y_dot, 0). And the T_owb of four wheels
-    has no inverse: T_obw is then its pseudo-inverse, the ball's velocity of least squared error.
-
-    Parameters
-    ----------
-    robot
-        Its ball's and wheels' radii [m], azimuths and tilt [rad] are used.
+    Two departures from print. (II.15) divides by r_w, which makes a velocity over ground into an angular one; T_vgb is
+    without that division, so that T_vgb Omega_ball = (x_dot, y_dot, 0). And the T_owb of four wheels has no inverse:
+    T_obw is then its pseudo-inverse, the ball's velocity of least squared error.
     """
     r_b, r_w = robot.ball.radius, robot.wheels.radius
     n, t = contact_directions(robot.wheels), rolling_directions(robot.wheels)

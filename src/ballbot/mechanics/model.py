@@ -189,14 +189,9 @@ class Model:
         return mass_matrices(self.selected, self._parameters, real_array(q, ("...", 5), "q"))
 
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
-        """Return q_ddot (..., 5): rigid body and viscous friction b, without the set-valued friction.
+        """Return q_ddot (..., 5) under wheel torques u (..., n) [N m]: rigid body and viscous friction b only.
 
-        Parameters
-        ----------
-        q, q_dot : array_like (..., 5)
-            [m, rad] and [m/s, rad/s].
-        u : array_like (..., n)
-            Wheel torques [N m].
+        q (..., 5) is in m and rad, q_dot (..., 5) in m/s and rad/s.
         """
         n, m = self.robot.wheel_count, self.velocity_count
         q, q_dot, u = _alike((q, 5, "q"), (q_dot, m, "q_dot"), (u, n, "u"))
@@ -240,43 +235,12 @@ class Model:
         B[5:] = np.linalg.solve(M, W.T)
         return LinearModel(A=A, B=B)
 
-    def normal_force(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
-        """Return the floor's force on the ball (...) [N]: (m_b + m_r) g + m_r l d^2/dt^2 (cos theta cos phi).
-
-        If it is not positive, the robot would leave the floor and the model no longer holds.
-        """
-        q = real_array(q, ("...", 5), "q")
-        q_dot = real_array(q_dot, ("...", self.velocity_count), "q_dot")
-        q_ddot = self.acceleration(q, q_dot, u)
-        (st, ct), (sp, cp) = ((np.sin(q[..., i]), np.cos(q[..., i])) for i in (2, 3))
-        t, p = q_dot[..., 2], q_dot[..., 3]
-        height = (
-            -st * cp * q_ddot[..., 2]
-            - ct * sp * q_ddot[..., 3]
-            - ct * cp * (t**2 + p**2)
-            + 2 * st * sp * t * p
-        )
-        body = self.robot.body
-        return (
-            self.robot.ball.mass + body.mass
-        ) * self.robot.gravity + body.mass * body.center_of_mass * height
-
     def advance(self, state: ArrayLike, torques: ArrayLike, duration: float) -> NDArray[np.float64]:
-        """Return the state after `duration`, torques held: the friction really sticks.
+        """Return the state (10,), or (11,) where the ball pivots, after `duration` [s], torques (n,) [N m] held.
 
-        Parameters
-        ----------
-        state : array_like (10,), or (11,) where the ball pivots
-        torques : array_like (n,)
-            [N m]
-        duration : float
-            [s]; divided into equal inner steps not longer than `step`.
-
-        Raises
-        ------
-        InputError
-            If an array has another shape or a value that is not finite, the duration is not above zero, or the
-            state is past a lean of 1.2 rad, at which the simulation ends.
+        The friction really sticks. The duration is divided into equal inner steps not longer than `step`. InputError if
+        an array has another shape or a value that is not finite, the duration is not above zero, or the state is past a
+        lean of 1.2 rad, at which the simulation ends.
         """
         state = real_array(state, (5 + self.velocity_count,), "The state")
         torques = real_array(torques, (self.robot.wheel_count,), "The array of torques")
@@ -292,10 +256,7 @@ class Model:
     def steps_in(self, duration: float) -> int:
         """Return how many inner steps `duration` is divided into.
 
-        Raises
-        ------
-        InputError
-            If they are more than a hundred million, most of a minute's work.
+        InputError if they are more than a hundred million, most of a minute's work.
         """
         wanted = np.ceil(duration / self.step - 1e-9)
         if not wanted <= _MAX_STEPS:

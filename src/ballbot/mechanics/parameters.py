@@ -158,9 +158,7 @@ def _by_law(kind: type, law: FrictionLaw) -> type:
 def selector(
     formulation: Formulation, wheel_count: int, *, pivoting: bool = False, law: FrictionLaw | None = None
 ) -> Exact | Thesis | Pivoting:
-    """Return the value that selects the compiled equations.
-
-    A registered law of the wheels' friction takes the place of the classical one.
+    """Return the value that selects the compiled equations; a registered law takes the place of the classical one.
 
     InputError if the thesis's equations are asked for with a pivoting ball, which they do not have.
     """

@@ -30,11 +30,8 @@ energy. Here G and b are those above with each row multiplied by kappa h and kap
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import real_array, real_number
-from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.tracing import both, either, greatest, least, root, traced, where
 from ballbot.mechanics.engine.vector import inner, scale, solve_dense, summed
 
@@ -229,46 +226,14 @@ def still_where_held(v, s, limits, rolling_force):
     return v[0] * path, v[1] * path, v[2] * where(abs(s[-3]) < limits[-1], 0.0, 1.0)
 
 
-def minimise(
-    M: ArrayLike, free: ArrayLike, C: ArrayLike, limits: ArrayLike, rolling_force: float, h: float
-) -> NDArray[np.float64]:
-    """Return the velocities (like `free`) after a step h [s] with set-valued friction; exactly zero where all sticks.
-
-    M (5, 5) or (6, 6) is the mass matrix of (v_x, v_y, w_1, w_2, w_3) and, where the ball may pivot, its spin; `free`
-    the velocities that the step would end with without dry friction. The rows C (n, 5) or (n + 1, 6) give the wheel
-    speeds and the spin; `limits` are g_i and the largest pivoting friction [N m], not negative, or pairs of them for a
-    forward and for a backward speed. `rolling_force` is N C_rr [N], not negative.
-
-    InputError if shapes disagree, a number is not finite, or a friction or the step is negative.
-    """
-    mass = real_array(M, ("m", "m"), "The mass matrix")
-    m = len(mass)
-    if mass.shape not in ((5, 5), (6, 6)):
-        raise InputError(f"The mass matrix has the shape {mass.shape}; it must be (5, 5) or (6, 6).")
-    rows = real_array(C, ("contacts", m), "The array of the contacts' rows")
-    by_direction = np.ndim(limits) == 2
-    sizes = real_array(limits, (len(rows), 2)[: 1 + by_direction], "The array of friction limits")
-    end = real_array(free, (m,), "The array of free velocities")
-    rolls, step = real_number(rolling_force, "The rolling friction"), real_number(h, "The step")
-    if min(sizes.min(), rolls, step) < 0.0:
-        raise InputError(
-            "A friction limit, the rolling friction or the step is negative; each must be zero or more."
-        )
-    if by_direction:  # an asymmetric box is a symmetric one about a force of its own
-        end = end - step * np.linalg.solve(mass, rows.T @ (0.5 * (sizes[:, 0] - sizes[:, 1])))
-        sizes = 0.5 * sizes.sum(axis=1)
-    mass_rows, box_rows = tuple(map(tuple, mass.tolist())), tuple(map(tuple, rows.tolist()))
-    return np.array(_minimise(mass_rows, tuple(end.tolist()), box_rows, tuple(sizes.tolist()), rolls, step))
-
-
-@compiled
-def _minimise(M, free, C, limits, rolling_force, h):
-    return minimiser(M, free, C, limits, rolling_force, h)
-
-
 @inlined
 def minimiser(M, free, C, limits, rolling_force, h):
-    """Return the velocities of `minimise`, to compiled code."""
+    """Return the velocities after a step h [s] with set-valued friction, as tuples; exactly zero where all sticks.
+
+    M by rows is the mass matrix of (v_x, v_y, w_1, w_2, w_3) and, where the ball may pivot, its spin; `free` the
+    velocities that the step would end with without dry friction. The rows C give the wheel speeds and the spin;
+    `limits` are g_i and the largest pivoting friction [N m]; `rolling_force` is N C_rr [N].
+    """
     Y, G, b, rates = _problem(M, free, C, h)
     forces, s = found_forces(G, b, rates, limits, rolling_force)
     return _velocities(free, Y, forces, s, b, limits, rolling_force, h)

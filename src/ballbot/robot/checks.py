@@ -180,7 +180,8 @@ def check_number(
     if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
         raise InputError(f"{label} is {value!r}; it must be a {'whole ' if whole else ''}number.")
     number, least, most = float(value), parameter.least, parameter.most
-    statement = f"{label} is {_with_unit(number, parameter.unit)}"
+    unit = "" if parameter.unit == DIMENSIONLESS else f" {parameter.unit}"
+    statement = f"{label} is {number:g}{unit}"
     if not math.isfinite(number):
         raise InputError(f"{statement}; it must be finite.")
     if number < 0.0 <= least:
@@ -220,10 +221,6 @@ def _meant(number: float, si_unit: str, largest: float) -> str:
         if unit != si_unit and abs(converted) <= largest:
             return f"{number:g} {unit} ({converted:g} {si_unit})"
     return ""
-
-
-def _with_unit(number: float, unit: str) -> str:
-    return f"{number:g}" if unit == DIMENSIONLESS else f"{number:g} {unit}"
 
 
 def _check_ball(ball: Ball) -> None:

@@ -270,9 +270,7 @@ class Friction:
             start = tuple(self.dry_size(zeros, zeros).tolist())
         none = (0.0,) * len(start)
         shifts = zip(self.coulomb_asymmetry or none, self.stribeck_asymmetry or none, strict=True)
-        return (
-            start if self.is_plain else tuple(g + abs(d + e) for g, (d, e) in zip(start, shifts, strict=True))
-        )
+        return tuple(g + abs(d + e) for g, (d, e) in zip(start, shifts, strict=True))
 
     @staticmethod
     def none(wheel_count: int) -> Friction:

@@ -51,18 +51,15 @@ def body_shape(body: Body) -> BodyShape:
 
 def wheel_shapes(robot: Robot) -> list[WheelShape]:
     """Return the wheels in the order of their azimuths, touching the ball."""
-    reach = robot.ball.radius + robot.wheels.radius
-    return [_wheel_shape(azimuth, robot.wheels.tilt, reach) for azimuth in robot.wheels.azimuths]
-
-
-def _wheel_shape(azimuth: float, tilt: float, reach: float) -> WheelShape:
-    contact = np.array(
-        [math.cos(azimuth) * math.sin(tilt), math.sin(azimuth) * math.sin(tilt), math.cos(tilt)]
-    )
-    rolling = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
-    return WheelShape(
-        contact=contact, rolling=rolling, axle=np.cross(contact, rolling), center=reach * contact
-    )
+    reach, tilt, shapes = robot.ball.radius + robot.wheels.radius, robot.wheels.tilt, []
+    for azimuth in robot.wheels.azimuths:
+        contact = np.array(
+            [math.cos(azimuth) * math.sin(tilt), math.sin(azimuth) * math.sin(tilt), math.cos(tilt)]
+        )
+        rolling = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
+        axle = np.cross(contact, rolling)
+        shapes.append(WheelShape(contact=contact, rolling=rolling, axle=axle, center=reach * contact))
+    return shapes
 
 
 def row_offsets(wheels: Wheels) -> NDArray[np.float64]:

@@ -229,7 +229,11 @@ def friction_law(text: str) -> FrictionLaw | None:
     path, _, name = text.rpartition(":")
     file = Path(path).resolve() if path.endswith(".py") else None
     if file and (name not in _LAWS or _LAWS[name].file != file):
-        _run(file)
+        _LOADING["file"] = file
+        try:
+            user_module(file)
+        finally:
+            del _LOADING["file"]
         if name in _LAWS and _LAWS[name].file != file:
             raise InputError(
                 f"{path} and another file or program register a friction law {name}; rename one of them."
@@ -243,12 +247,3 @@ def friction_law(text: str) -> FrictionLaw | None:
         f"There is no friction law {text!r}; {hint} Register it with ballbot.register_friction_law, or name the Python "
         "file that does, as FILE.py:NAME."
     )
-
-
-def _run(file: Path) -> None:
-    """Run a file that registers laws."""
-    _LOADING["file"] = file
-    try:
-        user_module(file)
-    finally:
-        del _LOADING["file"]

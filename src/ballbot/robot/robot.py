@@ -28,6 +28,7 @@ from ballbot.robot.components import (
     Sensors,
     Wheels,
     deviation_labels,
+    parameters_of_robot,
 )
 from ballbot.robot.file import read_robot, write_robot
 from ballbot.robot.parameters import Value, build, to_si, value_of
@@ -201,15 +202,13 @@ class Robot(RobotValues):
     def summary(self) -> Summary:
         """Return the robot's main parameters, and where they came from."""
         kinds = Counter(source.partition(":")[0] for source in self.sources.values())
-        tables = dict.fromkeys(one.table for one in PARAMETERS)
-        rows = [(table or "robot", _stated(self, table)) for table in tables if table != "friction"]
+        tables = dict.fromkeys(one.table for one in parameters_of_robot(self))
         sources = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         stated = f"of {len(self.standard_deviations)} parameters" if self.standard_deviations else "none"
         return Summary(
             title=f"Robot {self.name}: {self.wheel_count} wheels",
             rows=(
-                *rows,
-                *friction_rows(self.friction),
+                *((table or "robot", _stated(self, table)) for table in tables),
                 ("sources", sources or "none"),
                 ("standard deviations", stated),
             ),
@@ -222,42 +221,19 @@ class Robot(RobotValues):
 
 def _stated(robot: Robot, table: str) -> str:
     """Return the values in a table of a robot file, in the file's units: radius 0.11 m, mass 3 kg."""
+    if table == "friction" and robot.friction == Friction.none(robot.wheel_count):
+        return "none"
     said = []
-    for one in PARAMETERS:
-        if one.table == table:
-            values = np.atleast_1d(value_of(robot, one)) / to_si(1.0, one.written_in, one.unit)
+    for one in parameters_of_robot(robot):
+        if one.table == table and (value := value_of(robot, one)) != ():
+            values = np.atleast_1d(value) / to_si(1.0, one.written_in, one.unit)
             said.append(f"{one.key} {listed(values, one.written_in.removesuffix('1'), digits=4)}")
     if table == "body.inertia":
         centre = "ball's centre" if robot.body.inertia_about == "ball_center" else "centre of mass"
         said.append(f"about the {centre}")
+    if table == "friction.own":
+        said.append(f"law {robot.friction.law}")
     return ", ".join(said)
-
-
-def friction_rows(friction: Friction) -> tuple[tuple[str, str], ...]:
-    """Return a row of a summary for each kind of friction."""
-    if friction == Friction.none(len(friction.viscous)):
-        return (("friction", "none"),)
-    wheels = [
-        ("viscous friction", listed(friction.viscous, "N m s/rad")),
-        ("Coulomb friction", listed(friction.coulomb, "N m")),
-        (
-            "Stribeck friction",
-            f"{listed(friction.stribeck, 'N m')}; speed {friction.stribeck_speed:.3g} rad/s, exponent "
-            f"{friction.stribeck_exponent:.3g}",
-        ),
-        ("rolling friction", f"C_rr = {friction.rolling:.3g}"),
-    ]
-    more = {
-        "Coulomb asymmetry": (friction.coulomb_asymmetry, "N m"),
-        "Stribeck asymmetry": (friction.stribeck_asymmetry, "N m"),
-        "friction by load": (friction.load, ""),
-    }
-    law = friction.own_law
-    if law is not None:
-        wheels.append(("friction law", f"b w + ({law.formula}) sgn(w)"))
-        for name, value in friction.own:
-            wheels.append((name, listed(np.atleast_1d(value), BY_NAME[f"friction.own.{name}"].unit)))
-    return (*wheels, *((name, listed(values, unit)) for name, (values, unit) in more.items() if any(values)))
 
 
 #: a robot, the name of a preset, or the path of a robot file

@@ -112,13 +112,12 @@ def _within(robot: Robot, one: Uncertain, amount: float) -> float:
     A number with an interval stays within it.
     """
     parameter = BY_NAME[one.name]
+    value = float(numbers_of(value_of(robot, parameter))[one.place])
     if one.label in robot.intervals:
-        value = float(numbers_of(value_of(robot, parameter))[one.place])
         least, most = robot.intervals[one.label]
         return min(max(amount, least - value), most - value)
     if parameter.table != "friction" or parameter.least < 0.0:
         return amount
-    value = float(numbers_of(value_of(robot, parameter))[one.place])
     least = parameter.least if parameter.least_is_allowed else _LEAST_SHARE * value
     return max(amount, least - value)
 

@@ -74,10 +74,7 @@ class Verdict:
 
 def _models(source: ModelLike | Sequence[ModelLike]) -> list[Model]:
     """Return the models; one compiled call steps them all."""
-    if isinstance(source, Sequence) and not isinstance(source, str):
-        models = [as_model(one) for one in source]
-    else:
-        models = [as_model(source)]
+    models = [as_model(one) for one in _listed(source)]
     if not models:
         raise InputError("The sequence of models is empty; give one model, or one for each lane.")
     kinds = {(one.formulation, one.step, one.pivots) for one in models}
@@ -87,12 +84,6 @@ def _models(source: ModelLike | Sequence[ModelLike]) -> list[Model]:
             "step, and all or none a pivoting ball."
         )
     return models
-
-
-def _controllers(source: ControllerLike | Sequence[ControllerLike], robot: Robot) -> list[Feedback]:
-    if isinstance(source, Sequence) and not isinstance(source, str):
-        return [as_controller(one, robot) for one in source]
-    return [as_controller(source, robot)]
 
 
 def simulate_batch(
@@ -145,7 +136,7 @@ def simulate_batch(
     """
     models = _models(model)
     robots = [one.robot for one in models]
-    controllers = _controllers(controller, robots[0])
+    controllers = [as_controller(one, robots[0]) for one in _listed(controller)]
     initial = checked_states(initial_state_of(0) if initial_states is None else initial_states)
     borne = _listed(imperfections)
     lanes = _lanes(
@@ -345,7 +336,10 @@ def _loops(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the rows of `loop_record`, and those of `filter_row`, none without a Kalman filter."""
     if not borne:
-        return _perfect(sample_time), np.empty((0, 0))
+        # the controllers see the true state and the drives have no limits of their own
+        record = LOOP.zeros()
+        fill_record(record, LoopRecord(sample_time=sample_time))
+        return record.view(np.float64)[None], np.empty((0, 0))
     many = max(len(borne), len(robots), len(controllers))
     loops, filters, made, known = [], [], {}, {}
     for k in range(many):
@@ -364,13 +358,6 @@ def _loops(
         c.estimator == "kalman" for c in controllers
     )
     return np.array(loops), np.array(filters) if needed else np.empty((0, 0))
-
-
-def _perfect(sample_time: float) -> NDArray[np.float64]:
-    """Return the row of a robot whose controller sees the true state and whose drive has no limits of its own."""
-    record = LOOP.zeros()
-    fill_record(record, LoopRecord(sample_time=sample_time))
-    return record.view(np.float64)[None]
 
 
 def _on_floors(models: Sequence[Model], borne: Sequence[Imperfections]) -> NDArray[np.float64]:

@@ -58,7 +58,10 @@ class HeldRobot:
         self._suite = SensorSuite(self._robot, self._sensors)
         self._ball = _ball_under_hand(self._robot, hold)
         self._limits = DriveLimits(robot)
-        curve = _speed_limit(robot)
+        drive = robot.drive  # a free wheel has the same limit as `DriveLimits`
+        curve = TorqueSpeedCurve(
+            no_load_speed=drive.top_speed, stall_torque=drive.torque_limit / FALLING_PART
+        )
         self._lines = [Driveline.of_wheel(robot, i, speed_limit=curve) for i in range(robot.wheel_count)]
         self.reset()
 
@@ -185,12 +188,6 @@ class HeldRobot:
             attitude=attitude_read,
             truth=truth,
         )
-
-
-def _speed_limit(robot: Robot) -> TorqueSpeedCurve:
-    """Return the supply's limit of a free wheel, the same as that of `DriveLimits`."""
-    drive = robot.drive
-    return TorqueSpeedCurve(no_load_speed=drive.top_speed, stall_torque=drive.torque_limit / FALLING_PART)
 
 
 def _ball_under_hand(robot: Robot, hold: Hold) -> ClampedBall | None:

@@ -16,7 +16,6 @@ from ballbot.control.law import LAW_TYPE
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName
-from ballbot.mechanics.engine.lanes import AHEAD, LANES, PASSED
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.equations import LARGEST_LEAN
@@ -110,20 +109,6 @@ class SensedPlant:
     def motor_speeds(self) -> NDArray[np.float64]:
         """Speeds (n,) of the motors at the wheels [rad/s]."""
         return self._block.encoders[0, self.robot.wheel_count :].copy()
-
-    @property
-    def play_places(self) -> NDArray[np.float64]:
-        """How far each motor is ahead of its wheel (n,) [rad]; zero without play."""
-        return self._rows(AHEAD)
-
-    @property
-    def transmitted(self) -> NDArray[np.float64]:
-        """Torques (n,) that gears with play pass on to the wheels in the last step [N m]."""
-        return self._rows(PASSED)
-
-    def _rows(self, first: int) -> NDArray[np.float64]:
-        """Return a number of each wheel (n,) from the work array."""
-        return self._block.work[first * LANES : (first + self.robot.wheel_count) * LANES : LANES].copy()
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
         """Start at t = 0 from a true state (10,), by default upright at rest at the origin, and return the measurement.

@@ -25,7 +25,11 @@ class Engine:
 
     def __init__(self, document: str) -> None:
         self._mujoco = mujoco = _mujoco()
-        self.model = _compiled(mujoco, document, refusal="MuJoCo cannot simulate this robot in this scenario")
+        try:
+            self.model = mujoco.MjModel.from_xml_string(document)  # pyright: ignore[reportAttributeAccessIssue]
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise InputError(f"MuJoCo cannot simulate this robot in this scenario: {reason}.") from None
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
         self._step = mujoco.mj_step  # pyright: ignore[reportAttributeAccessIssue]
         self.timestep = float(self.model.opt.timestep)
@@ -46,11 +50,6 @@ class Engine:
     def step(self) -> None:
         """Advance by one timestep."""
         self._step(self.model, self.data)
-
-    @property
-    def contacts(self) -> int:
-        """Number of contacts found by the last step."""
-        return int(self.data.ncon)
 
     def pressures(self, groups: NDArray[np.intp], count: int) -> NDArray[np.float64]:
         """Return the sums (count,) of the last step's normal forces [N] over `count` groups of geoms.
@@ -105,14 +104,6 @@ def _mujoco():  # the module has no types
     except ImportError:
         raise missing_package("The twin", "MuJoCo", extra="twin") from None
     return mujoco
-
-
-def _compiled(mujoco, document: str, *, refusal: str):  # its classes have no types
-    try:
-        return mujoco.MjModel.from_xml_string(document)
-    except ValueError as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{refusal}: {reason}.") from None
 
 
 def foreign_model(document: str, *, source: str):  # MjModel and MjData have no types

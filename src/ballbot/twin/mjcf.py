@@ -204,18 +204,11 @@ _ALUMINIUM = 2700.0  # [kg/m^3]
 def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor") -> str:
     """Return the MJCF document (XML) of a robot in a scenario.
 
-    Friction that depends on speed is not in it: `ballbot.twin.driveline` sets that at each step, so in
-    MuJoCo's own viewer the drivelines have their friction at rest. Motors, supply, pushes, bumps and timing
-    are not in it either.
+    Upside down, the world's frame is the body's: z points down, and so does gravity along it. Friction that depends on
+    speed is not in the document: `ballbot.twin.driveline` sets that at each step, so in MuJoCo's own viewer the
+    drivelines have their friction at rest. Motors, supply, pushes, bumps and timing are not in it either.
 
     InputError if the scenario does not fit the robot, or the robot's wheels do not fit its body.
-
-    Parameters
-    ----------
-    robot : Robot
-    scenario : Scenario
-    mounting : {"floor", "stand", "upside_down"}
-        Upside down, the world's frame is the body's: z points down, and so does gravity along it.
     """
     check_scenario(scenario, robot)
     root = _document(robot, scenario, mounting)

@@ -23,7 +23,6 @@ from importlib.util import find_spec
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.control.controller import Controller
@@ -64,12 +63,13 @@ class MotionCapture:
         tilt_x, tilt_y = random.normal(0.0, 0.01, 2)  # frame's tilt: N(0, 0.01 rad) about each level axis
         heading = random.uniform(-np.pi, np.pi)  # frame's heading: U(-pi, pi)
         rotation = Rotation.from_euler("XYZ", [tilt_x, tilt_y, heading])
+        x, y, z, w = rotation.as_quat().tolist()
         origin = random.uniform(-2.0, 2.0, 3)  # place: U(-2 m, 2 m) along each axis
         return MotionCapture(
             seed=seed,
             rate=120.0,
             origin=(float(origin[0]), float(origin[1]), float(origin[2])),
-            rotation_wxyz=_wxyz(rotation),
+            rotation_wxyz=(w, x, y, z),
             clock_offset=float(random.uniform(2.0, 6.0)),  # cameras started first: U(2 s, 6 s)
             clock_rate=float(random.normal(0.0, 2e-5)),  # two quartz clocks: N(0, 20 ppm)
             position_noise=2e-4,
@@ -94,22 +94,14 @@ class MotionCapture:
         centers += self.position_noise * random.standard_normal(centers.shape)
         angles = np.column_stack((pose["theta"], pose["phi"], pose["psi"]))
         wobble = Rotation.from_rotvec(self.orientation_noise * random.standard_normal(centers.shape))
-        quaternions = _continuous((camera_world * Rotation.from_euler("XYZ", angles) * wobble).as_quat())
+        quaternions = (camera_world * Rotation.from_euler("XYZ", angles) * wobble).as_quat()
+        # the sign of each next to its predecessor's
+        turned = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0, -1.0, 1.0)
+        quaternions *= np.concatenate(([1.0], np.cumprod(turned)))[:, None]
         columns = {"t": (1.0 + self.clock_rate) * t + self.clock_offset}
         columns |= dict(zip("xyz", centers.T, strict=True))
         columns |= {name: quaternions[:, i] for name, i in (("qw", 3), ("qx", 0), ("qy", 1), ("qz", 2))}
         return Log(columns)
-
-
-def _wxyz(rotation: Rotation) -> tuple[float, float, float, float]:
-    x, y, z, w = rotation.as_quat().tolist()
-    return w, x, y, z
-
-
-def _continuous(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions (N, 4) with the sign of each next to its predecessor's."""
-    turned = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0, -1.0, 1.0)
-    return quaternions * np.concatenate(([1.0], np.cumprod(turned)))[:, None]
 
 
 #: balancing along a reference; the thesis's two experiments with the robot held

@@ -21,7 +21,6 @@ from ballbot.errors import InputError, suggest
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_parameters
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameter_class, parameters_of, table
-from ballbot.robot.robot import friction_rows
 from ballbot.simulation.imperfections import Push, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.summary import Summary, listed, summarized
@@ -125,10 +124,10 @@ class Scenario:
 
     def summary(self) -> Summary:
         """Return the faults that are on with their sizes, and what is not as in most scenarios."""
-        rows = [*friction_rows(self.friction)]
+        rows = []
         for one in fields(self):
             value = getattr(self, one.name)
-            if one.name not in ("name", "friction", "sensors") and value != one.default and value:
+            if one.name not in ("name", "sensors") and value != one.default and value:
                 rows.append((one.name.replace("_", " "), _sizes(value, one.name)))
         rows.append(("sensors", _sizes(self.sensors, "sensors")))
         return Summary(title=f"Scenario {self.name} of a twin: what is on", rows=tuple(rows))

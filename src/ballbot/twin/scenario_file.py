@@ -71,6 +71,11 @@ def scenario_of(tree: Mapping[str, object], robot: RobotLike, *, default_name: s
     if not isinstance(base, str):
         raise InputError(f"base is {base!r}; it must be a text in quotes, such as {Scenario.names()[0]!r}.")
     start = Scenario.named(base, robot)
+    # files of earlier versions have it as zero
+    if changes.pop("asymmetry", 0.0) != 0.0:
+        raise InputError(
+            "asymmetry is gone: give coulomb_asymmetry and stribeck_asymmetry in [friction] [N m]."
+        )
     values = _merged(asdict(start), {"name": default_name, **changes})
     scenario = validate_table(Scenario, values, of="a scenario file")
     check_scenario(scenario, as_robot(robot))

@@ -191,29 +191,24 @@ class Twin:
             fix=self.scenario.fix,
         )
         self._estimator = estimator or OnboardState(robot, sample_time=sensors.sample_time)
-        self._lay_out_views()
+        engine = self.engine  # the coordinates of ball and body among MuJoCo's
+        ball, body = engine.first_position("ball"), engine.first_position("body")
+        self._ball_position = engine.qpos[ball : ball + 3]
+        self._body_pose = engine.qpos[body : body + 7]
+        ball, body = engine.first_velocity("ball"), engine.first_velocity("body")
+        self._ball_velocity = engine.qvel[ball : ball + 6]
+        self._body_velocity = engine.qvel[body : body + 6]
         self._random = np.random.default_rng(0)
         self._t = 0.0
         self._samples = 0
         self._psi = 0.0
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
-        """Set the robot to a state at t = 0 and return the measurement.
+        """Set the robot to a true state (10,) at t = 0, by default upright at rest; return the measurement.
 
-        The wheels' angles, the position of each gearbox within its play and all noise follow from the seed. Wheels
-        start at the speeds of the state.
-
-        Parameters
-        ----------
-        initial_state : array (10,) or None
-            True state; None is upright at rest at the origin.
-        seed : int
-            Random seed. The same seed gives the same run, bit for bit.
-
-        Raises
-        ------
-        InputError
-            If the state is not ten finite numbers.
+        The wheels' angles, the position of each gearbox within its play and all noise follow from the seed: the same
+        seed gives the same run, bit for bit. Wheels start at the speeds of the state. InputError if the state is not
+        ten finite numbers.
         """
         state = (
             np.zeros(10) if initial_state is None else real_array(initial_state, (10,), "The initial state")
@@ -238,19 +233,10 @@ class Twin:
         return self._measure()
 
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
-        """Hold the torques for a duration and return the measurement at its end.
+        """Hold commanded torques (n,) [N m] for whole sample times [s]; return the measurement at the end.
 
-        Parameters
-        ----------
-        torques : array (n,)
-            Commanded torques at the wheels [N m], before noise, torque limit and supply limit.
-        duration : float
-            A whole number of the sensors' sample times [s]; the sensors are read at each.
-
-        Raises
-        ------
-        InputError
-            If the torques are not n finite numbers, or the duration is not a whole number of sample times.
+        The sensors are read at each sample; noise, torque limit and supply limit come upon the torques. InputError if
+        they are not n finite numbers, or the duration is not a whole number of sample times.
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
@@ -260,16 +246,6 @@ class Twin:
             self._measure()
         self._advance(held)
         return self._measure()
-
-    def _lay_out_views(self) -> None:
-        """Find the coordinates of ball and body among MuJoCo's."""
-        engine = self.engine
-        ball, body = engine.first_position("ball"), engine.first_position("body")
-        self._ball_position = engine.qpos[ball : ball + 3]
-        self._body_pose = engine.qpos[body : body + 7]
-        ball, body = engine.first_velocity("ball"), engine.first_velocity("body")
-        self._ball_velocity = engine.qvel[ball : ball + 6]
-        self._body_velocity = engine.qvel[body : body + 6]
 
     def _place(self, state: NDArray[np.float64]) -> None:
         """Write a state (10,) into the engine, with random wheel angles and play."""

@@ -30,7 +30,6 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.schema import validate_table
-from ballbot.simulation.plant import Measurement
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.viewer.bodies import Body, ModelBody, TwinBody
@@ -210,7 +209,9 @@ class RobotOnFloor:
             seen, time = self.measured, self._safe.sample_time
             self._due -= time
             try:
-                self.torques = self._torques(seen, reference) if motors else np.zeros_like(self.torques)
+                self.torques = np.zeros_like(self.torques)
+                if motors:
+                    self.torques = self._safe.update(seen.t, seen.state, reference, measured=seen.valid)
             except InputError as error:  # of a user's controller
                 self.ended = str(error).removesuffix(".")
                 break
@@ -225,9 +226,6 @@ class RobotOnFloor:
                 self.ended = self.measured.ended.partition(" at t =")[0]
         if self.ended is not None:
             self.torques, self.push = np.zeros_like(self.torques), (0.0, 0.0)
-
-    def _torques(self, seen: Measurement, reference: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self._safe.update(seen.t, seen.state, reference, measured=seen.valid)
 
     def frame(self, reference: NDArray[np.float64]) -> list[float]:
         """Return the values of `robot_names` now."""

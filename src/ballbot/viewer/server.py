@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
-from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
+from websockets.asyncio.server import ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.http11 import Request as HttpRequest
@@ -118,6 +118,10 @@ async def serve_live(
     InputError if the port cannot be listened on.
     """
     pages = _Pages(world)
+    # mistakes in this program alone: a visitor that hangs up or speaks no HTTP is no news
+    logger = logging.getLogger("ballbot.viewer.server")
+    logger.setLevel(logging.ERROR)
+    logger.addFilter(_is_own_mistake)
 
     def answer(connection: ServerConnection, request: HttpRequest) -> Response | None:
         refused = access.refusal(request.path, request.headers)
@@ -141,26 +145,14 @@ async def serve_live(
             process_request=answer,
             compression=None,
             max_size=_LARGEST_MESSAGE,
-            logger=_logger(),
+            logger=logger,
         )
     except OSError as error:
         where = f"{access.host or 'every address'}, port {port}"
         raise InputError(f"The live view cannot listen on {where}: {error.strerror or error}.") from None
     async with server:
-        ready(address_of(access, _port_of(server)))
+        ready(address_of(access, next(iter(server.sockets)).getsockname()[1]))
         await pages.simulate(until)
-
-
-def _port_of(server: Server) -> int:
-    return next(iter(server.sockets)).getsockname()[1]
-
-
-def _logger() -> logging.Logger:
-    """Return a logger of mistakes in this program; a visitor that hangs up or speaks no HTTP is no news."""
-    logger = logging.getLogger("ballbot.viewer.server")
-    logger.setLevel(logging.ERROR)
-    logger.addFilter(_is_own_mistake)
-    return logger
 
 
 def _is_own_mistake(record: logging.LogRecord) -> bool:

@@ -303,14 +303,9 @@ def simulate_one(
     sample_time: float,
     steps: int,
 ) -> NDArray[np.float64]:
-    """Return one robot's state after a sample; all that is given has been checked already.
+    """Return one robot's state (10,), or (11,) where the ball pivots, after a sample of torques (n,) [N m].
 
-    Parameters
-    ----------
-    parameters : ndarray (size,)
-    state : ndarray (10,), or (11,) where the ball pivots
-    torques : ndarray (n,)
-        [N m].
+    All that is given has been checked already.
     """
     out, ended = np.empty((1, 1, len(state))), np.empty(1, np.int64)
     tables = (parameters[None], state[None], torques[None, None])
