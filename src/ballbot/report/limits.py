@@ -19,8 +19,7 @@ from ballbot.report.words import NO_FRICTION
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.summary import counted
-from ballbot.workflows.limits import RobotLimits, TwinLimit
-from ballbot.workflows.recovery_region import Region
+from ballbot.workflows.limits import Region, RobotLimits, TwinLimit
 
 #: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
 _LOOKS = (

@@ -46,13 +46,12 @@ from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
 from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
-from ballbot.workflows.controller_choice import ControllerChoice, Trial
+from ballbot.workflows.controller_choice import Confirmation, ControllerChoice, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.statistics import MedianEstimate
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
-from ballbot.workflows.twin_confirmation import Confirmation
 
 #: the status of a result that is not measured yet
 _PREDICTION = "This is a prediction until a log of the robot confirms it."

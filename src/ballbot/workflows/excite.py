@@ -12,9 +12,10 @@ the same share of it, and the sum is scaled until the simulated run makes use of
 frequencies the best is kept, by the worst error times the geometric mean of all: a parameter may be hard to identify in
 any case, as delta is if s is small.
 
-The value of a run is the standard errors that identification would give on its log: simulated with the parameters
-believed, it is cut into windows and linearised as identification does. With J_w the windows' derivatives of predictions
-by scaled parameters z, over the deviations of states from their prediction, and the initial states eliminated,
+The value of a run is the standard errors that identification would give on its log: simulated with the assumed
+parameters, it is cut into windows and linearised as identification does. With J_w the windows' derivatives of
+predictions by scaled parameters z, over the deviations of states from their prediction, and the initial states
+eliminated,
 
     H = sum_w J_w^T J_w                cov z >= H^-1
 
@@ -60,7 +61,7 @@ Law = Literal["viscous", "coulomb", "stribeck"]
 
 #: length of the windows that identification cuts a log into [s]
 WINDOW = 0.25
-#: the limits must hold with friction of so many times the size believed
+#: the limits must hold with friction of so many times the assumed size
 FRICTIONS = (1.0, 0.5, 1.5)
 #: runs of each reference on the loop with each friction, by their seeds
 _SEEDS = (1, 2, 3)
@@ -111,18 +112,18 @@ def check_limits(limits: Extent) -> None:
 class ExcitationTask:
     """A robot with nominal friction, its controller, limits, and parameters to estimate; made by `task`."""
 
-    robots: tuple[Robot, ...]  #: with the friction believed, then with less and with more
+    robots: tuple[Robot, ...]  #: with the assumed friction, then with less and with more
     controller: Controller
     limits: Extent
     duration: float  #: [s]
     predictor: Predictor  #: its step is the simulation's
     coordinates: Coordinates
-    point: NDArray[np.float64]  #: (p,), scaled, what is believed
+    point: NDArray[np.float64]  #: (p,), scaled, the assumed parameters
     deviations: NDArray[np.float64]  #: (10,), of each state's prediction on the robot
 
     @property
     def robot(self) -> Robot:
-        """As it is believed to be."""
+        """With the assumed friction."""
         return self.robots[0]
 
     @property
@@ -140,7 +141,7 @@ class ExcitationTask:
         return scaled * self.coordinates.slopes(self.point)[self.coordinates.free]
 
 
-#: a parameter believed to stand at a bound is taken so far within, scaled: s = 0 would hide v_s and delta
+#: a parameter assumed at a bound is taken so far within, scaled: s = 0 would hide v_s and delta
 _INSIDE = 0.02
 
 
@@ -218,7 +219,8 @@ _RIDGE = 1e-13
 def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.float64]:
     """Return the least standard errors (f,) to expect of the free parameters, in shares of their bounds' width.
 
-    The logs are simulated with what is believed, without noise. Infinite if they have no information on a parameter.
+    Logs are simulated with the assumed parameters, without noise.
+    Infinite if they have no information on a parameter.
     """
     windows = windows_for(task.predictor, task.coordinates.upper, logs, duration=WINDOW)
     # measurements off by exactly their deviations: identification takes its weights from the residuals
@@ -308,7 +310,7 @@ def largest_sines(
     )
 
 
-#: on the model the limits are this share of those given: noise, rollers and a friction believed wrongly come on top
+#: on the model the limits are this share of those given: noise, rollers and a wrongly assumed friction come on top
 MARGIN = 0.85
 #: levels tried for a reference, the share of the limits aimed at and the least that will do, and the highest level:
 #: friction eats some of the motion, so that amplitudes may be some times what the linear loop without it allows
@@ -500,7 +502,7 @@ def excite(
     Parameters
     ----------
     robot : Robot, preset or robot file
-        With the friction believed; without any, that from which identification's search begins.
+        With the assumed friction, from an earlier identification; without any, that from which its search begins.
     controller : Controller
         That the robot will be run with.
     limits : Extent

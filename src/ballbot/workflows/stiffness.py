@@ -57,8 +57,7 @@ class Variant:
 
 
 VARIANTS = tuple(
-    Variant(compensation=compensation, observer=observer)
-    for compensation, observer in product((False, True), repeat=2)
+    Variant(compensation=has, observer=observes) for has, observes in product((False, True), repeat=2)
 )
 
 
@@ -99,10 +98,7 @@ class FrictionByStiffness:
         return found
 
     def pays_over(self, *, observer: bool) -> tuple[Stiffness, ...]:
-        """Return the first gains in a row at which compensation makes the error clearly smaller.
-
-        That is, the interval of the ratio lies above 1, robot by robot, and compensation makes no run fall.
-        """
+        """Return the first gains in a row at which compensation clearly makes the error smaller and no run fall."""
         without, with_it = (Variant(compensation=has, observer=observer) for has in (False, True))
 
         def pays(one: Stiffness) -> bool:
@@ -113,13 +109,7 @@ class FrictionByStiffness:
 
 
 def measure_stiffness(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> FrictionByStiffness:
-    """Run gains from soft to where the margins end on the first robots of a choice.
-
-    Raises
-    ------
-    InputError
-        As `choose_controller`.
-    """
+    """Run gains from soft to where the margins end on the first robots of a choice."""
     base, scenario = choice.trials["precise"].controller, choice.plants[0].scenario
     course = replace(choice.course, duration=min(choice.course.duration, _DURATION))
     end = _end(base, scenario)
