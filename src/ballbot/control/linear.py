@@ -311,7 +311,7 @@ def lacking_margin(controller: Controller) -> str | None:
     if (radius := growth(1.0)) > 1.0 + _ROUNDING:
         what = (
             f"The controller does not stabilise the robot {name!r}: an error grows by a factor of "
-            f"{radius ** (1.0 / time):.3g} a second."
+            f"{math.exp(min(math.log(radius) / time, 700.0)):.3g} a second."
         )
     elif max(map(growth, _LEAST_MARGIN)) > 1.0 + _ROUNDING:
         what = (

@@ -12,10 +12,9 @@ the same share of it, and the sum is scaled until the simulated run makes use of
 frequencies the best is kept, by the worst error times the geometric mean of all: a parameter may be hard to identify in
 any case, as delta is if s is small.
 
-The value of a run is the standard errors that identification would give on its log: simulated with the assumed
-parameters, it is cut into windows and linearised as identification does. With J_w the windows' derivatives of
-predictions by scaled parameters z, over the deviations of states from their prediction, and the initial states
-eliminated,
+The value of a run is the standard errors that identification would give on its log: simulated with the parameters
+assumed, it is cut into windows and linearised as identification does. With J_w the windows' derivatives of predictions
+by scaled parameters z, over the deviations of states from their prediction, and the initial states eliminated,
 
     H = sum_w J_w^T J_w                cov z >= H^-1
 
@@ -132,8 +131,8 @@ class ExcitationTask:
         return tuple(np.array(self.coordinates.labels)[self.coordinates.free].tolist())
 
     @property
-    def believed(self) -> NDArray[np.float64]:
-        """The parameters to estimate (f,), as they are believed to be, in SI units."""
+    def assumed(self) -> NDArray[np.float64]:
+        """The assumed values of the parameters to estimate (f,), in SI units."""
         return self.coordinates.physical(self.point)[self.coordinates.free]
 
     def in_units(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -461,7 +460,7 @@ class Excitation:
         return {
             "limits": task.limits,
             "duration": task.duration,
-            "believed": by_label(task.believed),
+            "assumed": by_label(task.assumed),
             "deviations": task.deviations,
             "expected": {
                 name: {
@@ -502,7 +501,7 @@ def excite(
     Parameters
     ----------
     robot : Robot, preset or robot file
-        With the assumed friction, from an earlier identification; without any, that from which its search begins.
+        With the friction assumed; without any, that from which identification's search begins.
     controller : Controller
         That the robot will be run with.
     limits : Extent

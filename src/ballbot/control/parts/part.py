@@ -29,7 +29,7 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
    filtered and limited; the prediction takes it less both compensations.
 8. Write the part in C: the recipe is in `docs/architecture.md`, the test that asks for it `tests/firmware/test_law.py`.
 9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
-   missing samples, and the fuzzing of controller files, run with `example_parts` of
+   missing samples, and damaged controller files, run with `example_parts` of
    `tests/support/control_examples.py`.
 """
 
