@@ -1,9 +1,8 @@
 """Where friction matters: the error over the stiffness of the gain, with and without compensation and observer.
 
-A soft gain wanders by the friction over its position gain; a stiff one leaves little of that to compensate, and in the
-end shakes its gears through their play. The gains lead from the soft one (weights q_0) over the precise controller's
-(q_1) to where the loop has no margin: with delay, lag and resonance of the scenario its sensitivity exceeds 2 at some
-frequency.
+A soft gain wanders by the friction over its position gain; a stiff one leaves little of that to compensate. The gains
+lead from the soft one (weights q_0) over the precise controller's (q_1) to where the loop has no margin: with delay,
+lag and resonance of the scenario its sensitivity exceeds 2 at some frequency.
 
     q = q_0^(1 - s) q_1^s
 
