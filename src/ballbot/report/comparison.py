@@ -30,7 +30,6 @@ from ballbot.workflows.league import (
     RATIOS,
     League,
     Standing,
-    league_results,
     overall,
     standing,
 )
@@ -218,7 +217,7 @@ def league_report(league: League) -> Result:
         undecided=[
             "How the controllers compare on a real robot: these are simulated runs of the robot as described."
         ],
-        data=league_results(league),
+        data=league.to_dict(),
     )
 
 

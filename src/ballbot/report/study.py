@@ -43,13 +43,12 @@ from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
 from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
-from ballbot.workflows.controller_choice import ControllerChoice, Trial
+from ballbot.workflows.controller_choice import Confirmation, ControllerChoice, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.statistics import MedianEstimate
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
-from ballbot.workflows.twin_confirmation import Confirmation
 
 
 def summary(study: Study) -> list[tuple[str, str]]:

@@ -44,11 +44,7 @@ from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import Derived, derived_quantities
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
-from ballbot.workflows.reference_check import (
-    ReferenceMargins,
-    check_reference,
-    margin_results,
-)
+from ballbot.workflows.reference_check import ReferenceMargins, check_reference, margin_results
 
 #: relative error of a standard deviation from so many draws: 1 / sqrt(2 N), 2.5 %
 POLE_DRAWS = 800
@@ -65,28 +61,23 @@ class PoleSpread:
 
 
 def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS) -> PoleSpread:
-    """Return the distribution of a robot's fastest pole about upright by its standard deviations, exact model.
+    """Return the distribution of a robot's fastest pole about upright by its standard deviations, exact model."""
 
-    InputError if the standard deviations are too large for a robot.
-    """
-    fastest = [float(_growths(one).max()) for one in draw_robots(robot, draws, seed=0)]
+    def growths(of: Robot) -> NDArray[np.float64]:
+        return np.asarray(Model(of).linearize().poles().real, dtype=np.float64)
+
+    def mean_growth(of: Robot) -> NDArray[np.float64]:
+        return np.array([growths(of)[growths(of) > 0.0].mean()])
+
+    fastest = [float(growths(one).max()) for one in draw_robots(robot, draws, seed=0)]
     lower, upper = np.quantile(fastest, [0.025, 0.975])
-    mean = propagate(robot, _mean_growth)
+    mean = propagate(robot, mean_growth)
     return PoleSpread(
         standard_deviation=float(np.std(fastest, ddof=1)),
         interval_95=(float(lower), float(upper)),
         draws=draws,
         variance_shares=dict(mean.largest(len(mean.parts))),
     )
-
-
-def _growths(robot: Robot) -> NDArray[np.float64]:
-    return np.asarray(Model(robot).linearize().poles().real, dtype=np.float64)
-
-
-def _mean_growth(robot: Robot) -> NDArray[np.float64]:
-    growths = _growths(robot)
-    return np.array([growths[growths > 0.0].mean()])
 
 
 #: the thesis's names of the matrices, with what each does
@@ -125,10 +116,8 @@ class CheckedSwing:
 
     def to_dict(self) -> dict[str, object]:
         """Return this as results.json holds it."""
-        stated: dict[str, object] = {
-            "findings": finding_results([*self.findings, *self.inertia_findings()]),
-        }
-        return stated | swing_results(self.fit, self.found, self.pivot)
+        findings = finding_results([*self.findings, *self.inertia_findings()])
+        return {"findings": findings, **swing_results(self.fit, self.found, self.pivot)}
 
     def rows(self) -> Sequence[Sequence[str]]:
         """Return quantity, value and unit of each result."""
