@@ -201,7 +201,7 @@ def check_codes(
     codes = tuple(dict.fromkeys(accept))
     for code in codes:
         if code not in CODES:
-            hint = suggest(code, listed, otherwise="the codes are", count=3, likeness=0.5)
+            hint = suggest(code, listed, otherwise="the codes are")
             raise InputError(f"There is no finding with the code {code!r} to accept; {hint}")
     return codes
 

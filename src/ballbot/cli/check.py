@@ -88,7 +88,7 @@ def check(
 
     findings = stop_or_show([*of_robot, *twin_findings(hung)], accept=accept, show=False)
     inputs = [robot, reference, controller, swinging.swing]
-    with open_result(out, command="check", doing="checking the robot", inputs=inputs) as result:
+    with open_result(out, doing="checking the robot", inputs=inputs) as result:
         checked = check_robot(
             hung,
             findings,

@@ -270,7 +270,7 @@ _STRETCH = 5.0
 #: and to one row in so many
 _EVERY = 5
 #: A ball's position computed from wheels is wrong by a little as the robot rocks (play, creep), and that looks like an
-#: arm: of 3 and 5 cm on two logs whose cameras report the ball's centre itself. Below this no arm is believed [m]
+#: arm: of 3 and 5 cm on two logs whose cameras report the ball's centre itself. Below this no arm is assumed [m]
 LEAST_LEVER = 0.1
 
 
@@ -302,9 +302,9 @@ def _path_fit(
     if half[3:].max() > 0.3 * np.hypot(*found[3:]):  # hardly a path
         return None
     arm, size = found[:3], float(np.hypot(*found[3:]))
-    believed = np.linalg.norm(arm) > LEAST_LEVER + np.linalg.norm(half[:3])
+    significant = np.linalg.norm(arm) > LEAST_LEVER + np.linalg.norm(half[:3])
     return PathFit(
-        arm=arm, arm_half_width=half[:3], used=arm if believed else np.zeros(3), scale=1.0 / size,
+        arm=arm, arm_half_width=half[:3], used=arm if significant else np.zeros(3), scale=1.0 / size,
         scale_half_width=float(half[3]) / size**2, turn=-float(np.arctan2(found[4], found[3])),
         turn_half_width=float(half[4]) / size,
     )  # fmt: skip

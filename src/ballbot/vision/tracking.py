@@ -14,7 +14,7 @@ The angular velocity comes from a smoother of the orientations' errors, velocity
     omega' = a,  a' = white noise of density q;      0 = e_k + noise of covariance s^2 H_k^-1
 
 R_k is what the frame's fit found and exp(e_k) R_k what is true; H_k is the fit's information less what is too small
-to be believed, so that a frame that does not determine a turn about some axis adds nothing about it. q/s^2 is the
+to be trusted, so that a frame that does not determine a turn about some axis adds nothing about it. q/s^2 is the
 likeliest by the filter's innovations, which give s too. Filter and smoother: H. E. Rauch, F. Tung and C. T.
 Striebel, AIAA Journal 3 (1965) 1445-1450.
 
@@ -228,7 +228,7 @@ _ROUGHLY = 1e-3
 #: innovations and biases are averaged over this to either side, for noise and light may change [s]
 _SPAN = 0.5
 #: information about an axis below this fraction of the whole comes as well from small errors of the view and the curve
-_UNBELIEVED = 1e-3
+_NEGLIGIBLE = 1e-3
 #: turned by this, the ball shows its seam to other patches of the picture [rad]
 _OTHER_SIDE = 0.13
 _EYE = np.eye(3)
@@ -287,8 +287,8 @@ def _made_ready(t: Floats, track: Track, rows: NDArray[np.intp]) -> _Steps:
     F[:, 3:6, 3:6], F[:, 3:6, 6:], F[:, 6:, 6:] = _EYE, dt * _EYE, _EYE
     shift[:, :3] = -np.einsum("kij,kj->ki", bend, f)
     sizes, axes = np.linalg.eigh(track.information[rows])
-    believed = np.maximum(sizes - _UNBELIEVED * sizes.sum(axis=1, keepdims=True), 0.0)
-    return _Steps(F=F, shift=shift, steps=steps, H=np.einsum("kij,kj,klj->kil", axes, believed, axes))
+    trusted = np.maximum(sizes - _NEGLIGIBLE * sizes.sum(axis=1, keepdims=True), 0.0)
+    return _Steps(F=F, shift=shift, steps=steps, H=np.einsum("kij,kj,klj->kil", axes, trusted, axes))
 
 
 def _density(ready: _Steps) -> float:
