@@ -110,7 +110,7 @@ def _data(
     spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
 ) -> dict[str, object]:
     """Return what results.json holds of a video's ball."""
-    view, errors, colour, known = spin.view, spin.calibration.errors, spin.colour, spin.known
+    view, errors, known = spin.view, spin.calibration.errors, spin.known
     return {
         "findings": finding_results([*log_findings, *spin_findings(spin, comparison)]),
         "frames": len(spin.t),
@@ -118,7 +118,7 @@ def _data(
         "tracked_share": float(np.mean(spin.track.tracked)),
         "stretches": int(spin.track.stretch.max()) + 1,
         "seam": spin.seam.name,
-        "colours": {"seam": colour.seam, "ball": colour.ball, "separation": colour.separation},
+        "seam_separation": spin.colour.separation,
         "view": {
             "x": view.x,
             "y": view.y,
