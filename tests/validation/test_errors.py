@@ -24,6 +24,8 @@ def _pair(first: np.ndarray, second: np.ndarray) -> ErrorPair:
     return ErrorPair(
         first=StateErrors(by_run=first, samples=samples),
         second=StateErrors(by_run=second, samples=samples),
+        means=np.zeros_like(first),
+        squares=np.ones_like(first),
     )
 
 

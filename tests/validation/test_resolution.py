@@ -64,3 +64,4 @@ def test_an_error_below_the_floor_counts_as_the_floor():
     np.testing.assert_allclose(exact.ratio, 1.0)
     np.testing.assert_allclose(exact.ratio_interval(), 1.0)
     assert set(exact.verdicts()) == {"undecided"}
+    assert np.isnan(exact.normalised_rmse).all()

@@ -51,8 +51,10 @@ def validation_results(
     """Return what results.json holds of one validation, and of its logs if there are several."""
     loop, closed, models = validation.open_loop, validation.closed_loop, validation.models
     horizon, residuals = validation.horizon, validation.residuals
-    spectrum, errors = residuals.spectrum, horizon.errors
+    white, spectrum, errors = residuals.whiteness, residuals.spectrum, horizon.errors
     intervals = errors.ratio_interval().swapaxes(0, 1)  # (horizons, 2, 10)
+    # a state that did not move has no scale
+    spread = np.where(horizon.spread > FINEST, horizon.spread, np.nan)
     return {
         "models": [
             {"name": one.name, "robot": one.model.robot.name, "formulation": one.model.formulation}
@@ -81,6 +83,13 @@ def validation_results(
             "significant": residuals.correlations.significant,
             "effective_samples": residuals.correlations.counts,
             **_pair_results(validation.prediction.errors, models),
+            "whiteness": white
+            and {
+                "verdict": _by_state(np.array(white.colours)),
+                "p_value": _by_state(white.p_value),
+                "predicted_share": _by_state(white.predicted_share),
+                "autocorrelation": _by_state(white.autocorrelation),
+            },
             "spectrum": spectrum
             and {
                 "resolution": spectrum.resolution,
@@ -91,6 +100,7 @@ def validation_results(
         "horizon": {
             "seconds": errors.horizons,
             **_by_model("rmse_", models, errors.rmse),
+            **_by_model("normalised_rmse_", models, errors.rmse / spread),
             "ratio": _by_state(errors.ratio),
             "ratio_interval": _by_state(intervals),
             "verdict": [verdicts(interval) for interval in intervals],
@@ -115,6 +125,7 @@ def _pair_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
     return {
         **_by_model("", models, (pair.first.error, pair.second.error)),
         **_by_model("rmse_", models, (pair.first.rmse, pair.second.rmse)),
+        **_by_model("normalised_rmse_", models, pair.normalised_rmse),
         "ratio": _by_state(pair.ratio),
         "ratio_interval": _by_state(np.array(pair.ratio_interval())),
         "verdict": _by_state(np.array(pair.verdicts())),

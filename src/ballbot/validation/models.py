@@ -3,12 +3,13 @@
 A forecast starts from the measured state and is driven by the measured torques. Rows are taken from intervals of the
 log without gaps; an interval between rows longer than 1.5 sample times is a gap, and no forecast crosses one.
 
-Errors are the thesis's (4.1), the RMSE, and the ratio of both models with a 95 % interval. (4.1)
+Errors are the thesis's (4.1), the RMSE, the normalised RMSE, and the ratio of both models with a 95 % interval. (4.1)
 divides the norm of the differences by their number n, not by its root:
 
     e = |x - x_hat| / n,      RMSE = |x - x_hat| / sqrt(n) = e sqrt(n)
 
-so that e shrinks with the length of what is compared. Both are given; ratios of equally long runs are the same.
+so that e shrinks with the length of what is compared. Both are given; ratios of equally long runs are the same. The
+normalised RMSE is over the standard deviation of what was measured: 1 is no better than a constant.
 
 No error counts as less than `FINEST` before a ratio is formed. The interval is that of `ballbot.fitting.comparison`.
 """
@@ -265,6 +266,14 @@ class Trajectories:
     first: Floats  #: (k, 10) of the first model
     second: Floats  #: (k, 10) of the second
 
+    @staticmethod
+    def beside(log: Log, start: int, states: Floats) -> Trajectories:
+        """Return the rows of a log from `start` on beside the `states` (2, samples, 10) of both models after it."""
+        rows = slice(start, start + states.shape[1] + 1)
+        measured = log.states[rows]
+        first, second = (np.vstack([measured[:1], run]) for run in states)
+        return Trajectories(t=log.t[rows], measured=measured, first=first, second=second)
+
 
 def thesis_error(difference: Floats) -> Floats:
     """Return e of (4.1) for each column of `difference` (n, states) = measured - modelled."""
@@ -305,6 +314,8 @@ class ErrorPair:
 
     first: StateErrors
     second: StateErrors
+    means: Floats  #: (runs, 10) of what was measured
+    squares: Floats  #: (runs, 10) its mean squares
     overlap: int = 1  #: how many neighbouring runs share some of the log
 
     @staticmethod
@@ -323,6 +334,8 @@ class ErrorPair:
         return ErrorPair(
             first=errors(first),
             second=errors(second),
+            means=np.array([run.mean(axis=0) for run in measured]),
+            squares=np.array([np.mean(run**2, axis=0) for run in measured]),
             overlap=overlap,
         )
 
@@ -349,6 +362,21 @@ class ErrorPair:
         """Return the errors by run of the first and the second model, none below `FINEST`."""
         least = FINEST / np.sqrt(self.first.samples[:, None])
         return np.maximum(self.first.by_run, least), np.maximum(self.second.by_run, least)
+
+    @property
+    def spread(self) -> Floats:
+        """Standard deviation (10,) of what was measured, over all samples of all runs."""
+        weights = self.first.samples
+        mean = np.average(self.means, axis=0, weights=weights)
+        return np.sqrt(np.maximum(np.average(self.squares, axis=0, weights=weights) - mean**2, 0.0))
+
+    @property
+    def normalised_rmse(self) -> Floats:
+        """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `FINEST`."""
+        spread = self.spread
+        rmse = np.array([self.first.rmse, self.second.rmse])
+        moved = spread > FINEST
+        return np.where(moved, rmse / np.where(moved, spread, 1.0), np.nan)
 
     def ratio_interval(self, *, seed: int = 0) -> Floats:
         """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
@@ -377,7 +405,8 @@ def join_arrays(parts: Sequence[Record]) -> Record:
 
 def join_pairs(pairs: Sequence[ErrorPair]) -> ErrorPair:
     """Return the errors over the runs of all `pairs`."""
-    return ErrorPair(
+    return replace(
+        join_arrays(pairs),
         first=join_arrays([pair.first for pair in pairs]),
         second=join_arrays([pair.second for pair in pairs]),
         overlap=max(pair.overlap for pair in pairs),

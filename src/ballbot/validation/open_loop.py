@@ -81,16 +81,13 @@ def open_loop(
     noisy = forecast([models.first.model], log, starts, samples, initial=shifted)[0]
     floor = StateErrors.of_runs([(a - b)[:n] for a, b, n in zip(noisy, states[0], lengths, strict=True)])
     middle = _median_run(errors)
-    rows = slice(int(starts[middle]), int(starts[middle] + lengths[middle]) + 1)
-    shown = log.states[rows]
-    first, second = (np.vstack([shown[:1], run[middle, : lengths[middle]]]) for run in states)
     return OpenLoop(
         errors=errors,
         noise_floor=floor.rmse,
         longest=samples * log.sample_time,
         past_recovery=float(np.mean(lengths < samples)),
         recoverable_lean=limit,
-        example=Trajectories(t=log.t[rows], measured=shown, first=first, second=second),
+        example=Trajectories.beside(log, int(starts[middle]), states[:, middle, : lengths[middle]]),
     )
 
 

@@ -104,11 +104,12 @@ _SPACING = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonComparison:
-    """Errors of both models at each horizon, and the scale to compare them with."""
+    """Errors of both models at each horizon, and the scales to compare them with."""
 
     errors: HorizonErrors  #: of the first model and the second, state by state
     #: (h, 10), RMSE that the noise of start and measurement alone would cause
     noise_floor: Floats
+    spread: Floats  #: (10,), standard deviation of what was measured
 
 
 def compare_horizons(
@@ -142,11 +143,12 @@ def compare_horizons(
             overlap=int(-(-horizons[-1] // _SPACING)),
         ),
         noise_floor=np.sqrt(np.mean(floor**2, axis=0)),
+        spread=np.std(np.concatenate([log.states[part.start : part.stop] for part in parts]), axis=0),
     )
 
 
 def join_horizons(parts: Sequence[HorizonComparison]) -> HorizonComparison:
-    """Return the errors over the starts of all `parts` of the first one's horizons."""
+    """Return the errors over the starts of all `parts` of the first one's horizons; the spread is that one's."""
     first = parts[0].errors
     alike = [part for part in parts if np.array_equal(part.errors.horizons, first.horizons)]
     weights = [part.errors.starts for part in alike]
@@ -156,4 +158,5 @@ def join_horizons(parts: Sequence[HorizonComparison]) -> HorizonComparison:
         errors=replace(first, differences=differences),
         # the root of the mean square over all starts
         noise_floor=np.sqrt(np.average(np.array(noise) ** 2, axis=0, weights=weights)),
+        spread=parts[0].spread,
     )

@@ -1,6 +1,6 @@
 """Analysis of a model's one-step residuals, and the findings: each is stated only where its test is significant.
 
-Correlation and spectrum are in `ballbot.validation.statistics`. The residuals are also taken as wheel
+Correlation, whiteness and spectrum are in `ballbot.validation.statistics`. The residuals are also taken as wheel
 torques: what the wheels would have had to push more for the model to be right. In the heading frame and upright, a
 torque more of du makes the rates h M^-1 W^T du higher after a sample of h. With S the covariance of the rates'
 residuals e, least squares weighted by what each rate is known to gives
@@ -26,12 +26,17 @@ from ballbot.mechanics.model import Model
 from ballbot.validation.models import in_heading_frame
 from ballbot.validation.prediction import Prediction
 from ballbot.validation.statistics import (
+    LEAST_STEPS,
+    Colour,
     Correlations,
     Spectrum,
+    Whiteness,
     blocks_of,
     correlations,
+    indicators,
     lagged,
     spectrum,
+    whiteness,
 )
 
 #: errors are clustered over this [s]
@@ -47,6 +52,7 @@ class ResidualAnalysis:
     """Analyses of a model's residuals; None if the log is too short or lacks a column."""
 
     correlations: Correlations
+    whiteness: Whiteness | None
     spectrum: Spectrum | None
     by_speed: tuple[SpeedEffect, ...] | None  #: by wheel
     no_wheels: str | None  #: why the wheels' speed is not analysed
@@ -66,6 +72,7 @@ def analyse_residuals(prediction: Prediction, model: Model) -> ResidualAnalysis:
         )
     return ResidualAnalysis(
         correlations=correlations(np.hstack([residuals, prediction.torques]), prediction.labels, segments),
+        whiteness=whiteness(residuals, segments),
         spectrum=spectrum(residuals, segments, sample_time=prediction.sample_time),
         by_speed=by_speed,
         no_wheels=no_wheels,
@@ -111,6 +118,11 @@ class SpeedEffect:
     half_widths: Floats  #: (b,) of the 95 % intervals
     p_value: float  #: of no torque at any speed; NaN if a speed was seldom had
 
+    @property
+    def largest(self) -> int:
+        """The bin whose torque is the furthest from zero, in errors."""
+        return int(np.argmax(np.abs(self.torques) / self.half_widths))
+
 
 def speed_effect(torque: Floats, speed: Floats, blocks: NDArray[np.int64]) -> SpeedEffect:
     """Return one wheel's mean residual torque (n,) against its earlier speed (n,); NaN is passed over."""
@@ -120,7 +132,7 @@ def speed_effect(torque: Floats, speed: Floats, blocks: NDArray[np.int64]) -> Sp
     if len(edges) < 2:  # a wheel that stood still
         edges = np.array([-np.inf, np.inf])
     place = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, len(edges) - 2)
-    columns = (place[:, None] == np.arange(len(edges) - 1)).astype(np.float64)
+    columns = indicators(place, len(edges) - 1)
     found = fit_linear(columns, torque, blocks)
     return SpeedEffect(
         speeds=columns.T @ speed / columns.sum(axis=0),
@@ -149,12 +161,20 @@ _EXPECTED = {
     frozenset({"e_x", "e_x_dot"}): _INTEGRAL,
     frozenset({"e_y", "e_y_dot"}): _INTEGRAL,
 }
+_COLOURS: dict[Colour, str] = {
+    "white": "white",
+    "nearly white": "not white by the test, but their past predicts less than 2 % of them",
+    "noise of the start": "are correlated with the previous sample only: two successive residuals share the noise of "
+    "one measured state, with opposite signs, so this is no error of the model",
+    "coloured": "are correlated with their past: a lasting effect is not modelled, or a sensor is filtered",
+}
 
 
 def residual_findings(analysis: ResidualAnalysis) -> list[Finding]:
     """Return the findings from a model's one-step residuals, a sentence or two for each question."""
     sentences = [
         *_pair_findings(analysis.correlations),
+        _whiteness_finding(analysis.whiteness),
         _peak_finding(analysis.spectrum),
         _speed_finding(analysis),
     ]
@@ -191,6 +211,27 @@ def _pair_findings(found: Correlations) -> list[str]:
     ]
 
 
+def _whiteness_finding(found: Whiteness | None) -> str:
+    if found is None:
+        return (
+            f"There are fewer than {LEAST_STEPS} steps: the log is "
+            "too short to test whether the residuals are white."
+        )
+    parts = []
+    for colour, words in _COLOURS.items():
+        places = [place for place, one in enumerate(found.colours) if one == colour]
+        if not places:
+            continue
+        names = ", ".join(f"e_{STATE_NAMES[place]}" for place in places)
+        share = ""
+        if colour == "coloured":
+            shares = found.predicted_share[places]
+            ends = dict.fromkeys(f"{100 * end:.0f}" for end in (shares.min(), shares.max()))
+            share = f" ({' to '.join(ends)} % of the variance)"
+        parts.append(f"{names}: {words}{share}")
+    return f"Whiteness. {'; '.join(parts)}."
+
+
 def _peak_finding(found: Spectrum | None) -> str:
     if found is None:
         return "The log is too short for a spectrum of the residuals."
@@ -213,7 +254,7 @@ def _speed_finding(analysis: ResidualAnalysis) -> str:
     found = []
     for wheel, effect in enumerate(analysis.by_speed, start=1):
         if effect.p_value < WHEEL_LEVEL / len(analysis.by_speed):
-            place = int(np.argmax(np.abs(effect.torques) / effect.half_widths))
+            place = effect.largest
             found.append(
                 f"wheel {wheel} ({effect.torques[place]:+.3f} ± {effect.half_widths[place]:.3f} N m at "
                 f"{effect.speeds[place]:+.2f} rad/s)"

@@ -1,4 +1,4 @@
-"""Statistics of residuals over time, which depend on each other: correlation and spectrum.
+"""Statistics of residuals over time, which depend on each other: correlation, whiteness and spectrum.
 
 A series is made of segments, none of which may be joined to the next.
 
@@ -9,6 +9,17 @@ white ones. For independent ones (M. Bartlett, Journal of the Royal Statistical 
 
 so a cell counts as many samples as n over that sum, at most n, and is tested by Student's t. Over all cells, Holm's
 correction keeps the chance of any false mark at 5 %.
+
+Whiteness. The test is Ljung and Box's (Biometrika 65 (1978) 297-303) on autocorrelations studentised as by I. Lobato,
+J. Nankervis and N. Savin (Journal of Econometrics 100 (2001) 23-38), so that residuals which grow and shrink with the
+motion do not look coloured:
+
+    Q = n (n + 2) sum_(j=1..m) r_j^2 / (n - j),      r_j^2 = c_j^2 / mean(e_k^2 e_(k-j)^2)     chi^2 with m if white
+
+A long log rejects whiteness for a memory that does not matter. So the share of a residual's variance that the m
+residuals before it predict (Yule and Walker's equations) stands beside the test. One cause lies outside the model:
+the noise of a measured state enters two residuals, with opposite signs, which alone makes a correlation of down to
+-1/2 from one sample to the next and none beyond.
 
 Spectrum. Hann windows that overlap by half, as P. Welch's (IEEE Transactions on Audio and Electroacoustics 15 (1967)
 70-73); of their periodograms the logarithms are averaged, so that a window with more motion has no more weight in the
@@ -23,10 +34,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import linalg, special
 from scipy.signal import spectrogram
 
 from ballbot.log.columns import Bools, Floats
@@ -89,6 +101,11 @@ def holm(p_values: Floats, *, level: float) -> Bools:
     return significant.reshape(np.shape(p_values))
 
 
+def indicators(places: NDArray[np.int64], count: int) -> Floats:
+    """Return columns (n, count) of ones where a row's place (n,) is the column's, else zeros."""
+    return (places[:, None] == np.arange(count)).astype(np.float64)
+
+
 #: chance of any false mark in a matrix without correlation
 CORRELATION_LEVEL = 0.05
 #: memory is summed up to this share of the series
@@ -142,6 +159,75 @@ def effective_counts(columns: Floats, segments: Sequence[int]) -> Floats:
     covariances = autocovariance(columns, segments, lags=lags)
     memory = covariances / np.where(covariances[0] > 0.0, covariances[0], 1.0)
     return count / np.maximum(1.0 + 2.0 * memory[1:].T @ memory[1:], 1.0)
+
+
+#: how many lags are looked at
+LAGS = 20
+#: chance that any of a white log's states is called coloured
+WHITENESS_LEVEL = 0.05
+#: fewer steps are too few for the test
+LEAST_STEPS = 25 * LAGS
+#: a predicted share of the variance below this does not matter
+_NEGLIGIBLE = 0.02
+#: noise of the start: so much at one sample, so little beyond
+_OF_NOISE, _BEYOND = -0.2, 0.1
+
+Colour = Literal["white", "nearly white", "noise of the start", "coloured"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Whiteness:
+    """Of each column of residuals (k,)."""
+
+    autocorrelation: Floats  #: (LAGS + 1, k)
+    p_value: Floats  #: of the column alone
+    rejected: Bools  #: with Holm's correction over the columns
+    predicted_share: Floats  #: share of the variance that the residuals before predict
+
+    @property
+    def colours(self) -> tuple[Colour, ...]:
+        """What each column is."""
+        return tuple(self._colour(place) for place in range(len(self.rejected)))
+
+    def _colour(self, place: int) -> Colour:
+        memory = self.autocorrelation[1:, place]
+        if not self.rejected[place]:
+            return "white"
+        if self.predicted_share[place] < _NEGLIGIBLE:
+            return "nearly white"
+        if memory[0] < _OF_NOISE and np.abs(memory[1:]).max() < _BEYOND:
+            return "noise of the start"
+        return "coloured"
+
+
+def whiteness(residuals: Floats, segments: Sequence[int]) -> Whiteness | None:
+    """Test residuals (n, k) made of `segments`, or return None if there are fewer than `LEAST_STEPS`."""
+    count = len(residuals)
+    if count < LEAST_STEPS:
+        return None
+    covariance = autocovariance(residuals, segments, lags=LAGS)
+    variance = np.where(covariance[0] > 0.0, covariance[0], 1.0)
+    squares = (residuals - residuals.mean(axis=0)) ** 2
+    statistic = np.zeros(residuals.shape[1])
+    for lag in range(1, LAGS + 1):
+        together = np.nanmean(squares * lagged(squares, segments, lag=lag), axis=0)
+        scale = np.where(together > 0.0, together, 1.0)
+        statistic += (count + 2.0) / (count - lag) * count * covariance[lag] ** 2 / scale
+    p_value = special.chdtrc(LAGS, statistic)
+    return Whiteness(
+        autocorrelation=covariance / variance,
+        p_value=p_value,
+        rejected=holm(p_value, level=WHITENESS_LEVEL),
+        predicted_share=np.array([_predicted_share(column) for column in (covariance / variance).T]),
+    )
+
+
+def _predicted_share(memory: Floats) -> float:
+    """Return the share of a series' variance that as many past values as there are lags predict."""
+    if memory[0] <= 0.0:
+        return 0.0
+    past = linalg.solve_toeplitz((memory[:-1] + np.eye(len(memory) - 1)[0] * 1e-9), memory[1:])
+    return float(np.clip(past @ memory[1:], 0.0, 1.0))
 
 
 #: length of a window [s] if the log allows it; its resolution is 1.5 over its length

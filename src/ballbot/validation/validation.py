@@ -260,6 +260,11 @@ def no_evidence(models: ModelPair, log: Log, parts: Sequence[range], one_step: E
     states = np.concatenate([log.states[part.start : part.stop] for part in parts])
     if np.all(np.ptp(states, axis=0) <= FINEST * size):
         return "The log does not move, so it cannot show which model is better. Use a log in which the robot moves."
+    if all(exact):
+        return (
+            "Both models predict this log to rounding, so it cannot show which is better. Use a "
+            "log in which the robot moves more."
+        )
     own = models.names[exact.index(True)]
     return (
         f"This log was simulated by the model {own} itself, which predicts it to rounding, so it cannot "
