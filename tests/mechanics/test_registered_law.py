@@ -154,7 +154,7 @@ def test_table_is_the_law_within_its_error_and_a_law_with_a_step_is_refused():
     ("law", "parameters", "words"),
     [
         (lambda w, load: w, (), "they must be speed, load"),
-        (lambda speed, load, roughness: roughness, (), "not described by a parameter"),
+        (lambda speed, load, roughness: roughness, (), "each described or one of"),
         (
             lambda speed, load, quadratic: speed**2 * quadratic,
             (LawParameter(name="quadratic", symbol="q", meaning="other", usual=(0.0, 1.0), default=0.0),),

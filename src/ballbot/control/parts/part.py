@@ -129,13 +129,7 @@ class NoState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part(ABC):
-    """The settings of a part; see the module's docstring.
-
-    Raises
-    ------
-    InputError
-        If a setting is outside its range.
-    """
+    """The settings of a part; see the module's docstring. InputError if a setting is outside its range."""
 
     label: ClassVar[str]  #: its name in sentences, as "lean limit"
     comment: ClassVar[str]  #: stands above its table in a controller file
@@ -150,8 +144,5 @@ class Part(ABC):
     def numbers(self, settings: LawSettings) -> object:
         """Return the part's `record` for a controller.
 
-        Raises
-        ------
-        InputError
-            If the part is not possible with that robot, sample time or number of wheels.
+        InputError if the part is not possible with that robot, sample time or number of wheels.
         """
