@@ -101,7 +101,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "swapped": "two columns are swapped",
         "sweep": "what of a sweep was combined with the logs",
         "swing": "what a swing shows of the body's inertia",
-        "swing-clipped": "the sensor of a swing is clipped",
         "swing-fit": "the recording is not a free swing of a pendulum",
         "swing-inertia": "a swing gives an implausible inertia",
         "swing-unit": "the angle of a swing appears to be in degrees, or hardly changes",

@@ -32,7 +32,6 @@ from ballbot.report.style import (
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import between, digits, unit_heading, value_and_error
-from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import counted
 
 #: windows shown of the log, from its middle
@@ -175,18 +174,8 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
     every = cut_ball_windows(found.robot, [log], duration=found.window)
     first = max(0, (len(every) - _WINDOWS_SHOWN) // 2)
     windows = every.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(every))))
-    predicted = np.array(
-        [
-            simulate_balls(
-                ClampedBall.of_robot(found.robot),
-                friction=friction,
-                initial=windows.initial,
-                torques=windows.torques,
-                sample_time=windows.sample_time,
-            )
-            for friction in (found.robot.friction, Friction.none(found.robot.wheel_count))
-        ]
-    )
+    frictions = found.robot.friction, Friction.none(found.robot.wheel_count)
+    predicted = np.array([windows.predicted(found.robot, one) for one in frictions])
     predicted[:, :, -1] = np.nan  # a line ends with its window
     samples = windows.sample_time * np.arange(1.0, windows.measured.shape[1] + 1.0)
     held_out = {(span.log, span.start) for span in found.held_out_windows}

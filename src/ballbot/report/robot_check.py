@@ -65,7 +65,7 @@ def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
         ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(checked.spread)}"),
     ]
     if checked.swing:
-        quantity, value, unit = checked.swing.rows()[0]
+        quantity, value, unit = checked.swing.found.rows()[0]
         verdict.append(("Swing", capital(f"{quantity}: {value} {unit}.")))
     if checked.following:
         verdict.append(
@@ -113,11 +113,11 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
             "The swing",
             Sheet(
                 headings=("quantity", "value, 95 %", "unit"),
-                rows=swing.rows(),
-                caption=f"From {swing.fit.swing.source}.",
+                rows=swing.found.rows(),
+                caption=f"From {swing.found.fit.swing.source}.",
             ),
-            Bullets(items=[one.text for one in (*swing.findings, *swing.inertia_findings())]),
-            swing_series(swing.fit),
+            Bullets(items=[one.text for one in (*swing.findings, *swing.found.notes())]),
+            swing_series(swing.found.fit),
         )
     if following := checked.following:
         caption = "Largest use of each limit."
