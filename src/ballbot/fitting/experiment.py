@@ -138,6 +138,8 @@ class Experiment(Protocol[At]):
 #: half the central difference, as a share of the value, at least of this share of the parameter's range: wide enough to
 #: average over single events of sticking
 _DIFFERENCE, _OF_RANGE = 5e-4, 1e-3
+#: mean square below which errors count as none
+_NO_ERROR = 1e-60
 #: states are settled at new parameters in so many steps; one that does not help is tried again over this share of it
 _SETTLED, _SHORTER = 3, 0.3
 
@@ -257,7 +259,7 @@ class ByDifferences(ABC):
         deviations = self._weight * np.sum(states**2, axis=1)
         squares = np.bincount(self.block, errors**2, len(states)) + deviations
         mean = float(squares.sum()) / len(errors)
-        cost = 0.5 * np.log(max(mean, 1e-300)) if np.isfinite(mean) else np.inf
+        cost = 0.5 * np.log(max(mean, _NO_ERROR)) if np.isfinite(mean) else np.inf
         return BlockErrors(point=point, states=states, errors=errors, squares=squares, cost=float(cost))
 
     def _settled(self, at: BlockErrors) -> BlockErrors:

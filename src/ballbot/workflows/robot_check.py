@@ -30,7 +30,6 @@ from ballbot.identification.swing import (
 from ballbot.log import Log
 from ballbot.log.checks.values import check_intervals
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
-from ballbot.log.formats import is_log_file
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
@@ -124,21 +123,16 @@ def check_swing(
     column: str | None = None,
     accept: Collection[str] = (),
 ) -> CheckedSwing:
-    """Return what the swing in a log (in that column) or a video shows about a robot's inertia.
+    """Return what the swing in a log, in that column, shows about a robot's inertia.
 
     InputError if the file has no free swing, the swing has an error whose code is not accepted, or `inertia_of_swing`
     refuses the pivot's distance or deviation.
     """
-    of_log: list[Finding] = []
-    if is_log_file(file):  # every other is a video
-        log = Log.read(file)
-        of_log = check_intervals(log)
-        swing = swing_in_log(log, column=column)
-    else:
-        from ballbot.vision.swing import swing_in_video  # only a video needs OpenCV
-
-        swing = swing_in_video(file)
-    found = inertia_of_swing(fit_swing(swing), robot, distance=distance, deviation=deviation)
+    log = Log.read(file)
+    of_log = check_intervals(log)
+    found = inertia_of_swing(
+        fit_swing(swing_in_log(log, column=column)), robot, distance=distance, deviation=deviation
+    )
     findings = by_severity([*of_log, *found.findings()])
     _stop(findings, file, accept)
     return CheckedSwing(found=found, findings=findings)
