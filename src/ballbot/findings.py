@@ -61,7 +61,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "lean-axes": "theta and phi are swapped, negated or turned against the ball's acceleration",
         "lean-offset": "the lean is not zero on average",
         "lean-scale": "the ball accelerates more or less than the lean implies",
-        "limits": "rows at a limit of the drive are left out",
         "logs-differ": "the logs disagree on the friction by more than chance explains",
         "methods-differ": "two methods or stages estimate a parameter differently by more than their errors",
         "missing": "values are missing (NaN)",
