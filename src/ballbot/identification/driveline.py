@@ -186,7 +186,7 @@ class DrivelineFit:
         )
 
     def plot(self) -> Figure:
-        """Return a figure of the friction over speed with its 95 % band."""
+        """Return a figure of the friction over speed."""
         return plotted(self)
 
 

@@ -332,14 +332,12 @@ class SwingEstimate:
         return HALF_WIDTH * self.deviation
 
 
-#: the radius of gyration over the distance from pivot to centre of mass, of bodies hung at the ball's centre or nearby
-_USUAL, _POSSIBLE = (0.15, 1.3), (0.03, 3.0)
 #: the shape of smaller swings does not distinguish radians from degrees [rad]
 _LARGE = 0.25
 #: one unit fits better than another if it leaves less than this share of the other's residual
 _BETTER = 0.8
-#: a finding reports a file's inertia that is off by more than this factor
-_LIKE_FILE = 1.25
+#: a finding reports a file's inertia that is off by more than the first factor; beyond the second, a unit is wrong
+_LIKE_FILE, _POSSIBLE = 1.25, 10.0
 #: a pendulum that leaves more of the motion than this is not the whole story
 _MUCH_LEFT = 0.05
 
@@ -374,27 +372,18 @@ class SwingInertia:
                 "the body."
             )
             yield warning("swing-fit", text, name)
-        gyration, distance = math.sqrt(self.about_center_of_mass.value / mass), self.pivot["distance"]
-        share = gyration / distance
-        if not _USUAL[0] <= share <= _USUAL[1]:
-            text = (
-                f"A period of {2.0 * math.pi / self.fit.frequency:.4g} s at {distance:.3g} m from the centre of mass "
-                f"gives the body a radius of gyration of {gyration:.3g} m, {share:.2g} of that distance; bodies have "
-                f"0.3 to 0.9. {_CHECK_UNITS}"
-            )
-            severity = "warning" if _POSSIBLE[0] <= share <= _POSSIBLE[1] else "error"
-            yield finding("swing-inertia", severity, text, "t")
         value = self.about_ball_center.value
         nearest = min(self._of_file, key=lambda one: abs(math.log(value / one)))
         ratio = value / nearest
-        if not 1.0 / _LIKE_FILE <= ratio <= _LIKE_FILE:
+        off = max(ratio, 1.0 / ratio)
+        if off > _LIKE_FILE:
             text = (
-                f"The swing's inertia about the ball's centre, {value:.4g} kg m^2, is {ratio:.3g} times the file's "
-                f"{nearest:.4g}. The file's inertia is wrong, or body.mass ({mass:.4g} kg), the distance to the pivot, "
-                f"or the time of the recording; a clock {math.sqrt(ratio):.3g} times too slow would have the same "
-                "effect."
+                f"A period of {2.0 * math.pi / self.fit.frequency:.4g} s gives an inertia about the ball's centre of "
+                f"{value:.4g} kg m^2, {ratio:.3g} times the file's {nearest:.4g}. The file's inertia is wrong, or "
+                f"body.mass ({mass:.4g} kg), the distance to the pivot, or the time of the recording; a clock "
+                f"{math.sqrt(ratio):.3g} times too slow would have the same effect. {_CHECK_UNITS}"
             )
-            yield warning("swing-inertia", text, name)
+            yield finding("swing-inertia", "error" if off > _POSSIBLE else "warning", text, "t")
 
     @property
     def _of_file(self) -> list[float]:

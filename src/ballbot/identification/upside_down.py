@@ -83,8 +83,8 @@ class _BallLog:
         # rows (N,) at which a motor cannot give the torque that is logged
         beyond = (np.abs(self.wheel_speeds) > fastest) | (np.abs(self.torques) > drive.torque_limit)
         # rows (N,) that are complete and on time, without a spike, and not at a limit
-        self.valid = np.isfinite(np.hstack([self.torques, self.omega])).all(axis=1)
-        self.valid &= ~np.asarray(beyond.any(axis=1))
+        valid = np.isfinite(np.hstack([self.torques, self.omega])).all(axis=1) & ~beyond.any(axis=1)
+        self.valid = np.asarray(valid, dtype=np.bool_)
         self.valid &= ~spiked_rows(log, (*names, *BALL_NAMES))
         self.valid[:-1] &= np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
 

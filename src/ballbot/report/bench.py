@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
-from ballbot.identification.geometry import Geometry, GeometryQuantity
+from ballbot.identification.geometry import Geometry
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Column, Paragraph, Result, Sheet, section, sheet_of
+from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
@@ -91,29 +91,19 @@ def _error_table(found: UpsideDown) -> Sheet:
 _SHOWN_IN = {"rad": (math.degrees(1.0), "deg"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
-def _number(one: GeometryQuantity, value: float) -> str:
-    """Return a number of a quantity in the table's unit, to the second digit of its standard error."""
-    scale, _ = _SHOWN_IN.get(one.unit, (1.0, one.unit))
-    return f"{scale * value:.{max(0, 1 - math.floor(math.log10(scale * one.standard_error)))}f}"
-
-
-_GEOMETRY: tuple[Column[GeometryQuantity], ...] = (
-    Column("quantity", lambda one: _quantity(one)),
-    Column("from the logs", lambda one: _number(one, one.value)),
-    Column("standard error", lambda one: _number(one, one.standard_error)),
-    Column("in the file", lambda one: _number(one, one.in_file)),
-    Column("unit", lambda one: _SHOWN_IN.get(one.unit, (1.0, one.unit))[1]),
-    # adding zero keeps a minus sign off what prints as nothing
-    Column("difference", lambda one: f"{round(one.deviation, 1) + 0.0:+.1f} s.e."),
-    Column("from", lambda one: one.kind),
-)
-
-
-def _quantity(one: GeometryQuantity) -> str:
-    """Return a quantity's name in a table."""
-    if one.name == "leaning seen":
-        return "share of leaning that encoders show"
-    return one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel")
+def _geometry_table(found: Geometry) -> Sheet:
+    rows = []
+    for one in (*found.measured, *found.wheel_ratios, *found.others):
+        scale, unit = _SHOWN_IN.get(one.unit, (1.0, one.unit))
+        value, error = value_and_error(scale * one.value, scale * one.standard_error)
+        in_file, _ = value_and_error(scale * one.in_file, scale * one.standard_error)
+        name = one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel")
+        name = "share of leaning that encoders show" if name == "leaning seen" else name
+        # adding zero keeps a minus sign off what prints as nothing
+        difference = f"{round(one.deviation, 1) + 0.0:+.1f} s.e."
+        rows.append((name, value, error, in_file, unit, difference, one.kind))
+    headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
+    return Sheet(headings=headings, rows=rows, caption=_GEOMETRY_CAPTION)
 
 
 def upside_down_report(
@@ -209,7 +199,6 @@ def geometry_report(
 ) -> Result:
     """Return the page of a geometry identified from logs."""
     (first, *others), count = texts(findings), len([*found.measured, *found.wheel_ratios])
-    rows = (*found.measured, *found.wheel_ratios, *found.others)
     return Result(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
@@ -217,7 +206,7 @@ def geometry_report(
         sections=[
             section(
                 "Geometry",
-                sheet_of(rows, _GEOMETRY, caption=_GEOMETRY_CAPTION),
+                _geometry_table(found),
                 Bullets(items=others) if others else None,
             )
         ],
