@@ -110,9 +110,13 @@ def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> Che
         raise InputError(
             "--swing-column, --pivot-distance and --pivot-deviation describe a swing: give --swing FILE."
         )
-    from ballbot.identification.swing import Pivot
     from ballbot.workflows.robot_check import check_swing
 
-    pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)
-    codes = check_codes(accept or ())
-    return check_swing(robot, options.swing, pivot, column=options.swing_column, accept=codes)
+    return check_swing(
+        robot,
+        options.swing,
+        distance=options.pivot_distance,
+        deviation=options.pivot_deviation,
+        column=options.swing_column,
+        accept=check_codes(accept or ()),
+    )

@@ -50,7 +50,7 @@ def robot_check_report(checked: CheckedRobot) -> Result:
         "fits the others is not found. Logs show more: `ballbot check-log LOG --robot ROBOT`."
     ]
     if swing:
-        quantity, value, unit = swing.rows()[0]
+        quantity, value, unit = swing.found.rows()[0]
         verdict.append(("Swing", capital(f"{quantity}: {value} {unit}.")))
     if following:
         verdict.append((f"Following {following.name}", " ".join(reference_verdict(following))))
@@ -109,11 +109,11 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
             "The swing",
             Sheet(
                 headings=("quantity", "value, 95 %", "unit"),
-                rows=swing.rows(),
-                caption=f"From {swing.fit.swing.source}.",
+                rows=swing.found.rows(),
+                caption=f"From {swing.found.fit.swing.source}.",
             ),
-            Bullets(items=[one.text for one in (*swing.findings, *swing.inertia_findings())]),
-            swing_series(swing.fit),
+            Bullets(items=[one.text for one in (*swing.findings, *swing.found.notes())]),
+            swing_series(swing.found.fit),
         )
     if following := checked.following:
         caption = "Largest use of each limit."
