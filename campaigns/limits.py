@@ -16,8 +16,7 @@ from ballbot.fitting.run import Run
 from ballbot.report.limits import directions_figure, planes_figure
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, leaning_state, twin_limits
-from ballbot.workflows.recovery_region import Loop
+from ballbot.workflows.limits import Loop, RobotLimits, TwinLimit, find_limits, leaning_state, twin_limits
 from campaigns.section import Section, write_picture
 
 #: compensation and torque limit [N m]

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from ballbot.processes import worker_pool
-from ballbot.vision.seam import basketball_seam, tennis_seam
+from ballbot.vision.seam import basketball_seam, seam_named
 from ballbot.vision.spin import measure_spin
 from ballbot.vision.video import open_video
 from campaigns.section import Section
@@ -69,7 +69,7 @@ BASKETBALL = Scene(
 )
 TENNIS = Scene(
     camera=CAMERA,
-    seam=tennis_seam(),
+    seam=seam_named("tennis"),
     seam_width=0.09,
     seam_colour=(235, 235, 225),
     ball_colour=(190, 205, 60),

@@ -1,12 +1,13 @@
 """A folder belongs to one result: held by one process, its files replaced together, the user's own left alone."""
 
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from ballbot import InputError
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.result_folder import MANIFEST, STAGED, result_folder
 from tests.support.processes import Child
 
@@ -149,3 +150,15 @@ def test_only_regular_files_are_written(tmp_path, kind):
     with pytest.raises(InputError):
         write_text(path, "text")
     assert not path.is_file()
+
+
+def test_a_folder_that_cannot_be_written_into_is_refused_before_the_work(tmp_path, monkeypatch):
+    def full(**_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    assert check_folder(tmp_path / "new") == tmp_path / "new"
+    assert list((tmp_path / "new").iterdir()) == []
+    # root may write anywhere, so that no mode forbids it
+    monkeypatch.setattr(tempfile, "TemporaryFile", full)
+    with pytest.raises(InputError, match=r"Nothing can be written into .*: No space left on device"):
+        check_folder(tmp_path)

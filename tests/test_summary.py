@@ -23,8 +23,7 @@ from ballbot.summary import HEIGHT, WIDTH, Summary, first_texts
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import EXAMPLES, scenario_of
 from ballbot.workflows.controller_design import design_controller
-from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
-from ballbot.workflows.recovery_region import Region
+from ballbot.workflows.limits import LimitBounds, Plane, Region, RobotLimits
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, leaning
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.screen import assert_fits_a_screen

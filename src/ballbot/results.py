@@ -61,21 +61,21 @@ def to_results(value: Dataclass | Mapping[str, object]) -> dict[str, object]:
     Parameters
     ----------
     value : dataclass or mapping
-        Its values may be dataclasses, mappings, sequences, arrays, paths, enums and complex numbers
-        ([real, imaginary]).
+        Its values may be dataclasses, mappings, sequences, arrays, paths, enums, rotations (quaternions wxyz) and
+        complex numbers ([real, imaginary]).
     """
     if isinstance(value, Mapping):
-        return {str(name): plain(one) for name, one in value.items()}
+        return {str(name): plain(entry) for name, entry in value.items()}
     written = {
-        name: plain(getattr(value, one.name))
-        for one in fields(value)
-        if (name := one.metadata.get(_KEY, one.name))
+        name: plain(getattr(value, field.name))
+        for field in fields(value)
+        if (name := field.metadata.get(_KEY, field.name))
     }
     properties = {
-        name: one
+        name: member
         for base in reversed(type(value).__mro__)
-        for name, one in vars(base).items()
-        if isinstance(one, reported)
+        for name, member in vars(base).items()
+        if isinstance(member, reported)
     }
     return written | {name: plain(getattr(value, name)) for name in properties}
 
@@ -101,10 +101,12 @@ def plain(value: object) -> object:
             return "Infinity" if value > 0.0 else "-Infinity"
     if is_dataclass(value) and not isinstance(value, type):
         return to_results(value)
+    if hasattr(value, "as_quat"):  # a rotation of SciPy's: its unit quaternion in the order wxyz
+        return plain(value.as_quat(canonical=True)[..., [3, 0, 1, 2]])  # pyright: ignore[reportAttributeAccessIssue]
     if hasattr(value, "to_dict"):  # a controller
         return plain(value.to_dict())  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [plain(one) for one in value]
+        return [plain(entry) for entry in value]
     return value
 
 
@@ -117,9 +119,9 @@ def with_infinities(value: object) -> object:
     """Return a value that JSON held with its infinite numbers as numbers."""
     match value:
         case dict():
-            return {name: with_infinities(one) for name, one in value.items()}
+            return {name: with_infinities(entry) for name, entry in value.items()}
         case list():
-            return [with_infinities(one) for one in value]
+            return [with_infinities(entry) for entry in value]
         case str():
             return _INFINITE.get(value, value)
     return value

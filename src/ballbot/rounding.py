@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 #: in place of what is no number
 DASH = "–"
@@ -77,3 +78,10 @@ def between(value: float, lower: float, upper: float) -> str:
     places = max(0, 1 - math.floor(math.log10(width))) if width > 0.0 else 5
     first, last = (f"{end:.{places}f}" if math.isfinite(end) else "open" for end in (lower, upper))
     return f"{value:.{places}f} ({first} to {last})"
+
+
+def interval(lower: float, upper: float, shown: Callable[[float], str] = digits) -> str:
+    """Return an interval as "0.6 to 4.0"; "open" for a side without an end, a dash if it is not known."""
+    if math.isnan(lower) or math.isnan(upper):
+        return DASH
+    return " to ".join("open" if math.isinf(end) else shown(end) for end in (lower, upper))

@@ -42,30 +42,6 @@ def test_an_error_ends_in_one_sentence_after_the_table(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("log", "mapping", "sentence"),
-    [
-        ("t,x\n0,1\n0,2\n", None, "Time does not increase at row 2"),
-        ("t,x\n0,one\n", None, "is not a number"),
-        ("t,x\n", None, "has a header and no rows"),
-        ("t,x\n0,1\n1,2\n", '[columns]\nt = { fromm = "t" }\n', "did you mean 'from'?"),
-        ("t,x\n0,1\n1,2\n", '[columns]\nt = "time"\n', "column 'time', which does not exist"),
-    ],
-)
-def test_bad_files_exit_with_two_and_one_line(tmp_path, capsys, log, mapping, sentence):
-    (tmp_path / "log.csv").write_text(log)
-    arguments = ["check-log", str(tmp_path / "log.csv")]
-    if mapping:
-        (tmp_path / "mapping.toml").write_text(mapping)
-        arguments += ["--mapping", str(tmp_path / "mapping.toml")]
-    assert main(arguments) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.startswith("ballbot: ")
-    assert printed.err.count("\n") == 1
-    assert sentence in printed.err
-
-
-@pytest.mark.parametrize(
     ("renamed", "sign", "shown"),
     [
         ({}, 1.0, "By angles and wheels: theta_dot, phi_dot"),

@@ -6,10 +6,9 @@ import time
 import pytest
 from rich.console import Console
 
-from ballbot.cli import output
+from ballbot.cli import Waiting, output
 from ballbot.cli.context import changed_robot
 from ballbot.cli.output import progress_bar
-from ballbot.cli.waiting import Waiting
 from ballbot.errors import InputError
 from ballbot.progress import Progress
 
@@ -55,7 +54,7 @@ def test_what_is_no_change_of_a_robot_is_refused(change):
 def test_terminal_shows_that_a_command_starts_until_it_prints(watched, capsys, monkeypatch):
     for stream in ("stdout", "stderr"):
         monkeypatch.setattr(f"sys.{stream}.isatty", lambda: watched)
-    monkeypatch.setattr("ballbot.cli.waiting._BETWEEN", 0.01)
+    monkeypatch.setattr("ballbot.cli._BETWEEN", 0.01)
     waiting = Waiting("starting study")
     time.sleep(0.1)
     waiting.end()

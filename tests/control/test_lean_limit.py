@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from ballbot import Controller, InputError, Model, Robot, simulate
+from ballbot import Controller, Model, Robot, simulate
 from ballbot.control.parts import Parts
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.presets import design_integral_gain, precise_controller
@@ -16,8 +16,7 @@ from ballbot.control.references import hold
 from ballbot.estimation import named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.twin import Scenario, Twin
-from ballbot.workflows.limits import leaning_state, pushed_state
-from ballbot.workflows.recovery_region import Loop, reach
+from ballbot.workflows.limits import Loop, leaning_state, pushed_state, reach
 from tests.support.control_examples import alten, four_wheeled
 
 BOUND = LeanLimit(lean=0.1, turn=0.4)
@@ -96,12 +95,6 @@ def _most(rates: np.ndarray, left: np.ndarray, B: np.ndarray, start: np.ndarray)
     kept = np.column_stack([rates * (left @ start), left @ B])
     found = linprog([-1, 0, 0, 0], A_eq=kept, b_eq=[0, 0], bounds=[(0, None), *[(-2, 2)] * 3])
     return float(found.x[0])
-
-
-@pytest.mark.parametrize("wrong", [{"lean": 0.0}, {"lean": np.inf}, {"turn": -1.0}])
-def test_invalid_lean_limits_are_refused(wrong):
-    with pytest.raises(InputError, match=r"The lean limit: (lean|turn) is"):
-        LeanLimit(**wrong)
 
 
 @pytest.mark.slow

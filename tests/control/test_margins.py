@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import brentq, minimize
+from scipy.optimize import minimize
 
 from ballbot.control.controller import Controller
 from ballbot.control.linear import (
-    LinearController,
-    RobotLoop,
     linear_controller,
     robot_loop,
     step_response,
@@ -80,33 +78,6 @@ def test_linear_controller_is_the_law_that_runs(name, notch, prediction, seed):
     rng = np.random.default_rng(seed)
     # turning into the heading frame is not linear: the difference shrinks as the size does
     assert largest_difference(chosen, 1e-7, rng) < 3e-6
-
-
-def unstable_pole(gain: float, sample_time: float) -> RobotLoop:
-    """Return the loop x_dot = x + u, u = gain (r - x)."""
-    one, none = np.ones((1, 1)), np.zeros((0, 0))
-    law = LinearController(A=none, B=np.zeros((0, 2)), C=np.zeros((1, 0)), D=gain * np.array([[-1.0, 1.0]]))
-    return RobotLoop(A=one, B=one, controller=law, sample_time=sample_time, delay=0.0)
-
-
-@settings(max_examples=6)
-@given(gain=st.floats(2.0, 8.0), sample_time=st.floats(0.01, 0.05))
-def test_margins_of_one_unstable_pole_are_those_of_the_closed_form(gain, sample_time):
-    def open_loop(w: float) -> complex:
-        return gain * np.expm1(sample_time) / (np.exp(1j * w * sample_time) - np.exp(sample_time))
-
-    found = loop_margins(unstable_pole(gain, sample_time)).together
-    # |exp(T) - g K (exp(T) - 1)| = 1
-    assert found.gain_down == pytest.approx(1.0 / gain, rel=1e-6)
-    greatest = (np.exp(sample_time) + 1.0) / (gain * np.expm1(sample_time))
-    assert found.gain_up == pytest.approx(greatest, rel=1e-6)
-    crossing = brentq(lambda w: abs(open_loop(w)) - 1.0, 1e-6, np.pi / sample_time)
-    phase = np.pi + np.angle(open_loop(crossing))
-    assert found.phase == pytest.approx(phase, rel=1e-6)
-    assert found.phase_frequency == pytest.approx(crossing, rel=1e-6)
-    # between whole samples the torque is held in two parts, and Nyquist's line is not exact
-    samples = math.floor(phase / crossing / sample_time)
-    assert samples * sample_time <= found.delay <= (samples + 1) * sample_time
 
 
 def one_loop(name: str, wheel: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

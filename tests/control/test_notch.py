@@ -3,14 +3,11 @@
 from functools import cache
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import bilinear, lfilter
 
-from ballbot import Controller, InputError, Robot
-from ballbot.cli.main import main
-from ballbot.control.file import read_controller
+from ballbot import Controller
 from ballbot.control.parts import Parts
 from ballbot.control.parts.notch import Notch
 from ballbot.control.presets import design_gain
@@ -50,31 +47,3 @@ def test_the_law_filters_each_wheels_torque_as_scipy_would(notch, seed):
     np.testing.assert_allclose(found, lfilter(*sampled(notch), torques, axis=0), rtol=0, atol=1e-10)
     controller.reset()
     np.testing.assert_array_equal(controller.update(0.0, states[0], np.zeros(10)), found[0])
-
-
-@pytest.mark.parametrize(
-    ("wrong", "told"),
-    [
-        ({"frequency": 0.0}, "The notch: frequency is 0.0"),
-        ({"frequency": 20.0, "width": -1.0}, "The notch: width is -1.0"),
-        ({"frequency": 20.0, "depth": 1.0}, "The notch: depth is 1.0"),
-    ],
-)
-def test_invalid_notch_is_refused(wrong, told):
-    with pytest.raises(InputError, match=told):
-        Notch(**wrong)
-
-
-def test_notch_above_the_nyquist_frequency_is_refused():
-    with pytest.raises(InputError, match=r"A notch at 95 Hz needs a sample time below 0.0047 s"):
-        Controller(ROBOT, designed_gain(), parts=Parts(notch=Notch(frequency=95.0)))
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_design_writes_the_requested_notch(tmp_path, capsys):
-    words = ["design", "alten", "--notch", "27", "--out", str(tmp_path)]
-    assert main(words) == 0
-    written = read_controller(tmp_path / "controller.toml", Robot.load("alten"))
-    assert written.parts.notch == Notch(frequency=27.0)
-    assert main([*words[:3], "200", *words[4:]]) != 0
-    assert "A notch at 200 Hz needs a sample time below" in capsys.readouterr().err

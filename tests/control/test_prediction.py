@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
 
-from ballbot import Controller, InputError, Model, Robot
+from ballbot import Controller, Model, Robot
 from ballbot.cli.main import main
-from ballbot.control.file import read_controller
 from ballbot.control.lqr import held
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
@@ -20,7 +19,6 @@ from ballbot.control.presets import (
     precise_controller,
 )
 from ballbot.control.references import change_pose, hold
-from ballbot.robot.file import write_robot
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.model_plant import ModelPlant
@@ -178,35 +176,11 @@ def test_observer_uses_the_torque_that_acted(delay):
 
 
 @pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda: DelayPrediction(delay=0.0), "The prediction: delay is 0.0; it must be above 0"),
-        (lambda: DelayPrediction(delay=np.nan), "delay is nan"),
-        (lambda: predicting(alten(), 0.1001), "at most 0.1 s"),
-    ],
-)
-def test_invalid_prediction_is_refused(make, sentence):
-    with pytest.raises(InputError, match=sentence):
-        make()
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_design_writes_the_requested_prediction(tmp_path):
-    path = tmp_path / "robot.toml"
-    write_robot(alten(FRICTION), path)
-    options = ["--kind", "precise", "--delay", "0.016", "--out", str(tmp_path)]
-    assert main(["design", str(path), *options]) == 0
-    parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts
-    assert parts.prediction is not None
-    assert parts.prediction.delay == 0.016
-
-
-@pytest.mark.parametrize(
     ("options", "sentence"),
     [
         (["--delay", "0"], "The prediction: delay is 0.0; it must be above 0"),
         (["--delay", "0.3"], "it can be at most 0.1 s"),
+        (["--notch", "200"], "A notch at 200 Hz needs a sample time below 0.0023 s"),
         (["--robust", "--delay", "0.016"], "remove --kind"),
     ],
 )

@@ -2,8 +2,13 @@
 
 import pytest
 
+from ballbot.cli.main import main
+from ballbot.control.file import read_controller
+from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import KINDS, nominal_controller, precise_controller
 from ballbot.control.source import named_controller
+from ballbot.robot.file import write_robot
 from ballbot.workflows.candidates import NAMED_CONTROLLERS
 from ballbot.workflows.controller_design import GainOptions, design_controller
 from tests.support.control_examples import FRICTION, alten
@@ -21,3 +26,14 @@ def test_kind_is_made_designed_and_compared_by_its_name(name):
 def test_kinds_are_the_functions_of_their_names():
     for name, function in (("nominal", nominal_controller), ("precise", precise_controller)):
         assert KINDS[name].made(alten()).packed.tolist() == function(alten()).packed.tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
+def test_design_writes_the_requested_parts(tmp_path):
+    write_robot(alten(FRICTION), tmp_path / "robot.toml")
+    options = ["--kind", "precise", "--delay", "0.016", "--notch", "27", "--out", str(tmp_path)]
+    assert main(["design", str(tmp_path / "robot.toml"), *options]) == 0
+    parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts
+    assert parts.prediction == DelayPrediction(delay=0.016)
+    assert parts.notch == Notch(frequency=27.0)

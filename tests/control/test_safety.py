@@ -103,8 +103,7 @@ def test_the_reason_is_one_sentence_with_the_time():
     assert "torque nan on wheel 2 is not a finite number" in controller.stop.text
 
 
-@pytest.mark.parametrize("place", range(10))
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -2.0 * LARGEST_STATE])
+@pytest.mark.parametrize(("place", "bad"), [(0, np.nan), (4, np.inf), (9, -2.0 * LARGEST_STATE)])
 def test_any_of_the_ten_numbers_makes_a_state_invalid(place, bad):
     controller, state = guarded(max_missing=0), np.zeros(10)
     state[place] = bad
@@ -142,18 +141,6 @@ def test_a_run_ends_where_the_motors_are_stopped(predicted):
     strict = SafeController(nominal_controller(ROBOT), ROBOT, SafetyLimits(lean=0.01))
     with pytest.raises(InputError, match=r"before its first sample: stopped at .* the limit is 0\.01 rad"):
         simulate(Model(ROBOT), strict, hold(), duration=1.0, initial_state=start)
-
-
-def test_controller_returning_nan_ends_the_run():
-    class Broken(Constant):
-        def update(self, t, _state, _reference):
-            return np.full(3, np.nan if t > 0.1 else 0.0)
-
-    log = simulate(Model(ROBOT), Broken(), hold(), duration=1.0)
-    assert log.ended == (
-        "stopped at t = 0.105 s: the controller's torque nan on wheel 1 is not a finite number"
-    )
-    assert np.isfinite(log.torques).all()
 
 
 @pytest.mark.parametrize(

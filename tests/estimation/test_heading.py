@@ -11,7 +11,7 @@ from ballbot import Model, simulate
 from ballbot.control.law import HeadingMemory
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import schema_of
-from ballbot.control.references import hold, sampled_reference
+from ballbot.control.references import hold
 from ballbot.estimation.heading import JUMP, TURN, Heading
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.kalman import KalmanFilter
@@ -117,19 +117,6 @@ def test_torques_do_not_depend_on_where_headings_begin_again(make):
         given_reference = (reference + np.pi) % TURN - np.pi if wanted else reference
         found = torques_of(law, given_psi, given_reference)
         np.testing.assert_allclose(found, whole, rtol=0.0, atol=1e-9)
-
-
-def test_reference_that_jumps_by_a_turn_turns_the_robot_by_five_degrees():
-    poses = np.array([[0.0, 0.0, 3.1], [0.0, 0.0, -3.1]])
-    start = np.zeros(10)
-    start[4] = 3.1
-    reference = sampled_reference(np.array([0.0, 1.0]), poses)
-    log = simulate(Model(ROBOT), precise_controller(ROBOT), reference, duration=6.0, initial_state=start)
-    assert log.ended is None
-    assert abs(log["psi"] - 3.1).max() < 0.15  # the way is 0.083 rad
-    # dry friction holds the robot up to a fortieth of a radian beside its heading
-    assert log["psi"][-1] == pytest.approx(TURN - 3.1, abs=0.03)
-    assert log["ref_psi"][-1] == pytest.approx(TURN - 3.1, abs=1e-12)
 
 
 def test_step_of_half_a_turn_keeps_its_sign():

@@ -5,11 +5,10 @@ import math
 import re
 import shutil
 import subprocess
+from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import schema_of
@@ -143,21 +142,26 @@ def test_disarming_ends_the_self_test():
     assert not made.arm()
 
 
-values = st.sampled_from([0.0, 0.1, -0.29, 0.31, -0.5, math.nan])
-samples = st.tuples(
-    st.sampled_from([0.005, 0.01, 0.02, math.nan]),  # since the last sample
-    st.booleans(),  # measured
-    values,
-    values,  # theta, phi
-    st.sampled_from([0.5, 0.25, math.nan]),  # of the IMU
-    st.tuples(st.integers(0, 1), st.booleans()),  # encoder, valid
-    st.sampled_from([0.0, 1.0, -2.0, 1.5, math.nan, math.inf]),  # torque
+#: what a sample is drawn from; mostly of a robot that balances, or a run would hardly begin before it stops
+SAMPLES = (
+    (*(0.005, 0.01) * 20, 0.02, math.nan),  # [s] since the last one
+    (*(True,) * 20, False),  # whether it is measured
+    *((*(0.0, 0.1, -0.29) * 20, 0.31, -0.5, math.nan),) * 2,  # theta, phi
+    (*(0.5, 0.25, 0.1, -0.3) * 10, math.nan),  # of the IMU
+    (0, 1),  # encoder
+    (*(True,) * 20, False),  # whether it is valid
+    (*(1.0, -2.0, 1.5, -1.0) * 10, 0.0, math.nan, math.inf),  # torque
 )
 
 
-@settings(max_examples=100, deadline=None)
-@given(st.integers(0, 3), st.integers(0, 3), st.lists(samples, max_size=25))
-def test_safety_layer_decides_as_python_s(most_missing, most_unchanged, run):
+def test_safety_layer_decides_as_python_s():
+    for seed in range(400):
+        assert_safety_decides_alike(Random(seed))
+
+
+def assert_safety_decides_alike(random: Random) -> None:
+    most_missing, most_unchanged = random.randrange(4), random.randrange(4)
+    run = [[random.choice(one) for one in SAMPLES] for _ in range(25)]
     limits = SafetyLimits(
         max_missing=most_missing,
         lean=0.3,
@@ -172,8 +176,8 @@ def test_safety_layer_decides_as_python_s(most_missing, most_unchanged, run):
     state = np.zeros(1, schema_of(SafetyState).dtype("single"))
     own, now = ctypes.c_void_p(record.ctypes.data), ctypes.c_void_p(state.ctypes.data)
     admit, t, last = functions.ballbot_safety_admit, 0.0, np.zeros(1, np.float32)
-    admit.restype = ctypes.c_bool
-    for k, (interval, measured, theta, phi, imu, (count, valid), torque) in enumerate(run):
+    admit.restype, functions.ballbot_stop_word.restype = ctypes.c_bool, ctypes.c_char_p
+    for k, (interval, measured, theta, phi, imu, count, valid, torque) in enumerate(run):
         t += interval if k else 0.0  # the first sample has no interval
         values, counts = np.full(6, imu, np.float32), np.array([count], np.int32)
         python.watch(values.tolist(), float(count) if valid else math.nan, float(last[0]))

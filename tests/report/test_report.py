@@ -26,22 +26,7 @@ from ballbot.report.identification import (
 from ballbot.report.style import drawn
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.robot import Friction
-from ballbot.rounding import plus_minus
 from tests.support.validation_examples import true_robot
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "text"),
-    [
-        (0.05069, 0.00293, "0.0507 ± 0.0029"),
-        (4.0, np.nan, "4.00 (no standard error)"),
-        (np.nan, np.nan, "not identified"),
-        (123.4, 25.0, "123 ± 25"),
-        (8681156.0, 7803784.0, "8700000 ± 7800000"),
-    ],
-)
-def test_a_value_is_printed_to_its_errors_second_digit(value, error, text):
-    assert plus_minus(value, error) == text
 
 
 def test_names_of_states_become_symbols_and_other_words_stay():

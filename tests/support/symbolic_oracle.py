@@ -76,8 +76,3 @@ def random_state(
     q = rng.uniform([-3, -3, -1.2, -1.2, -np.pi], [3, 3, 1.2, 1.2, np.pi])
     q_dot = rng.uniform(-3, 3, 5)
     return q, q_dot, rng.uniform(-6, 6, wheel_count)
-
-
-def relative_difference(actual: NDArray, expected: NDArray) -> float:
-    """Return the largest difference, divided by the largest expected number."""
-    return float(np.abs(actual - expected).max() / np.abs(expected).max())

@@ -121,6 +121,32 @@ def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> 
     assert np.std(seen - omega) == pytest.approx(0.03, rel=0.06)  # 3000 draws: 1.3 %
 
 
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.slow
+def test_stopped_recording_of_many_seeds_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ballbot.fitting.sweep.os.cpu_count", lambda: 1)  # no process has to begin
+    command = ["record", "nominal", "--duration", "0.2", "--out"]
+    runs = [*command, str(tmp_path / "runs"), "--seeds"]
+    assert main([*runs, "1-2"]) == 0
+    first = (tmp_path / "runs" / "seed_0002" / "log.csv").stat().st_mtime_ns
+    (tmp_path / "runs" / "seed_0001" / ".ballbot.json").unlink()  # as if stopped while writing it
+    for path in (tmp_path / "runs" / "seed_0001").iterdir():
+        path.unlink()
+    assert main([*runs, "1-2"]) == 0
+    assert "2 runs of 0.2 s; 0 ended early." in " ".join(capsys.readouterr().out.split())
+    assert (tmp_path / "runs" / "seed_0002" / "log.csv").stat().st_mtime_ns == first
+    assert main([*command, str(tmp_path / "one"), "--seed", "2"]) == 0
+    assert (tmp_path / "one" / "log.csv").read_bytes() == (tmp_path / "runs/seed_0002/log.csv").read_bytes()
+    capsys.readouterr()
+    for seeds in ("1-2", "5"):
+        assert main([*runs, seeds, "--reference", "hold"]) == 2
+        assert "holds finished runs that differ from these in: reference;" in capsys.readouterr().err
+    assert main([*command, str(tmp_path / "runs")]) == 2
+    assert "record --seeds" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("text", ["", "a", "3-1", "1-", "-1", "1;2", "1-999999999"])
 def test_invalid_seed_lists_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="1-200"):

@@ -191,7 +191,6 @@ def test_command_writes_its_documented_files(plain, command):
         (["--circle", "100,80"], "must be x,y,radius"),
         (["--circle", "100,80,3"], "at least 8"),
         (["--circle", "nan,80,66"], "x,y,radius"),
-        (["--forward", "nan"], "an angle in degrees"),
         (["--seam", "football"], "the seams are thesis"),
         (["--frame-rate", "0"], "positive"),
         (["--frame-rate", "inf"], "positive"),

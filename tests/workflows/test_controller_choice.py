@@ -19,6 +19,7 @@ from ballbot.twin.scenario import Scenario
 from ballbot.workflows.controller_choice import (
     CANDIDATES,
     SQUARE,
+    Confirmation,
     ControllerChoice,
     NamedCourse,
     PlantDraw,
@@ -30,7 +31,6 @@ from ballbot.workflows.grid import Condition, Grid, run_grid
 from ballbot.workflows.metrics import QUANTITIES, Performance, Score
 from ballbot.workflows.statistics import median_with_interval
 from ballbot.workflows.study import sampled_at
-from ballbot.workflows.twin_confirmation import Confirmation
 from tests.support.control_examples import FRICTION, alten
 from tests.support.scores import score_of as run
 

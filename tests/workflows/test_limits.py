@@ -11,7 +11,7 @@ from ballbot.control.references import change_pose, circle, square
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
 from ballbot.workflows import limits
-from ballbot.workflows.recovery_region import Loop, map_region, reach
+from ballbot.workflows.limits import Loop, map_region, reach
 from ballbot.workflows.reference_check import check_reference, path_demand, reference_verdict
 from tests.support.control_examples import FRICTION, alten
 

@@ -30,11 +30,12 @@ from ballbot.report.page import page_of
 from ballbot.report.study import study_report, study_results, study_texts
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
+from ballbot.workflows import controller_choice
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows import twin_confirmation
 from ballbot.workflows.controller_choice import (
     NamedCourse,
     compensated_robot,
+    confirm,
     draw_plants,
 )
 from ballbot.workflows.controller_prediction import (
@@ -44,7 +45,6 @@ from ballbot.workflows.controller_prediction import (
     performance_intervals,
 )
 from ballbot.workflows.study import Study, StudyOptions, study
-from ballbot.workflows.twin_confirmation import confirm
 from tests.support.control_examples import FRICTION
 from tests.support.screen import assert_fits_a_screen
 from tests.support.validation_examples import noisy_log
@@ -216,8 +216,8 @@ def test_report_shows_the_predicted_performance(small: Study):
 @pytest.mark.usefixtures("undrawn")
 def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Path, monkeypatch):
     pytest.importorskip("mujoco")
-    monkeypatch.setattr(twin_confirmation, "CONFIRMED_ON", NamedCourse(name="square", duration=7.0))
-    monkeypatch.setattr(twin_confirmation, "CONFIRMED_RUNS", 1)
+    monkeypatch.setattr(controller_choice, "CONFIRMED_ON", NamedCourse(name="square", duration=7.0))
+    monkeypatch.setattr(controller_choice, "CONFIRMED_RUNS", 1)
     found = confirm(small.choice)
     assert found is not None
     assert list(found.on_twin) == ["none", small.choice.chosen]

@@ -72,15 +72,11 @@ COMMANDS = (
     Command("validate", "Validation", "Validate a model or a controller against logs."),
     Command("design", "Control", "Design a controller for a robot."),
     Command("export", "Control", "Write a controller as C firmware for its robot."),
-    Command("run", "Control", "Run a live robot: wiring, sweep, balance."),
+    Command("run", "Control", "Run a live robot: wiring, sweep, balance, comparison."),
     Command("limits", "Control", "Find the largest tilts and impulses that a robot recovers from."),
     Command("compare", "Experiments", "Compare controllers on the same courses and seeds."),
     Command("excite", "Experiments", "Design an informative excitation within limits; try it on the twin."),
-    Command(
-        "twin",
-        "Experiments",
-        "Write the twin's MuJoCo model or a scenario.",
-    ),
+    Command("twin", "Experiments", "Write the twin's MuJoCo model or a scenario."),
     Command("reproduce", "Thesis", "Reproduce the thesis's figures and tables."),
     Command("completion", "Help", "Print a script that completes commands and options in a shell."),
 )

@@ -104,16 +104,19 @@ def check(
 
 
 def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:
-    if options.swing is None:
-        if options != _SWING:
-            raise InputError(
-                "--swing-column, --pivot-distance and --pivot-deviation "
-                "describe a swing; give the swing with --swing FILE."
-            )
+    if options == _SWING:
         return None
-    from ballbot.identification.swing import Pivot
+    if options.swing is None:
+        raise InputError(
+            "--swing-column, --pivot-distance and --pivot-deviation describe a swing: give --swing FILE."
+        )
     from ballbot.workflows.robot_check import check_swing
 
-    pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)
-    codes = check_codes(accept or ())
-    return check_swing(robot, options.swing, pivot, column=options.swing_column, accept=codes)
+    return check_swing(
+        robot,
+        options.swing,
+        distance=options.pivot_distance,
+        deviation=options.pivot_deviation,
+        column=options.swing_column,
+        accept=check_codes(accept or ()),
+    )

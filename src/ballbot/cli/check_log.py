@@ -27,11 +27,7 @@ from ballbot.log.mapping_search.proposal import (
 )
 from ballbot.printable import shell_line
 from ballbot.report.blocks import finding_line
-from ballbot.report.log_check import (
-    CheckedLog,
-    log_check_report,
-    proposal_report,
-)
+from ballbot.report.log_check import CheckedLog, log_check_report, proposal_report
 from ballbot.robot import Robot
 
 

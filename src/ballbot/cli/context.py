@@ -79,8 +79,8 @@ def command_line() -> str:
 def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
     """Return the files among what a command line names, each once: a preset's name is not a file."""
     paths: dict[Path, None] = {}
-    for one in given:
-        for name in [one] if isinstance(one, str | Path) else one or ():
+    for names in given:
+        for name in [names] if isinstance(names, str | Path) else names or ():
             is_there = Path(name).is_file() or is_bag_folder(name)
             if isinstance(name, Path) or (name not in Robot.presets() and is_there):
                 paths[Path(name)] = None
@@ -106,33 +106,32 @@ class CommandResult:
 
     def write(
         self,
-        found: Result,
+        result: Result,
         *,
         files: Mapping[str, Content] = MappingProxyType({}),
         printed: Iterable[RenderableType] | None = None,  # what a terminal shows, if not the page's parts
         named: Sequence[str] = (),  # files whose places are printed before the page's
         next_step: str = "",  # what to do next, with its commands
-        paged: bool = True,  # whether the page is written
     ) -> None:
         """Write results.json, report.html and other files by their names, all of them or none; then print the page.
 
         Of a result in a folder, a terminal shows `Result.parts` in brief; of another, everything.
         """
-        found = replace(found, made=self.origin, next_step=next_step)
+        result = replace(result, made=self.origin, next_step=next_step)
         if self.folder is not None:
             self.report(Progress(stage=WRITING))
             # with templates and scripts, which a refusal does without
             from ballbot.report.page import render
 
             with self.folder.replaced() as new:
-                render(found, new, paged=paged)
+                render(result, new)
                 for name, content in files.items():
                     _write(new / name, content)
-        emit(found.to_dict())
-        parts = found.parts(brief=self.folder is not None) if printed is None else printed
+        emit(result.to_dict())
+        parts = result.parts(brief=self.folder is not None) if printed is None else printed
         print_parts(parts, self.console)
         if self.folder is not None:
-            print_parts(map(self.path, (*named, PAGE if paged else RESULTS)), self.console)
+            print_parts(map(self.path, (*named, PAGE)), self.console)
         if next_step:
             print_parts([f"Next: {next_step}"], self.console)
 
@@ -201,8 +200,8 @@ def parse_seeds(text: str) -> list[int]:
     """Return the seeds that a text lists, each once; InputError if it lists none, or too many."""
     seeds: dict[int, None] = {}
     for part in text.split(","):
-        found = re.fullmatch(r"\s*(\d{1,9})(?:-(\d{1,9}))?\s*", part)
-        first, last = (int(found[1]), int(found[2] or found[1])) if found else (1, 0)
+        match = re.fullmatch(r"\s*(\d{1,9})(?:-(\d{1,9}))?\s*", part)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
         if last < first or last - first >= _MAX_SEEDS or len(seeds) > _MAX_SEEDS:
             raise InputError(
                 f"The seeds are {text!r}; write them as 1-200 or 1,4,7-9, at most {_MAX_SEEDS} seeds."

@@ -11,14 +11,7 @@ from ballbot.log import Log
 from ballbot.log.formats import written_format
 
 
-def convert(
-    log: Path,
-    out: Path,
-    /,
-    *,
-    mapping: options.Mapping = None,
-    force: bool = False,
-) -> None:
+def convert(log: Path, out: Path, /, *, mapping: options.Mapping = None, force: bool = False) -> None:
     """Write a log in another file format, that of the suffix of OUT: .csv, .parquet, .mat or .mcap.
 
     An MCAP file opens in Foxglove and PlotJuggler.

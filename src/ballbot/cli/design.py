@@ -16,18 +16,9 @@ from ballbot.control.file import controller_text
 from ballbot.control.presets import KINDS, NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
-from ballbot.report.design import (
-    controller_design_report,
-    robust_design_report,
-    search_comment,
-)
+from ballbot.report.design import controller_design_report, robust_design_report, search_comment
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.controller_design import (
-    DEFAULT_PARTS,
-    GainOptions,
-    PartOptions,
-    design_controller,
-)
+from ballbot.workflows.controller_design import DEFAULT_PARTS, GainOptions, PartOptions, design_controller
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, robust_design
 
 if TYPE_CHECKING:
@@ -143,10 +134,7 @@ def design(
         if gain.sample_time is not None:
             described = described.replace(sensors=replace(described.sensors, sample_time=gain.sample_time))
     effort = Effort(
-        robots=search.robots,
-        generations=search.generations,
-        population=search.population,
-        fresh=search.fresh,
+        robots=search.robots, generations=search.generations, population=search.population, fresh=search.fresh
     )
     spread, scenario = PerturbationRanges.parse(search.perturb), load_scenario(search.scenario, described)
     with open_result(

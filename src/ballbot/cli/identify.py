@@ -138,11 +138,7 @@ def identify(
             for name, path, log, each in zip(held_out, paths[held], read[held], mappings[held], strict=True)
         ]
         page = identification_report(
-            found,
-            checked.logs,
-            findings=checked.findings,
-            selection=selection,
-            holdouts=holdouts,
+            found, checked.logs, findings=checked.findings, selection=selection, holdouts=holdouts
         )
         files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"

@@ -68,10 +68,5 @@ def identify_axis(
             validation_records=read[len(fitted) :],
             run=Run(progress=result.report),
         )
-        page = axis_report(found, read[0], findings)
-        step = (
-            "name another record of the axis after this one, to validate what was found"
-            if not against
-            else ""
-        )
-        result.write(page, next_step=step)
+        step = "name another record of the axis after this one, to validate what was found"
+        result.write(axis_report(found, read[0], findings), next_step="" if against else step)

@@ -11,10 +11,11 @@ from ballbot.findings import by_severity
 from ballbot.fitting.run import Run
 from ballbot.identification.agreement import file_findings
 from ballbot.identification.bench_checks import sweep_findings
-from ballbot.identification.driveline import fit_drivelines, robot_with_friction, sweep_estimate, sweeps_of
+from ballbot.identification.driveline import fit_driveline, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping import dead_band_findings
+from ballbot.progress import in_stage
 from ballbot.report.bench import driveline_report
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
@@ -57,7 +58,10 @@ def identify_driveline(
         accept=accept,
     )
     with open_result(out, doing="sweep", writes=["robot.toml"], inputs=[robot, log, mapping]) as result:
-        fits = fit_drivelines(sweeps, run=Run(progress=result.report))
+        fits = [
+            fit_driveline(one, run=Run(progress=in_stage(result.report, f"wheel {one.wheel}")))
+            for one in sweeps
+        ]
         estimate = sweep_estimate(fits)
         findings = by_severity([*findings, *file_findings(described, estimate)])
         source = f"identified: sweep of the free wheels, {log.name}"

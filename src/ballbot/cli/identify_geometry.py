@@ -10,11 +10,7 @@ from ballbot.cli.findings import in_file, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import note
 from ballbot.identification.bench_checks import encoder_findings
-from ballbot.identification.geometry import (
-    geometry_findings,
-    robot_with_geometry,
-    survey_geometry,
-)
+from ballbot.identification.geometry import geometry_findings, robot_with_geometry, survey_geometry
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.bench import geometry_report
@@ -94,9 +90,5 @@ def identify_geometry(
             )
             of_geometry.append(note("no-robot-file", text))
         page = geometry_report(found, of_geometry, robot=described, log_findings=findings)
-        step = (
-            f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
-            if files
-            else ""
-        )
-        result.write(page, files=files, next_step=step)
+        step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
+        result.write(page, files=files, next_step=step if files else "")

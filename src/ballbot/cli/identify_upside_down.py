@@ -58,11 +58,7 @@ def identify_upside_down(
         )
         page = upside_down_report(found, described, named, findings=findings)
         files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
-        step = (
-            f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
-            if files
-            else ""
-        )
-        result.write(page, files=files, named=[*files], next_step=step)
+        step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
+        result.write(page, files=files, named=[*files], next_step=step if files else "")
     if not found.verdict.usable:
         raise InputError(f"{found.verdict.sentence} No robot.toml was written.")

@@ -14,8 +14,7 @@ from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, limits_report
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, twin_limits
-from ballbot.workflows.recovery_region import Loop
+from ballbot.workflows.limits import Loop, RobotLimits, TwinLimit, find_limits, twin_limits
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)

@@ -11,9 +11,8 @@ from contextlib import suppress
 
 from cyclopts import CycloptsError
 
-from ballbot.cli import ARGV, OUTPUT, Output
+from ballbot.cli import ARGV, OUTPUT, Output, Waiting
 from ballbot.cli.app import COMMANDS, OUTPUT_OPTIONS, START, build_app
-from ballbot.cli.waiting import Waiting
 from ballbot.errors import InputError, missing_package
 from ballbot.printable import printable_line
 
@@ -57,7 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         return _refuse(str(error))
     except CycloptsError as error:
-        return _refuse(f"{' '.join(str(error).split())} Try: {_help_of(tokens)}")
+        known = [command.name for command in COMMANDS if command.name in tokens[:1]]
+        return _refuse(f"{' '.join([*str(error).split(), 'Try: ballbot', *known, '--help'])}")
     except ModuleNotFoundError as error:
         if error.name not in _EXTRAS:
             raise
@@ -121,11 +121,6 @@ def _close_standard_output() -> None:
     """Redirect standard output to nowhere, so that Python's exit does not fail to flush it again."""
     with suppress(OSError, AttributeError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _help_of(tokens: list[str]) -> str:
-    known = [command.name for command in COMMANDS if command.name in tokens[:1]]
-    return " ".join(["ballbot", *known, "--help"])
 
 
 def _survive_narrow_encodings() -> None:

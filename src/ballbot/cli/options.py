@@ -91,8 +91,7 @@ WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
 
 #: the option --seed
 Seed = Annotated[
-    int,
-    Parameter(converter=_whole_number, help="Random seed. The same seed gives the same result."),
+    int, Parameter(converter=_whole_number, help="Random seed. The same seed gives the same result.")
 ]
 
 #: each log of a command that needs one or more

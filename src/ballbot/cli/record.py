@@ -1,4 +1,4 @@
-"""`ballbot record`: a run of the twin, written as log files."""
+"""`ballbot record`: runs of the twin, written as log files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from cyclopts import Parameter
 
 from ballbot.cli import options
-from ballbot.cli.context import ROBOT_BESIDE, Content, changed_robot, open_result
+from ballbot.cli.context import ROBOT_BESIDE, Content, changed_robot, open_result, parse_seeds, workers
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import check_robot
 from ballbot.control.references import as_reference
@@ -15,11 +15,12 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
 from ballbot.progress import in_stage
-from ballbot.report.run import recording_report
+from ballbot.report.run import recording_report, recordings_report
 from ballbot.simulation.run import sample_count
+from ballbot.summary import counted
 from ballbot.twin.recording import DURATIONS, Experiment
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.record import RECORD_FILES, RecordJob, record_run, settings
+from ballbot.workflows.record import RECORD_FILES, RecordJob, record_run, record_runs, settings
 
 
 @Parameter(name="*")
@@ -39,7 +40,21 @@ class ExperimentOptions:
     format: options.LogFormat = "csv"
 
 
-_EXPERIMENT, _CONTROLLER = ExperimentOptions(), ControllerOptions()
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SeedOptions:
+    """Random seeds, and where the runs of several are made."""
+
+    seed: options.Seed = 1
+
+    seeds: str | None = None
+    """Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Runs that are there are kept
+    if they have the same settings: the same command goes on after it was stopped."""
+
+    cluster: options.Cluster = None
+
+
+_EXPERIMENT, _SEEDS, _CONTROLLER = ExperimentOptions(), SeedOptions(), ControllerOptions()
 
 
 def record(
@@ -50,7 +65,7 @@ def record(
     run: ExperimentOptions = _EXPERIMENT,
     chosen: ControllerOptions = _CONTROLLER,
     estimator: EstimatorName | None = None,
-    seed: options.Seed = 1,
+    random: SeedOptions = _SEEDS,
     accept: options.Accept = None,
     change: options.Changes = None,
     out: options.Out,
@@ -61,7 +76,7 @@ def record(
 
     Example: ballbot record nominal --robot alten --reference square --duration 40 --seed 1 --out run1
 
-    Example: ballbot record mine.toml --estimator kalman --out run2
+    Example: ballbot record mine.toml --estimator kalman --seeds 1-200 --out runs
 
     Parameters
     ----------
@@ -77,7 +92,8 @@ def record(
     findings = check_robot(described, accept=accept)
     # refused before anything is run or made
     as_reference(run.reference)
-    check_seed(seed)
+    check_seed(random.seed)
+    seeds = None if random.seeds is None else parse_seeds(random.seeds)
     controller = chosen.read(described)
     job = RecordJob(
         robot=described,
@@ -86,14 +102,27 @@ def record(
         experiment=run.experiment,
         reference=run.reference,
         duration=DURATIONS[run.experiment] if run.duration is None else run.duration,
-        seed=seed,
+        seed=random.seed,
         log_format=check_format(run.format),
     )
     if run.experiment == "balance":
         warn_of_idle_compensation({chosen.controller or "nominal controller": job.controller})
     sample_count(job.duration, job.controller.sample_time)
     doing, inputs = f"recording {job.duration:g} s", [robot, scenario, run.reference, chosen.controller]
-    with open_result(out, doing=doing, writes=RECORD_FILES, inputs=inputs, seed=seed) as result:
+    if seeds is not None:
+        several, listed = f"recording {counted(len(seeds), 'run')} of {job.duration:g} s", str(random.seeds)
+        with (
+            workers(random.cluster) as made_by,
+            open_result(out, command="record --seeds", doing=several, inputs=inputs, seed=listed) as result,
+        ):
+            runs = record_runs(job, seeds, out, workers=made_by, progress=result.report)
+            made = " ".join(
+                str(out / next(iter(runs)) / name) for name in (ROBOT_BESIDE, f"log.{run.format}")
+            )
+            step = f"`ballbot {_NEXT[run.experiment]} {made} --out found`"
+            result.write(recordings_report(job, runs, findings), next_step=step)
+        return
+    with open_result(out, doing=doing, writes=RECORD_FILES, inputs=inputs, seed=job.seed) as result:
         recording = record_run(job, in_stage(result.report, doing))
         files: dict[str, Content] = {
             f"{name}.{job.log_format}": log.write for name, log in recording.logs.items()

@@ -18,13 +18,7 @@ from ballbot.log.checks import bench_findings
 from ballbot.report.spin import spin_report
 from ballbot.robot import Robot
 from ballbot.vision.seam import seam_named
-from ballbot.vision.spin import (
-    compare_with_wheels,
-    facing,
-    log_with_spin,
-    measure_spin,
-    overlay,
-)
+from ballbot.vision.spin import compare_with_wheels, facing, log_with_spin, measure_spin, overlay
 from ballbot.vision.video import open_video
 
 _WRITTEN = ("spin.csv", "overlay.png", "log.csv")
@@ -87,15 +81,11 @@ def spin(
             "--log needs --robot, because the ball's velocity is "
             "computed from the wheel speeds with the robot's geometry."
         )
-    turn = None
-    if camera.forward is not None:
-        if not math.isfinite(camera.forward):
-            raise InputError(f"--forward is {camera.forward:g}; it must be an angle in degrees.")
-        turn = facing(math.radians(camera.forward))
+    turn = None if camera.forward is None else facing(math.radians(camera.forward))
     circle = None
     if camera.circle is not None:
-        place = "x,y,radius in pixels, such as 320,240,150"
-        x, y, radius = numbers_listed(camera.circle, "--circle", count=3, wanted=place)
+        wanted = "x,y,radius in pixels, such as 320,240,150"
+        x, y, radius = numbers_listed(camera.circle, "--circle", count=3, wanted=wanted)
         circle = (x, y, radius)
     seam = seam_named(camera.seam)
     run = Log.read(log, mapping=mapping) if log is not None else None
@@ -118,14 +108,8 @@ def spin(
         if run is not None and comparison is not None:
             files["log.csv"] = log_with_spin(run, found, comparison.motion.clock).write
         files |= {"spin.csv": found.log().write, "overlay.png": (picture := overlay(found))}
-        page = spin_report(
-            found,
-            comparison,
-            video=video.name,
-            picture=picture,
-            log_findings=findings,
-        )
-        step = f"`ballbot identify-upside-down {robot} {result.path('log.csv')} --out found`"
-        if run is None:
-            step = "give the log of the run with --log and --robot."
+        page = spin_report(found, comparison, video=video.name, picture=picture, log_findings=findings)
+        step = "give the log of the run with --log and --robot."
+        if run is not None:
+            step = f"`ballbot identify-upside-down {robot} {result.path('log.csv')} --out found`"
         result.write(page, files=files, named=["spin.csv"], next_step=step)

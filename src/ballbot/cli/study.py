@@ -86,7 +86,7 @@ def study(
     logs
         One or more logs of the robot balancing, with torques and states.
     quick
-        Stop at the verdict: no report.html, and no measurement of where friction matters.
+        Do not measure where friction matters.
     """
     described = changed_robot(robot, change)
     named = read_balancing_logs(logs, fit.mapping, described)
@@ -123,5 +123,4 @@ def study(
             study_report(found),
             files=study_texts(found, result.folder.path),
             next_step=next_step(found, result.path),
-            paged=not quick,
         )

@@ -15,10 +15,7 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.findings import by_severity
 from ballbot.fitting.run import Run, check_seed
-from ballbot.report.prediction import (
-    next_steps,
-    prediction_report,
-)
+from ballbot.report.prediction import next_steps, prediction_report
 from ballbot.report.run import over_time
 from ballbot.report.validation import validation_report
 from ballbot.report.words import logs_words
@@ -140,10 +137,7 @@ def validate(
         first, second = models.names
         title = f"{described.name}: the models {first} and {second} against its logs"
         page = validation_report(
-            validation,
-            title=title,
-            lead=f"Validated on {logs_words(named)}.",
-            by_log=parts,
+            validation, title=title, lead=f"Validated on {logs_words(named)}.", by_log=parts
         )
         step = f"`ballbot design {robot} --kind precise --out designed`"
         result.write(page, next_step=step)

@@ -205,9 +205,8 @@ def _decide(law, memory, measured, reference, torques):
     seen = Measured(attitude((measured[2], measured[3], measured[4])), measured)
     observe(law, memory, seen, n)
     a, state = predict(law, memory, seen, n)
-    turned = _turned_by(
-        memory.measured_heading, measured[4]
-    )  # nothing at the start, where a part takes the pose
+    # nothing at the start, where a part takes the pose
+    turned = _turned_by(memory.measured_heading, measured[4])
     asked = _unshaped(reference, _turned_by(memory.reference_heading, reference[4]))
     wanted = shape(law, memory, asked, state)
     e, error_limited = limit_error(law, lean_error(law, _heading_error(a, state, turned, wanted), a, wanted))
@@ -262,18 +261,9 @@ def control_law(
     reference: NDArray[np.float64],
     torques: NDArray[np.float64],
 ) -> int:
-    """Fill `torques` (n,) and return `ALLOWED`, or the place in the reference at which A r is not 0.
+    """Fill `torques` (n,) [N m] and return `ALLOWED`, or the place in the reference at which A r is not 0.
 
-    Without a valid state, or with a reference that is refused, the torques are zero and the memory stays as it is.
-
-    Parameters
-    ----------
-    law : ndarray
-        The float64 view of a record of `LAW`.
-    memory : ndarray (`MEMORY_SIZE`,)
-        The float64 view of a record of `MEMORY`; changed. All zero at the start of a run.
-    measured, reference : ndarray (10,)
-    torques : ndarray (n,)
-        [N m]
+    Law and memory are the float64 views of records of `LAW` and `MEMORY`; the memory, all zero at the start of a run,
+    is changed. Without a valid state, or with a reference that is refused, the torques are zero and it stays as it is.
     """
     return _control_law(law_code(), law, memory, measured, reference, torques)

@@ -4,10 +4,9 @@ At wheel speed w the compensation gives at most (`ballbot.control.parts.compensa
 
     k(w) = b w + (c + s exp(-(w/v_s)^delta)) ramp(w),       w > 0
 
-of the friction that it assumes, and friction takes tau(w) of its own. A wheel that turns
-steadily at w is driven faster where k(w) > tau(w). A late torque gives less, not more (what it pushes after the wheel
-has turned round, it takes), and gear play gives none: the check leaves out both and is on the safe side. Partial
-compensation counts as full where it works, and rolling friction has a fraction of its own.
+of the friction that it assumes, and friction takes tau(w) of its own. A wheel that turns steadily at w is driven faster
+if k(w) > tau(w). A late torque gives less, and gear play gives none: the check leaves out both and is on the safe side.
+Partial compensation counts as full where it works, and rolling friction has a fraction of its own.
 
 A friction that is safe to compensate (`cautious_friction`) is no more than what is certain of it. With 95 % confidence
 (z = 1.64), wheel i's curve is at least
@@ -67,7 +66,8 @@ def cautious_friction(
     intervals of numbers without an error, by label, as "friction.stribeck[2]".
     """
     n = len(friction.coulomb)
-    labels, values = _labels(friction), _numbers(friction)
+    labels, values = zip(*_numbers(friction).items(), strict=True)
+    values = np.array(values)
     P = np.asarray(covariance, dtype=np.float64)
     P = np.pad(P, (0, len(labels) - len(P)))
     unknown = ~np.isfinite(P.diagonal())
@@ -100,38 +100,26 @@ _NAMES = (
 )
 
 
-def _values(friction: Friction) -> dict[str, tuple[float, ...]]:
-    """Return the friction's numbers by name: those of `_NAMES`, then those of its law's own."""
+def _numbers(friction: Friction) -> dict[str, float]:
+    """Return the friction's numbers by label: those of `_NAMES`, then those of its law's own."""
     none = (0.0,) * len(friction.coulomb)
     named = {f"friction.{name}": getattr(friction, name) for name in _NAMES}
     named |= {f"friction.own.{name}": value for name, value in friction.own}
-    return {name: numbers_of(none if value == () else value) for name, value in named.items()}
-
-
-def _labels(friction: Friction) -> list[str]:
-    """Return the labels (p,) of the friction's numbers: (6 n + 3,) without those of a law's own."""
-    return [
-        f"{name}[{wheel}]" if BY_NAME[name].shape == "list" else name
-        for name, values in _values(friction).items()
-        for wheel in range(len(values))
-    ]
-
-
-def _numbers(friction: Friction) -> NDArray[np.float64]:
-    """Return the friction's numbers (p,)."""
-    return np.concatenate([np.array(values, dtype=float) for values in _values(friction).values()])
+    return {
+        f"{name}[{wheel}]" if BY_NAME[name].shape == "list" else name: number
+        for name, value in named.items()
+        for wheel, number in enumerate(numbers_of(none if value == () else value))
+    }
 
 
 class _WheelCurve:
     """A wheel's friction against its motion at `_CONFIDENCE_SPEEDS`, of its own numbers out of all."""
 
     def __init__(self, friction: Friction, wheel: int) -> None:
-        labels = _labels(friction)
-        names = [name for name in _values(friction) if name not in ("friction.rolling", "friction.load")]
-        self.places = [
-            labels.index(f"{name}[{wheel}]" if BY_NAME[name].shape == "list" else name) for name in names
-        ]
-        self._names = [name.rpartition(".")[2] for name in names]
+        labels = [label.removesuffix(f"[{wheel}]") for label in _numbers(friction)]
+        others = ("friction.rolling", "friction.load")
+        self.places = [k for k, name in enumerate(labels) if "[" not in name and name not in others]
+        self._names = [labels[place].rpartition(".")[2] for place in self.places]
         self._law = friction.own_law
         #: whether it differs with the direction of turning, or with the load
         self.directed = bool(any((*friction.coulomb_asymmetry, *friction.stribeck_asymmetry, *friction.load)))
@@ -203,7 +191,7 @@ def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
 
     A variance is zero if the file states no deviation of that number, and infinite if it states that it is unknown.
     """
-    labels = _labels(robot.friction)
+    labels = [*_numbers(robot.friction)]
     stated = {label: size for label, *_, size in deviation_labels(robot.standard_deviations)}
     if not any(label in stated for label in labels):
         return None

@@ -68,10 +68,7 @@ def settings_of(part: type) -> dict[str, Setting]:
 
 
 def check_settings(part: object, label: str) -> None:
-    """Check every setting of a part, and make arrays of its matrices.
-
-    InputError if a value is outside its range, or a matrix has another shape or a value that is not finite.
-    """
+    """Raise InputError if a setting of a part is outside its range; make arrays of its matrices."""
     values = {name: np.asarray(getattr(part, name)).tolist() for name in settings_of(type(part))}
     try:
         validate_table(table_of(type(part)), values, of="its settings")
@@ -207,10 +204,7 @@ def schema_of(record: type) -> Schema:
 
 
 def fill_record(target: NDArray[np.void], value: object) -> None:
-    """Copy a record's dataclass into a structured array (1,); an array fills the first places of its room.
-
-    InputError if an array has more rows than there is room for, or a value is not finite.
-    """
+    """Copy a record's dataclass into a structured array (1,); an array fills the first places of its room."""
     for name, one in schema_of(type(value)).fields.items():
         if isinstance(one, Schema):
             continue
@@ -250,8 +244,7 @@ def _convert(
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             target[name] = given
         back = target[name].astype(given.dtype)
-        kept = back == given if one.whole else np.abs(back - given) <= largest_loss * np.abs(given)
-        lost = ~kept
+        lost = ~(back == given if one.whole else np.abs(back - given) <= largest_loss * np.abs(given))
         if lost.any():
             worst = given[lost].ravel()[0]
             raise InputError(

@@ -72,8 +72,7 @@ class Stop:
 class SafetyLimits:
     """Limits beyond which the safety layer sets all torques to zero until `SafeController.reset`.
 
-    InputError if `max_missing` or `max_unchanged` is not a whole number, zero or more, or another limit is not above
-    zero.
+    InputError if `max_missing` or `max_unchanged` is not a whole number, or another limit is not above zero.
     """
 
     max_missing: int = 2  #: samples in a row without a valid measurement that are bridged

@@ -1,8 +1,4 @@
-"""The seam between a robot's sensors and the state made from them: readings, estimators by name, and their errors.
-
-An estimator gets one reading a sample, in order of time, and answers at once: it knows nothing of what comes
-next, so that the same code runs on a robot.
-"""
+"""The seam between a robot's sensors and the state made from them: readings, estimators by name, and their errors."""
 
 from __future__ import annotations
 
@@ -116,10 +112,7 @@ class EstimationErrors:
 def state_errors(
     t: NDArray[np.float64], states: NDArray[np.float64], truth: NDArray[np.float64]
 ) -> EstimationErrors:
-    """Return the errors of estimated states (N, 10) against the true ones (N, 10), at even times t (N,) [s].
-
-    The drift is over all pairs of instants a minute apart, so that a way back to the start does not hide it.
-    """
+    """Return the errors of estimated states (N, 10) against the true ones (N, 10), at even times t (N,) [s]."""
     error = states - truth
     rows = round(_MINUTE * (len(t) - 1) / float(t[-1] - t[0]))
     drift = error[rows:, :2] - error[:-rows, :2]

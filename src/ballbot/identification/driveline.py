@@ -28,7 +28,6 @@ from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
-from ballbot.progress import in_stage
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
 from ballbot.summary import Summary, estimated, plotted, summarized
@@ -54,31 +53,23 @@ def check_wheels_free(log: Log) -> None:
     """Refuse the log of a robot that balances, or that has the ball on its wheels.
 
     A log without lean and without the ball's angular velocity shows neither, and passes.
-
-    InputError if it is such a log.
     """
-    for name in ("theta", "phi"):
-        # white noise, which the changes from row to row show, is no swing
-        values = _known(log, name)
-        noise = 0.5 * np.mean(np.diff(values) ** 2) if values.size > 1 else np.inf
-        swing = float(np.sqrt(max(np.var(values) - noise, 0.0))) if values.size else 0.0
-        if swing > _STILL:
-            raise InputError(
-                f"In this log the body sways by {np.degrees(swing):.2g} degrees (root mean "
-                f"square of {name}), as when it balances. A sweep needs the body held still and "
-                "the wheels off the ball; use `ballbot identify` for logs of a balancing robot."
-            )
-    for name in BALL_NAMES:
-        if np.any(_known(log, name) != 0.0):
+    known = {name: log[name][np.isfinite(log[name])] for name in ("theta", "phi", *BALL_NAMES) if name in log}
+    for name, values in known.items():
+        if name in BALL_NAMES and values.any():
             raise InputError(
                 f"In this log a ball turns ({name}). A sweep needs the wheels off the ball; "
                 "use `ballbot identify-upside-down` for logs of the ball on the clamped robot."
             )
-
-
-def _known(log: Log, name: str) -> NDArray[np.float64]:
-    """Return a column's values without those that are missing; none if there is no such column."""
-    return log[name][np.isfinite(log[name])] if name in log else np.empty(0)
+        # white noise, which the changes from row to row show, is no swing
+        noise = 0.5 * np.mean(np.diff(values) ** 2) if len(values) > 1 else np.inf
+        if name not in BALL_NAMES and np.var(values) - noise > _STILL**2:
+            sway = np.degrees(np.sqrt(np.var(values) - noise))
+            raise InputError(
+                f"In this log the body sways by {sway:.2g} degrees (root mean square of {name}), as when it balances. "
+                "A sweep needs the body held still and the wheels off the ball; use `ballbot identify` for logs of a "
+                "balancing robot."
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,17 +130,16 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
             f"The log has torques of {torques.shape[1]} wheels and speeds of "
             f"{speeds.shape[1]} wheels; {robot.name} has {robot.wheel_count} wheels."
         )
-    for i in range(robot.wheel_count):
-        if np.ptp(torques[:, i]) == 0.0:
-            raise InputError(
-                f"u{i + 1} is {torques[0, i]:g} N m throughout; the "
-                "torque of a sweep must vary slowly up and down."
-            )
-    if limit is not None and not limit > 0.0:
-        raise InputError(f"The speed limit is {limit:g} rad/s; it must be above zero.")
+    for i in np.flatnonzero(np.ptp(torques, axis=0) == 0.0):
+        raise InputError(
+            f"u{i + 1} is {torques[0, i]:g} N m throughout; the torque of a sweep must vary slowly up and down."
+        )
     highest = float(np.abs(speeds).max()) if limit is None else limit
     if not highest > 0.0:
-        raise InputError("The wheels never turn in this log; a sweep must go well beyond break-away.")
+        raise InputError(
+            f"The speed limit is {highest:g} rad/s. Give one above zero (--speed-limit), or a sweep well beyond "
+            "break-away: in this log the wheels never turn faster."
+        )
     return [
         Sweep(
             wheel=i + 1,
@@ -196,7 +186,7 @@ class DrivelineFit:
         )
 
     def plot(self) -> Figure:
-        """Return a figure of the friction over speed with its 95 % band."""
+        """Return a figure of the friction over speed."""
         return plotted(self)
 
 
@@ -245,14 +235,6 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
             if one.code != "law"
         ),
     )
-
-
-def fit_drivelines(sweeps: Sequence[Sweep], *, run: Run = DEFAULT_RUN) -> list[DrivelineFit]:
-    """Identify every wheel's friction."""
-    return [
-        fit_driveline(one, run=replace(run, progress=in_stage(run.progress, f"wheel {one.wheel}")))
-        for one in sweeps
-    ]
 
 
 def robot_with_friction(robot: Robot, found: StageEstimate, *, source: str) -> Robot:

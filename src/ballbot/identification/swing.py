@@ -7,9 +7,9 @@ viscous friction b [N m s/rad], its dry friction c [N m] and the inertia I about
 period grows with the amplitude A: T = T_0 2 K(sin(A/2)) / pi, with the complete elliptic integral K (L. Landau and
 E. Lifshitz, Mechanics, section 11), so that the shape of large swings distinguishes radians from degrees.
 
-Six numbers are fitted by output error: omega_n^2, beta, kappa, the first angle and rate, and the sensor's zero. The fit
-begins on the first swings and grows over the whole recording, so that it cannot settle a whole swing off. Residuals of
-neighbouring samples go together, so errors are clustered by swings. The inertia follows from the frequency:
+The experiment (`pendulum_experiment`) has six parameters: omega_n^2, beta, kappa, the first angle and rate, and the
+sensor's zero. Its residuals are the sensor's values by the pendulum less those recorded, in blocks of one swing, as
+those of neighbouring samples go together. The inertia follows from the frequency:
 
     I_pivot = m g r / omega_n^2        I_com = I_pivot - m r^2        J_0 = I_com + m l^2
 
@@ -21,7 +21,7 @@ d_i of a result by each, its variance is the sum of (d_i s_i)^2.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -29,18 +29,18 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
-from scipy.special import ellipk
+from scipy.special import ellipk, stdtrit
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, error, finding, note, warning
+from ballbot.findings import Finding, error, finding, finding_results, note, warning
+from ballbot.fitting.experiment import Residuals
+from ballbot.fitting.fit import descend, fit
 from ballbot.fitting.intervals import HALF_WIDTH
-from ballbot.fitting.least_squares import central_differences, minimize_squares
-from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.fitting.parameter import Parameter
 from ballbot.identification.axis.model import Axis
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
-from ballbot.log.signals import longest_repeat
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.robot.derived import inertia_from_swing
@@ -62,21 +62,13 @@ _LARGEST_RATE = 2.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Swing:
-    """A free swing: the body let go and touched by nothing until the last row.
-
-    InputError if times and values are not two rows of finite numbers of one length.
-    """
+    """A free swing, from the middle on: the body let go and touched by nothing until the last row."""
 
     t: NDArray[np.float64]  #: (n,) [s]
     values: NDArray[np.float64]  #: (n,) [rad] or [rad/s], about no particular zero
     kind: Kind
     period: float  #: of the swings as they are, roughly [s]
     source: str  #: the sensor or file that it was measured with, in words
-
-    def __post_init__(self) -> None:
-        t = real_array(self.t, ("n",), "The time of a swing")
-        object.__setattr__(self, "t", t)
-        object.__setattr__(self, "values", real_array(self.values, t.shape, "The row of a swing's values"))
 
     @property
     def swings(self) -> float:
@@ -114,6 +106,8 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     Values (n,) [rad] or [rad/s], about any zero, at increasing times (n,) [s], measured with `source`, in words.
     InputError if nothing swings, swings or samples are too few, or no pendulum has such an angle.
     """
+    t = real_array(t, ("n",), "The time of a swing")
+    values = real_array(values, t.shape, "The row of a swing's values")
     values = np.unwrap(values) if kind == "angle" else values
     centred = values - np.median(values)
     if len(t) < 32 or float(np.ptp(centred)) == 0.0:
@@ -129,16 +123,14 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     smooth = np.convolve(centred, np.full(width, 1.0 / width), mode="same")
     size = np.abs(smooth)
     peaks, _ = scipy.signal.find_peaks(size, distance=max(1, int(0.35 * period / h)))
-    if not len(peaks):
-        raise InputError(f"{source} does not swing.")
-    largest, of_rate = float(size[peaks].max()), _LARGEST_RATE * 2.0 * np.pi / period
+    largest, of_rate = float(size.max()), _LARGEST_RATE * 2.0 * np.pi / period
     most, unit = (_LARGEST_ANGLE, "rad") if kind == "angle" else (of_rate, "rad/s")
     if largest > most:
         raise InputError(
             f"{source} swings to {largest:.3g} {unit} in {period:.3g} s, more than a pendulum can; check whether it is "
             "in degrees (then multiply it by pi/180)."
         )
-    top = int(peaks[np.argmax(size[peaks] > _AS_LARGE * largest)])
+    top = int(np.argmax(size > _AS_LARGE * largest))
     crossings = np.flatnonzero(smooth[top:-1] * smooth[top + 1 :] <= 0.0)
     start = top + int(crossings[0]) if len(crossings) else top
     small = peaks[(peaks > start) & (size[peaks] < _SMALLEST * largest)]
@@ -200,15 +192,62 @@ def pendulum_motion(
     return course(t), course(t, 1)
 
 
-NAMES = ("omega_n^2", "beta", "kappa", "first angle", "first rate", "zero")
-#: swings that the fit begins with
+def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
+    """Return the pendulum as an experiment, and the values to start from (6,): the spectrum's frequency, no friction.
+
+    Friction may come out below zero, so that its intervals are about zero where there is none.
+    """
+    first = swing.values[swing.t - swing.t[0] <= swing.period]
+    size, omega = 0.5 * float(np.ptp(first)), 2.0 * np.pi / swing.period
+    zero, angular = float(first.min()) + size, swing.kind == "angle"
+    amplitude = min(size if angular else size / omega, 2.5)
+    omega *= period_growth(amplitude)
+    # the recording begins in the middle: there the angle is zero, or the rate
+    way = float(np.sign(np.sum(first[: len(first) // 4] - zero)))
+    angle, rate = (0.0, way * omega * amplitude) if angular else (-way * amplitude, 0.0)
+    # viscous or dry friction that leaves a body its least count of swings, from the largest to the smallest
+    viscous = omega * math.log(1.0 / _SMALLEST) / (math.pi * _LEAST_SWINGS)
+    dry = omega**2 * amplitude / (4.0 * _LEAST_SWINGS)
+    sizes = (
+        ("viscous", "beta", "1/s", viscous),
+        ("dry", "kappa", "1/s^2", dry),
+        ("angle", "first angle", "rad", 4.0),
+        ("rate", "first rate", "rad/s", 4.0 * omega),
+        ("zero", "zero", "rad" if angular else "rad/s", abs(zero) + 4.0 * size),
+    )
+    frequency = Parameter(
+        name="frequency",
+        symbol="omega_n^2",
+        unit="1/s^2",
+        scale="ratio",
+        bounds=(omega**2 / 4.0, 4.0 * omega**2),
+        default=omega**2,
+    )
+    others = (
+        Parameter(name=name, symbol=symbol, unit=unit, scale="signed", bounds=(-most, most), default=0.0)
+        for name, symbol, unit, most in sizes
+    )
+    block = np.minimum((swing.t - swing.t[0]) // swing.period, swing.swings // 1.0 - 1.0).astype(np.int64)
+    experiment = Residuals(
+        parameters=(frequency, *others),
+        residuals_of=lambda p: _sensed(p, swing)[1] - swing.values,
+        block=block,
+        block_log=np.zeros(block[-1] + 1, dtype=np.int64),
+    )
+    return experiment, np.array([omega**2, 0.0, 0.0, angle, rate, zero])
+
+
+def _sensed(p: NDArray[np.float64], swing: Swing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the angle [rad] and the sensor's value, both (n,)."""
+    stiffness, viscous, dry, angle, rate, zero = p.tolist()
+    angles, rates = pendulum_motion(stiffness, viscous, dry, angle, rate, swing.t)
+    return angles, (angles if swing.kind == "angle" else rates) + zero
+
+
+#: swings that are fitted first, so that the whole recording is not fitted a whole swing off
 _FIRST_SWINGS = 3.0
-#: derivatives are central differences over this share of each value's order of size
-_DIFFERENCE = 1e-5
 #: a fit that leaves more than this share of the swing is refused
 _WORST = 0.3
-#: one unit fits better than another if it leaves less than this share of the other's residual
-_BETTER = 0.8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -216,7 +255,7 @@ class SwingFit:
     """A pendulum fitted to a swing."""
 
     swing: Swing
-    values: NDArray[np.float64]  #: (6,) in the order of `NAMES`
+    values: NDArray[np.float64]  #: (6,) omega_n^2, beta, kappa, first angle, first rate and zero
     half_widths: NDArray[np.float64]  #: (6,) half of their 95 % intervals, clustered by swings
     predicted: NDArray[np.float64]  #: (n,) the sensor's value by the fit [rad] or [rad/s]
     amplitudes: tuple[float, float]  #: largest angle in the first and in the last swing [rad]
@@ -243,126 +282,49 @@ def fit_swing(swing: Swing) -> SwingFit:
 
     InputError if the recording is not that of a free pendulum: the residual of the fit is a third of the motion.
     """
-    fit = _fitted(swing)
-    if fit is not None and fit.residual < _WORST:
-        return fit
-    left = "" if fit is None else f": a pendulum leaves {100.0 * fit.residual:.0f} % of it unexplained"
-    unit = "rad" if swing.kind == "angle" else "rad/s"
+    found = _fitted(swing)
+    if found.residual < _WORST:
+        return found
     raise InputError(
-        f"{swing.source} is not a free swing{left}; cut the recording to where nothing touches the body, and check "
-        f"that it is in {unit}, not in degrees."
+        f"{swing.source} is not a free swing: a pendulum leaves {100.0 * found.residual:.0f} % of it unexplained; cut "
+        "the recording to where nothing touches the body, and check that it is in "
+        f"{'rad' if swing.kind == 'angle' else 'rad/s'}, not in degrees."
     )
 
 
-def _fitted(swing: Swing) -> SwingFit | None:
-    """Return the pendulum that comes closest, or None if none does."""
-    values, until = _guess(swing), _FIRST_SWINGS
-    omega = float(np.sqrt(values[0]))
-    amplitude = max(float(np.hypot(values[3], values[4] / omega)), 1e-9)
-    # each value's order of size, also of one that is zero
-    sizes = np.array([omega**2, omega, omega**2 * amplitude, amplitude, omega * amplitude, amplitude])
-    while True:
-        rows = int(np.searchsorted(swing.t, swing.t[0] + until * swing.period, side="right"))
-
-        def misfit(p: NDArray[np.float64], rows: int = rows) -> NDArray[np.float64]:
-            return _sensed(p, swing, rows)[1] - swing.values[:rows]
-
-        found = minimize_squares(
-            misfit,
-            values,
-            jacobian_of=lambda p, misfit=misfit: central_differences(misfit, p, _DIFFERENCE * sizes),
-            scale=sizes,
-            method="lm",
-        )
-        values = found.point
-        if not (np.isfinite(values).all() and values[0] > 0.0):
-            return None
-        if rows == len(swing.t):
-            break
+def _fitted(swing: Swing) -> SwingFit:
+    experiment, start = pendulum_experiment(swing)
+    space, until = experiment.coordinates, _FIRST_SWINGS
+    point = space.scaled(start)
+    while until < swing.swings:
+        rows = swing.t - swing.t[0] <= until * swing.period
+        part, _ = pendulum_experiment(replace(swing, t=swing.t[rows], values=swing.values[rows]))
+        point = descend(part, point, free=space.free, most_steps=30, most_renewals=0).point
         until *= 2.0
-    angles, predicted = _sensed(values, swing, len(swing.t))
-    block = ((swing.t - swing.t[0]) / swing.period).astype(np.int64)
-    quantile = float(scipy.stats.t.ppf(0.975, max(int(block.max()) - 2, 1)))
-    covariance = covariance_in_time(found.jacobian, found.residuals, block)
+    found = fit(experiment, point)
+    # a swing is a cluster, and the errors are those of a jackknife over them
+    quantile = stdtrit(len(experiment.block_log) - 1, 0.975)
+    angles, predicted = _sensed(found.values, swing)
     ends = swing.t <= swing.t[0] + swing.period, swing.t >= swing.t[-1] - swing.period
     first, last = (float(np.abs(angles[rows]).max()) for rows in ends)
     return SwingFit(
         swing=swing,
-        values=values,
-        half_widths=quantile * np.sqrt(np.diag(covariance)),
+        values=found.values,
+        half_widths=quantile * found.errors,
         predicted=predicted,
         amplitudes=(first, last),
     )
-
-
-def _guess(swing: Swing) -> NDArray[np.float64]:
-    """Return where the fit starts: the spectrum's frequency, no friction, straight through the middle."""
-    first = swing.t - swing.t[0] <= swing.period
-    size = 0.5 * float(np.ptp(swing.values[first]))
-    zero = float(swing.values[first].min()) + size
-    omega = 2.0 * np.pi / swing.period
-    amplitude = min(size if swing.kind == "angle" else size / omega, 2.5)
-    # a sine fitted to the first swing has the first angle and rate
-    phase = omega * (swing.t[first] - swing.t[0])
-    basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(phase)])
-    cosine, sine, _ = np.linalg.lstsq(basis, swing.values[first], rcond=None)[0]
-    omega *= period_growth(amplitude)
-    start = (cosine, omega * sine) if swing.kind == "angle" else (-sine / omega, cosine)
-    return np.array([omega**2, 1e-3 * omega, 1e-4 * omega**2 * amplitude, *start, zero])
-
-
-def _sensed(
-    p: NDArray[np.float64], swing: Swing, rows: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the angle [rad] and the sensor's value, both (rows,)."""
-    stiffness, viscous, dry, angle, rate, zero = p.tolist()
-    angles, rates = pendulum_motion(stiffness, viscous, dry, angle, rate, swing.t[:rows])
-    return angles, (angles if swing.kind == "angle" else rates) + zero
 
 
 _CHECK_UNITS = "Check the units of t [s] and of the distance to the pivot [m]."
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pivot:
-    """The pivot that the body hangs from."""
-
-    distance: float  #: r, from the pivot to the centre of mass [m]
-    deviation: float  #: its standard deviation [m]
-    at_ball_center: bool  #: r is the robot's l itself
-
-    @staticmethod
-    def of(robot: Robot, *, distance: float | None = None, deviation: float | None = None) -> Pivot:
-        """Return the pivot at a distance r [m] with its standard deviation, or where the ball's centre would be.
-
-        There r is the robot's l, with the standard deviation that its file gives; elsewhere zero is the default.
-
-        InputError if the distance is not above zero, or the deviation below it.
-        """
-        pivot = Pivot(
-            distance=robot.body.center_of_mass if distance is None else distance,
-            deviation=(_deviation(robot, "body.center_of_mass") if distance is None else 0.0)
-            if deviation is None
-            else deviation,
-            at_ball_center=distance is None,
-        )
-        if not (math.isfinite(pivot.distance) and pivot.distance > 0.0):
-            raise InputError(f"The distance to the pivot is {pivot.distance:g} m; it must be above zero.")
-        if not (math.isfinite(pivot.deviation) and pivot.deviation >= 0.0):
-            raise InputError(
-                "The standard deviation of the distance to the pivot "
-                f"is {pivot.deviation:g} m; it must be zero or more."
-            )
-        return pivot
-
-
-@dataclass(frozen=True, kw_only=True)
 class SwingEstimate:
-    """A number with its standard deviation, and each cause's share of the variance."""
+    """A number with its standard deviation."""
 
     value: float
     deviation: float
-    shares: dict[str, float]
 
     @reported
     def half_width(self) -> float:
@@ -370,202 +332,180 @@ class SwingEstimate:
         return HALF_WIDTH * self.deviation
 
 
-@dataclass(frozen=True, kw_only=True)
-class SwingInertia:
-    """The body's inertia about the axis of its swing [kg m^2]."""
+#: the shape of smaller swings does not distinguish radians from degrees [rad]
+_LARGE = 0.25
+#: one unit fits better than another if it leaves less than this share of the other's residual
+_BETTER = 0.8
+#: a finding reports a file's inertia that is off by more than the first factor; beyond the second, a unit is wrong
+_LIKE_FILE, _POSSIBLE = 1.25, 10.0
+#: a pendulum that leaves more of the motion than this is not the whole story
+_MUCH_LEFT = 0.05
 
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SwingInertia:
+    """The body's inertia about the axis of its swing [kg m^2], with what it follows from."""
+
+    robot: Robot
+    fit: SwingFit
+    pivot: dict[str, float]  #: distance r [m], its deviation [m], and whether it is the ball's centre
     about_pivot: SwingEstimate
     about_center_of_mass: SwingEstimate
     about_ball_center: SwingEstimate
 
+    def findings(self) -> Iterator[Finding]:
+        """Yield the evidence against it."""
+        swing, mass, (first, _) = self.fit.swing, self.robot.body.mass, self.fit.amplitudes
+        name = swing.source
+        if first > _LARGE:
+            radians = _fitted(replace(swing, values=np.radians(swing.values))).residual
+            if radians < min(_WORST, _BETTER * self.fit.residual):
+                text = (
+                    f"{name} appears to be in degrees: read in radians, its swings of {math.degrees(first):.3g} "
+                    "degrees would slow down as they grow, and they do not. Multiply it by pi/180."
+                )
+                yield error("swing-unit", text, name)
+        if self.fit.residual > _MUCH_LEFT:
+            text = (
+                f"A pendulum leaves {100.0 * self.fit.residual:.0f} % of {name} unexplained; "
+                "look for a sensor that is clipped or froze, a pivot that slides, a second mode or a hand that touched "
+                "the body."
+            )
+            yield warning("swing-fit", text, name)
+        value = self.about_ball_center.value
+        nearest = min(self._of_file, key=lambda one: abs(math.log(value / one)))
+        ratio = value / nearest
+        off = max(ratio, 1.0 / ratio)
+        if off > _LIKE_FILE:
+            text = (
+                f"A period of {2.0 * math.pi / self.fit.frequency:.4g} s gives an inertia about the ball's centre of "
+                f"{value:.4g} kg m^2, {ratio:.3g} times the file's {nearest:.4g}. The file's inertia is wrong, or "
+                f"body.mass ({mass:.4g} kg), the distance to the pivot, or the time of the recording; a clock "
+                f"{math.sqrt(ratio):.3g} times too slow would have the same effect. {_CHECK_UNITS}"
+            )
+            yield finding("swing-inertia", "error" if off > _POSSIBLE else "warning", text, "t")
 
-def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
+    @property
+    def _of_file(self) -> list[float]:
+        """The file's inertia about the ball's centre, about x and about y."""
+        return np.diag(self.robot.body.inertia_about_ball_center())[:2].tolist()
+
+    def notes(self) -> list[Finding]:
+        """Return what it means in sentences, the inertia first."""
+        one, (about_x, about_y) = self.about_ball_center, self._of_file
+        text = (
+            f"The body's inertia about the ball's centre is {plus_minus(one.value, one.half_width)} kg m^2 (95 %); "
+            f"the file has {about_x:.4g} about x and {about_y:.4g} about y."
+        )
+        stated = self.pivot["deviation"] or self.robot.standard_deviations.keys() & {"body.mass"}
+        swing_only = (
+            "The intervals cover the swing only: mass and distance to the pivot have no standard deviation."
+        )
+        return [note("swing", text), *([] if stated else [note("swing", swing_only)])]
+
+    @property
+    def _friction(self) -> list[tuple[float, float]]:
+        """The pivot's viscous [N m s/rad] and dry friction [N m], each with half of its 95 % interval."""
+        inertia = self.about_pivot.value
+        return (inertia * np.array([self.fit.values[1:3], self.fit.half_widths[1:3]]).T).tolist()
+
+    def rows(self) -> list[list[str]]:
+        """Return the rows of the printed table: quantity, value with half width of 95 %, unit."""
+        frequency, half, (viscous, dry) = self.fit.frequency, self.fit.frequency_half_width, self._friction
+        period = 2.0 * np.pi / frequency
+        inertias = {
+            "pivot": self.about_pivot,
+            "centre of mass": self.about_center_of_mass,
+            "ball's centre": self.about_ball_center,
+        }
+        rows = [
+            ("small swings' frequency", (frequency, half), "rad/s"),
+            ("small swings' period", (period, period * half / frequency), "s"),
+            ("pivot's viscous friction", viscous, "N m s/rad"),
+            ("pivot's dry friction", dry, "N m"),
+            *(
+                (f"inertia about the {key}", (one.value, one.half_width), "kg m^2")
+                for key, one in inertias.items()
+            ),
+        ]
+        return [[name, plus_minus(*number), unit] for name, number, unit in rows]
+
+    def to_dict(self, findings: Sequence[Finding] = ()) -> dict[str, object]:
+        """Return the entries of results.json, SI units; half widths are of 95 %."""
+        fit, ((viscous, of_viscous), (dry, of_dry)) = self.fit, self._friction
+        results = {
+            "findings": finding_results([*findings, *self.notes()]),
+            "source": fit.swing.source,
+            "swings": fit.swing.swings,
+            "amplitude_first": fit.amplitudes[0],
+            "amplitude_last": fit.amplitudes[1],
+            "frequency": fit.frequency,
+            "frequency_half_width": fit.frequency_half_width,
+            "viscous": viscous,
+            "viscous_half_width": of_viscous,
+            "dry": dry,
+            "dry_half_width": of_dry,
+            "residual_share": fit.residual,
+            "pivot": self.pivot,
+            "inertia_about_pivot": self.about_pivot,
+            "inertia_about_center_of_mass": self.about_center_of_mass,
+            "inertia_about_ball_center": self.about_ball_center,
+        }
+        return to_results(results)
+
+
+def inertia_of_swing(
+    fit: SwingFit, robot: Robot, *, distance: float | None = None, deviation: float | None = None
+) -> SwingInertia:
     """Return the inertia of the body that swung, with its uncertainty.
 
-    The robot gives the hanging mass, l and g, and their standard deviations. InputError if the pivot's distance leaves
-    nothing for the body about its own centre of mass.
+    The robot gives the hanging mass, l and g, and their standard deviations. The pivot is at a distance r [m] from the
+    centre of mass, with a standard deviation [m] of zero by default; or, without a distance, where the ball's centre
+    would be: r = l, with the deviation in the robot's file by default.
+
+    InputError if the distance is not above zero or leaves nothing for the body about its own centre of mass, or the
+    deviation is below zero.
     """
-    g, omega = robot.gravity, fit.frequency
-    point = np.array([omega, robot.body.mass, pivot.distance, robot.body.center_of_mass])
-
-    def inertias(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-        frequency, m, r, height = numbers.tolist()
-        about = inertia_from_swing(mass=m, gravity=g, distance=r, angular_frequency=frequency)
-        own = about - m * r**2
-        return np.array([about, own, own + m * (r if pivot.at_ball_center else height) ** 2])
-
-    values = inertias(point)
+    stated, height, there = robot.standard_deviations, robot.body.center_of_mass, distance is None
+    of_mass, of_height = (
+        float(np.asarray(stated.get(f"body.{one}", 0.0))) for one in ("mass", "center_of_mass")
+    )
+    pivot = {
+        "distance": height if distance is None else distance,
+        "deviation": (of_height if there else 0.0) if deviation is None else deviation,
+        "at_ball_center": there,
+    }
+    if not 0.0 < pivot["distance"] < math.inf or not 0.0 <= pivot["deviation"] < math.inf:
+        raise InputError(
+            f"The distance to the pivot is {pivot['distance']:g} m with a standard deviation of "
+            f"{pivot['deviation']:g} m; the distance must be above zero, the deviation zero or more."
+        )
+    m, r, omega = robot.body.mass, pivot["distance"], fit.frequency
+    about = inertia_from_swing(mass=m, gravity=robot.gravity, distance=r, angular_frequency=omega)
+    # about the pivot, the centre of mass and the ball's centre
+    values = about + m * np.array([0.0, -(r**2), height**2 - r**2])
     if values[1] <= 0.0:
         raise InputError(
-            f"With {robot.body.mass:g} kg at {pivot.distance:g} m, the swing of {omega:.4g} rad/s gives an inertia "
-            f"of {values[1]:.3g} kg m^2 about the centre of mass, which no body has; the distance "
-            f"must be below {g / omega**2:.4g} m. {_CHECK_UNITS}"
+            f"With {m:g} kg at {r:g} m, the swing of {omega:.4g} rad/s gives an inertia of {values[1]:.3g} kg m^2 "
+            "about the centre of mass, which no body has; the distance must be below "
+            f"{robot.gravity / omega**2:.4g} m. {_CHECK_UNITS}"
         )
-    # change of each result by one standard deviation of each cause; if r is l they are one cause
-    deviations = {
-        "frequency": fit.frequency_half_width / HALF_WIDTH,
-        "mass": _deviation(robot, "body.mass"),
-        "pivot distance": pivot.deviation,
-        "centre of mass": 0.0 if pivot.at_ball_center else _deviation(robot, "body.center_of_mass"),
-    }
-    steps = np.diag(list(deviations.values()))
-    changes = np.array([0.5 * (inertias(point + step) - inertias(point - step)) for step in steps])
-    estimates = []
-    for value, change in zip(values.tolist(), changes.T, strict=True):
-        variance = float(np.sum(change**2))
-        shares = (change**2 / (variance or 1.0)).tolist()
-        estimates.append(
-            SwingEstimate(
-                value=value,
-                deviation=math.sqrt(variance),
-                shares=dict(zip(deviations, shares, strict=True)),
-            )
-        )
-    about_pivot, own, about_ball = estimates
-    return SwingInertia(about_pivot=about_pivot, about_center_of_mass=own, about_ball_center=about_ball)
-
-
-def _deviation(robot: Robot, name: str) -> float:
-    deviation = robot.standard_deviations.get(name, 0.0)
-    assert not isinstance(deviation, tuple)  # neither of the two is a list, which `check_deviations` sees to
-    return float(deviation)
-
-
-#: the radius of gyration over the distance from pivot to centre of mass, of bodies hung at the ball's centre or nearby
-_USUAL, _POSSIBLE = (0.15, 1.3), (0.03, 3.0)
-#: the shape of smaller swings does not distinguish radians from degrees [rad]
-_LARGE = 0.25
-#: a finding reports a file's inertia that is off by more than this factor
-_LIKE_FILE = 1.25
-#: a pendulum that leaves more of the motion than this is not the whole story
-_MUCH_LEFT = 0.05
-#: rows at the very largest value that make a sensor clipped, as a share; a sine with fine steps has next to none
-_CLIPPED = 0.04
-#: least steps of the sensor's resolution in a swing for which rows at the top mean clipping, not coarse steps
-_FINE = 40
-#: of a swing's period: a longer stretch of one and the same value is a sensor that repeats itself
-_FROZEN = 0.2
-
-
-def recording_findings(swing: Swing) -> tuple[Finding, ...]:
-    """Return the faults of a recording, before a pendulum is fitted to it: a sensor that is clipped or that froze."""
-    values, name, t = swing.values, swing.source, swing.t
-    ends = ("least", values.min()), ("largest", values.max())
-    share, side = max((float(np.mean(values == end)), side) for side, end in ends)
-    if len(np.unique(values)) >= _FINE and share >= _CLIPPED:
-        text = (
-            f"{name} is clipped: {100.0 * share:.0f} % of its rows have its {side} "
-            "value. Choose a larger range of the sensor, or let the body swing less far."
-        )
-        return (error("swing-clipped", text, name),)
-    first, last = longest_repeat(values)
-    # at the end of the recording, the body rests
-    if last - first < 5 or last == len(t) - 1 or t[last] - t[first] < _FROZEN * swing.period:
-        return ()
-    text = (
-        f"{name} repeats one value for {t[last] - t[first]:.2g} s from t = {t[first]:.4g} s on, in the middle of the "
-        "swing: the sensor froze, or the body was held. Cut the recording to where it swings freely."
-    )
-    return (error("stuck", text, name, time=float(t[first])),)
-
-
-def swing_findings(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) -> tuple[Finding, ...]:
-    """Return the evidence against a swing's inertia, errors first."""
-    return by_severity(_evidence(fit, found, robot, pivot))
-
-
-def _evidence(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) -> Iterator[Finding]:
-    name, first = fit.swing.source, fit.amplitudes[0]
-    radians = _fitted(replace(fit.swing, values=np.radians(fit.swing.values))) if first > _LARGE else None
-    if radians and radians.residual < min(_WORST, _BETTER * fit.residual):
-        text = (
-            f"{name} appears to be in degrees: read in radians, its swings of {math.degrees(first):.3g} degrees would "
-            "slow down as they grow, and they do not. Multiply it by pi/180."
-        )
-        yield error("swing-unit", text, name)
-    if fit.residual > _MUCH_LEFT:
-        text = (
-            f"A pendulum leaves {100.0 * fit.residual:.0f} % of {name} unexplained; "
-            "look for a pivot that slides, a second mode or a hand that touched the body."
-        )
-        yield warning("swing-fit", text, name)
-    gyration = math.sqrt(found.about_center_of_mass.value / robot.body.mass)
-    share = gyration / pivot.distance
-    if not _USUAL[0] <= share <= _USUAL[1]:
-        text = (
-            f"A period of {2.0 * math.pi / fit.frequency:.4g} s at {pivot.distance:.3g} m from the centre of "
-            f"mass gives the body a radius of gyration of {gyration:.3g} m, {share:.2g} of that distance; "
-            f"bodies have 0.3 to 0.9. {_CHECK_UNITS}"
-        )
-        severity = "warning" if _POSSIBLE[0] <= share <= _POSSIBLE[1] else "error"
-        yield finding("swing-inertia", severity, text, "t")
-    value = found.about_ball_center.value
-    written = np.diag(robot.body.inertia_about_ball_center())[:2]
-    nearest = float(written[int(np.argmin(np.abs(np.log(value / written))))])
-    ratio = value / nearest
-    if not 1.0 / _LIKE_FILE <= ratio <= _LIKE_FILE:
-        text = (
-            f"The swing's inertia about the ball's centre, {value:.4g} kg m^2, is {ratio:.3g} times the file's "
-            f"{nearest:.4g}. The file's inertia is wrong, or body.mass ({robot.body.mass:.4g} kg), the distance to the "
-            f"pivot, or the time of the recording; a clock {math.sqrt(ratio):.3g} times too slow would have the same "
-            "effect."
-        )
-        yield warning("swing-inertia", text, name)
-
-
-def inertia_findings(found: SwingInertia, robot: Robot) -> list[Finding]:
-    """Return the results of a swing in sentences, the inertia first."""
-    one = found.about_ball_center
-    of_file = np.diag(robot.body.inertia_about_ball_center())[:2]
-    cause, share = max(found.about_center_of_mass.shares.items(), key=lambda item: item[1])
-    variance = (
-        "The file has no standard_deviation of body.mass and body.center_of_mass: the intervals cover the swing only."
-        if cause == "frequency" and share == 1.0
-        else f"About the centre of mass, {100.0 * share:.0f} % of the variance comes from the {cause}."
-    )
-    sentences = (
-        f"The body's inertia about the ball's centre is {plus_minus(one.value, one.half_width)} kg m^2 (95 %); the "
-        f"file has {of_file[0]:.4g} about x and {of_file[1]:.4g} about y.",
-        variance,
-    )
-    return [note("swing", sentence) for sentence in sentences]
-
-
-def swing_results(fit: SwingFit, found: SwingInertia, pivot: Pivot) -> dict[str, object]:
-    """Return the entries of results.json, SI units; half widths are of 95 %."""
-    half, inertia = fit.half_widths, found.about_pivot.value
-    results = {
-        "source": fit.swing.source,
-        "swings": fit.swing.swings,
-        "amplitude_first": fit.amplitudes[0],
-        "amplitude_last": fit.amplitudes[1],
-        "frequency": fit.frequency,
-        "frequency_half_width": fit.frequency_half_width,
-        "viscous": float(fit.values[1]) * inertia,
-        "viscous_half_width": float(half[1]) * inertia,
-        "dry": float(fit.values[2]) * inertia,
-        "dry_half_width": float(half[2]) * inertia,
-        "residual_share": fit.residual,
-        "pivot": pivot,
-        "inertia_about_pivot": found.about_pivot,
-        "inertia_about_center_of_mass": found.about_center_of_mass,
-        "inertia_about_ball_center": found.about_ball_center,
-    }
-    return to_results(results)
-
-
-def swing_rows(fit: SwingFit, found: SwingInertia) -> list[list[str]]:
-    """Return the rows of the printed table: quantity, value with half width of 95 %, unit."""
-    half, inertia = fit.half_widths, found.about_pivot.value
-    period_half = 2.0 * np.pi * fit.frequency_half_width / fit.frequency**2
-    ball, own = found.about_ball_center, found.about_center_of_mass
-    rows = [
-        ("small swings' frequency", fit.frequency, fit.frequency_half_width, "rad/s"),
-        ("small swings' period", 2.0 * np.pi / fit.frequency, period_half, "s"),
-        ("pivot's viscous friction", fit.values[1] * inertia, half[1] * inertia, "N m s/rad"),
-        ("pivot's dry friction", fit.values[2] * inertia, half[2] * inertia, "N m"),
-        ("inertia about the pivot", inertia, found.about_pivot.half_width, "kg m^2"),
-        ("inertia about the centre of mass", own.value, own.half_width, "kg m^2"),
-        ("inertia about the ball's centre", ball.value, ball.half_width, "kg m^2"),
+    # change of each result by one standard deviation of frequency, mass, r and l; if r is l they are one cause
+    of_l = 2.0 * m * height * np.array([0.0, 0.0, 1.0])
+    of_r = about / r - 2.0 * m * r * np.array([0.0, 1.0, 1.0])
+    changes = [
+        np.full(3, 2.0 * about / omega) * fit.frequency_half_width / HALF_WIDTH,
+        values / m * of_mass,
+        (of_r + of_l if there else of_r) * pivot["deviation"],
+        of_l * (0.0 if there else of_height),
     ]
-    return [[name, plus_minus(value, width), unit] for name, value, width, unit in rows]
+    numbers = zip(values.tolist(), np.linalg.norm(changes, axis=0).tolist(), strict=True)
+    about_pivot, own, about_ball = (SwingEstimate(value=one, deviation=error) for one, error in numbers)
+    return SwingInertia(
+        robot=robot,
+        fit=fit,
+        pivot=pivot,
+        about_pivot=about_pivot,
+        about_center_of_mass=own,
+        about_ball_center=about_ball,
+    )

@@ -5,12 +5,11 @@ between wheels and ball, since contact forces act on both:
 
     d/dt (J Omega + (j_w + j_r) A^T w) = A^T (u - tau(w))        tau = b w + (c + s exp(-|w/v_s|)) sgn(w)
 
-w is what the encoders measure, or A Omega in a log without them. Integrated over pieces of 0.05 s this is linear in b,
-c and s, which are found by least squares, none below zero, for each v_s of a grid, which is refined about the best.
-While a wheel is slow, the sign of its speed is uncertain and its friction no function of it: the directions in
-which it pushes are then left out. So are rows at the limit of speed or torque, where the torque that acts is not the
-one logged. s is there if it lowers the error of held-out windows. The thesis's exponent delta is 1, as of the sweep
-(`ballbot.identification.driveline`): a log of a minute leaves it anywhere.
+w is what the encoders measure, or A Omega in a log without them. The experiment (`MomentumBalance`) has b, c and s of
+each wheel and v_s; its residuals are this equation's over pieces of 0.05 s, in blocks of a window. While a wheel is
+slow, the sign of its speed is uncertain and its friction no function of it: the directions in which it pushes are then
+left out. So are rows at the limit of speed or torque, where the torque that acts is not the one logged. The thesis's
+exponent delta is 1, as of the sweep (`ballbot.identification.driveline`): a log of a minute leaves it anywhere.
 
 Standard errors are clustered by window and widened by `WIDENED`. Windows held out validate the friction: from the
 camera's mean over the samples about a window's first row, the ball is simulated with it and without.
@@ -24,18 +23,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, note, warning
-from ballbot.fitting.model_selection import gain_between, neighbours
+from ballbot.fitting.experiment import Dependence, Residuals
+from ballbot.fitting.fit import fit
+from ballbot.fitting.parameter import Parameter
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import WindowEquations, correlation, covariance, discrepancy
+from ballbot.fitting.uncertainty import correlation, discrepancy
 from ballbot.identification.agreement import StageEstimate, file_findings
 from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.result import ParameterTable
-from ballbot.identification.verdict import BLOCK, Verdict, verdict_of
+from ballbot.identification.verdict import Verdict, verdict_of
 from ballbot.identification.windows import LARGEST_JITTER, Span, common_sample_time, split
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
@@ -53,25 +53,19 @@ if TYPE_CHECKING:
 NEIGHBOURS = 4
 #: samples on either side of a row that its momentum and torques are the mean of
 SMOOTHED = 2
-#: length of the pieces that the fit integrates over [s]
+#: length of the pieces that the residuals are integrals over [s]
 PIECE = 0.05
 #: a wheel that turns more slowly is left out [rad/s]
 SLOW = 0.1
 #: share of the supply's speed limit from which on the torque that acts is not the one logged
 AT_LIMIT = 0.95
-#: v_s is the best of so many between these speeds [rad/s], and in two more rounds of the best one's neighbours
-SHAPES, GRID, ROUNDS = (0.05, 5.0), 13, 3
+#: v_s is between these speeds [rad/s]
+SHAPES = (0.05, 5.0)
 #: Student's quantile for 95 % and the fewest windows that a fit takes
 QUANTILE = 2.1
 #: standard errors and intervals are so many times those clustered by window: then 95 % of the intervals of twins with
 #: the seeds 101 to 110 have the true b and c. `python -m campaigns.evidence upside_down` looks at others.
 WIDENED = 2.0
-#: a wheel turns in a window where its root mean square speed is above this [rad/s]
-LEAST_SPEED = 0.1
-#: share of rows at a limit that is worth a note
-_MANY_AT_LIMIT = 0.01
-#: windows are held out in so many parts to decide about s
-_FOLDS = 3
 _SOURCE = "identified: a log upside down"
 
 
@@ -88,9 +82,9 @@ class _BallLog:
         fastest = AT_LIMIT * drive.top_speed
         # rows (N,) at which a motor cannot give the torque that is logged
         beyond = (np.abs(self.wheel_speeds) > fastest) | (np.abs(self.torques) > drive.torque_limit)
-        self.at_limit = np.asarray(beyond.any(axis=1))
         # rows (N,) that are complete and on time, without a spike, and not at a limit
-        self.valid = np.isfinite(np.hstack([self.torques, self.omega])).all(axis=1) & ~self.at_limit
+        valid = np.isfinite(np.hstack([self.torques, self.omega])).all(axis=1) & ~beyond.any(axis=1)
+        self.valid = np.asarray(valid, dtype=np.bool_)
         self.valid &= ~spiked_rows(log, (*names, *BALL_NAMES))
         self.valid[:-1] &= np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
 
@@ -136,16 +130,15 @@ class BallWindows:
             spans=tuple(self.spans[row] for row in rows),
         )
 
-    def errors(self, robot: Robot, friction: Friction) -> NDArray[np.float64]:
-        """Return the squared errors (w, 3) of the Omega that a friction predicts, means over each window."""
-        predicted = simulate_balls(
+    def predicted(self, robot: Robot, friction: Friction) -> NDArray[np.float64]:
+        """Return the Omega (w, m, 3) that a friction predicts."""
+        return simulate_balls(
             ClampedBall.of_robot(robot),
             friction=friction,
             initial=self.initial,
             torques=self.torques,
             sample_time=self.sample_time,
         )
-        return ((predicted - self.measured) ** 2).mean(axis=1)
 
 
 def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallWindows:
@@ -187,116 +180,113 @@ def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BallPieces:
-    """m pieces of logs, each of k samples, in which a wheel turns and no row is at a limit."""
+class Pieces:
+    """m pieces of logs, each of k samples, in which a wheel turns, and no row is missing or at a limit."""
 
     A: NDArray[np.float64]  #: (n, 3), wheel speeds from the ball's angular velocity
     #: (m, 3, 3), onto the directions in which only wheels push that turn throughout the piece
     projector: NDArray[np.float64]
-    changes: NDArray[np.float64]  #: (m, 3), of the momentum less what the torques gave, so projected [N m s]
+    change: NDArray[np.float64]  #: (m, 3) of the momentum, less what the torques gave [N m s]
     speeds: NDArray[np.float64]  #: (m, k, n) [rad/s]
-    tile: NDArray[np.int64]  #: (m,), the number of the window that each is in, from 0, over all logs
-    tiles: tuple[tuple[int, float], ...]  #: log and start of each of those windows
+    window: NDArray[np.int64]  #: (m,) the window that each is in, among those that have pieces
+    log: NDArray[np.int64]  #: (w,) of each of these
+    torque: float  #: the largest [N m]
     sample_time: float  #: [s]
 
-    def take(self, rows: NDArray[np.bool_]) -> BallPieces:
-        """Return those pieces."""
-        names = ("projector", "changes", "speeds", "tile")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
-
     def impulses(self, v_s: float) -> NDArray[np.float64]:
-        """Return the momentum (3 m, 3 n) that b, c and s of each wheel take, each being one."""
-        signs = np.sign(self.speeds)
-        parts = (self.speeds, signs, signs * np.exp(-np.abs(self.speeds) / v_s))
+        """Return the momentum (3 m, 4 n) that b, c, s of each wheel take, each being one, and what s takes by v_s."""
+        signs, fading = np.sign(self.speeds), np.exp(-np.abs(self.speeds) / v_s)
+        parts = (self.speeds, signs, signs * fading, self.speeds * fading / v_s**2)
         sums = [self.sample_time * part.sum(axis=1)[:, None, :] * self.A.T for part in parts]
-        return (self.projector @ np.concatenate(sums, axis=2)).reshape(3 * len(self.changes), -1)
+        return (self.projector @ np.concatenate(sums, axis=2)).reshape(self.change.size, -1)
 
     def residuals(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the changes of momentum (3 m,) less those by b, c and s of each wheel and v_s (3 n + 1,) [N m s]."""
-        return self.changes.ravel() + self.impulses(values[-1]) @ values[:-1]
+        projected = self.projector @ self.change[..., None]
+        return projected.ravel() + self.impulses(values[-1])[:, : len(values) - 1] @ values[:-1]
 
-    def equations(self, values: NDArray[np.float64], sizes: NDArray[np.float64]) -> WindowEquations:
-        """Return the normal equations of each window that has pieces, of the parameters over `sizes`."""
-        change = np.append(np.zeros(len(values) - 1), 1e-4 * values[-1])
-        by_speed = (self.residuals(values + change) - self.residuals(values - change)) / (2.0 * change[-1])
-        J = np.column_stack([self.impulses(values[-1]), by_speed]) * sizes
-        begins = 3 * np.unique(self.tile, return_index=True)[1]
-        return WindowEquations(
-            matrices=np.add.reduceat(J[:, :, None] * J[:, None, :], begins, axis=0),
-            scores=np.add.reduceat(J * self.residuals(values)[:, None], begins, axis=0),
-        )
+    def derivatives(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return their derivatives (3 m, 3 n + 1)."""
+        X, n = self.impulses(values[-1]), len(self.A)
+        return np.column_stack([X[:, : 3 * n], X[:, 3 * n :] @ values[2 * n : 3 * n]])
 
 
-def cut_pieces(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallPieces:
-    """Cut logs into pieces of `PIECE` within windows of some duration [s] that lie end to end; see `BallPieces`."""
+def cut_pieces(robot: Robot, logs: Sequence[Log], *, duration: float, without: Sequence[Span]) -> Pieces:
+    """Cut logs into pieces of `PIECE` within windows of some duration [s], end to end, `without` some of these."""
     ball, sample_time = ClampedBall.of_robot(robot), common_sample_time(logs, duration=duration)
-    projectors, changes, speeds, tile = [], [], [], []
-    tiles: list[tuple[int, float]] = []
+    skipped = {(span.log, span.start) for span in without}
     samples, length = round(duration / sample_time), max(2, round(min(PIECE, duration) / sample_time))
     # ball.inertia is J + (j_w + j_r) A^T A
-    J = robot.ball.inertia * np.eye(3)
-    of_wheels = (ball.inertia - J) @ np.linalg.pinv(ball.A.T @ ball.A)
+    A, J = ball.A, robot.ball.inertia * np.eye(3)
+    of_wheels = (ball.inertia - J) @ np.linalg.pinv(A.T @ A)
+    projectors, changes, speeds, window, torque = [], [], [], [], 0.0
+    begins = list[tuple[int, float]]()
     for number, log in enumerate(logs):
         seen = _BallLog(robot, log)
         w = _averaged(seen.wheel_speeds)
         valid = seen.valid & np.isfinite(w).all(axis=1)
-        momentum = _averaged(seen.omega) @ J + w @ ball.A @ of_wheels
-        impulse = sample_time * _averaged(seen.torques) @ ball.A
+        torque = max(torque, float(np.abs(seen.torques[valid]).max(initial=0.0)))
+        momentum = _averaged(seen.omega) @ J + w @ A @ of_wheels
+        impulse = sample_time * _averaged(seen.torques) @ A
         for start in seen.tiles(samples):
-            tiles.append((number, float(log.t[start])))
-            for k in range(start, start + samples - length + 1, length):
+            begin = (number, float(log.t[start]))
+            for k in range(start, start + samples - length + 1, length) if begin not in skipped else ():
                 piece = slice(k - SMOOTHED, k + length + SMOOTHED + 1)
                 turning = (np.abs(w[piece]) > SLOW).all(axis=0)
                 if not (turning.any() and valid[piece].all()):
                     continue
-                still = ball.A[~turning]
-                projectors.append(np.eye(3) - np.linalg.pinv(still) @ still)
+                if not begins or begins[-1] != begin:
+                    begins.append(begin)
+                projectors.append(np.eye(3) - np.linalg.pinv(A[~turning]) @ A[~turning])
                 changes.append(momentum[k + length] - momentum[k] - impulse[k : k + length].sum(axis=0))
                 speeds.append(0.5 * (w[k : k + length] + w[k + 1 : k + length + 1]))
-                tile.append(len(tiles) - 1)
-    projector = np.array(projectors).reshape(-1, 3, 3)
-    return BallPieces(
-        A=ball.A,
-        projector=projector,
-        changes=(projector @ np.array(changes).reshape(-1, 3, 1))[..., 0],
+                window.append(len(begins) - 1)
+    return Pieces(
+        A=A,
+        projector=np.array(projectors).reshape(-1, 3, 3),
+        change=np.array(changes).reshape(-1, 3),
         speeds=np.array(speeds).reshape(-1, length, robot.wheel_count),
-        tile=np.array(tile, dtype=np.int64),
-        tiles=tuple(tiles),
+        window=np.array(window, dtype=np.int64),
+        log=np.array([number for number, _ in begins], dtype=np.int64),
+        torque=torque,
         sample_time=sample_time,
     )
 
 
-def fit_pieces(pieces: BallPieces, *, stribeck: bool) -> NDArray[np.float64]:
-    """Return b, c and s of each wheel and v_s (3 n + 1,) of least squares, none below zero; s is zero if not asked."""
-    n = len(pieces.A)
+class MomentumBalance(Residuals):
+    """The experiment; see the module's text."""
 
-    def at(v_s: float) -> NDArray[np.float64]:
-        X = pieces.impulses(v_s)[:, : (3 if stribeck else 2) * n]
-        found, _ = nnls(X, -pieces.changes.ravel())
-        return np.concatenate([found, np.zeros(3 * n - len(found)), [v_s]])
+    @staticmethod
+    def of(pieces: Pieces) -> MomentumBalance:
+        """Return the experiment of pieces, in blocks of a window."""
+        # friction is below the torques that turn the ball, and that at its usual speed
+        usual = float(np.sqrt(np.mean(pieces.speeds**2))) if pieces.speeds.size else 1.0
+        torque = (0.0, pieces.torque)
+        bounds = {"viscous": (0.0, pieces.torque / usual), "coulomb": torque, "stribeck": torque}
+        return MomentumBalance(
+            parameters=tuple(
+                Parameter(
+                    name=one.name,
+                    symbol=label,
+                    unit=one.unit,
+                    scale=one.scale,
+                    bounds=bounds.get(one.name, SHAPES),
+                    default=0.0 if one.name in bounds else 1.0,
+                    meaning=one.meaning,
+                )
+                for one in QUANTITIES
+                for label in one.labels(len(pieces.A))
+            ),
+            block=np.repeat(pieces.window, 3),
+            block_log=pieces.log,
+            residuals_of=pieces.residuals,
+            derivatives_of=pieces.derivatives,
+        )
 
-    if not stribeck:
-        return at(1.0)
-    (low, high), found = SHAPES, at(1.0)
-    for _ in range(ROUNDS):
-        tried = [at(v_s) for v_s in np.geomspace(low, high, GRID)]
-        found = min(tried, key=lambda values: float(np.sum(pieces.residuals(values) ** 2)))
-        ratio = (high / low) ** (1.0 / (GRID - 1))
-        low, high = found[-1] / ratio, found[-1] * ratio
-    return found
-
-
-def _breaks_away(pieces: BallPieces) -> bool:
-    """Return whether s lowers the error on windows that the fit did not see, each third in turn."""
-    tiles, number = np.unique(pieces.tile, return_inverse=True)
-    squares = np.zeros((2, len(tiles), 1))
-    for fold in range(_FOLDS):
-        out = number // BLOCK % _FOLDS == fold
-        for place, stribeck in enumerate((False, True)):
-            errors = pieces.take(out).residuals(fit_pieces(pieces.take(~out), stribeck=stribeck)) ** 2
-            np.add.at(squares[place, :, 0], number[out], errors.reshape(-1, 3).sum(axis=1))
-    without, ours = squares
-    return gain_between(ours, without, neighbours(range(len(tiles)), block=BLOCK)).significant
+    @property
+    def dependences(self) -> tuple[Dependence, ...]:
+        """v_s shapes how s fades."""
+        return (Dependence(through="stribeck", dependent=("stribeck_speed",)),)
 
 
 @summarized
@@ -328,10 +318,11 @@ class UpsideDown:
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """Of 95 %, by label, of those with a standard error."""
-        numbers = zip(self.estimate.values.tolist(), self.estimate.errors.tolist(), strict=True)
+        found = self.estimate
+        numbers = zip(found.labels, found.values.tolist(), found.errors.tolist(), strict=True)
         return {
             label: (max(value - QUANTILE * error, 0.0), value + QUANTILE * error)
-            for label, (value, error) in zip(self.estimate.labels, numbers, strict=True)
+            for label, value, error in numbers
             if np.isfinite(error)
         }
 
@@ -341,8 +332,7 @@ class UpsideDown:
             (one.symbol, estimated(self.parameters[one.symbol], self.standard_errors[one.symbol], one.unit))
             for one in QUANTITIES
         ]
-        held_out = {key: listed(one, "rad/s") for key, one in self.held_out.items()}
-        rows += [(f"error, {key}", f"{one}, held out") for key, one in held_out.items()]
+        rows += [(f"error, {key}", f"{listed(one, 'rad/s')}, held out") for key, one in self.held_out.items()]
         windows = f"{len(self.fit_windows)} fitted, {len(self.held_out_windows)} held out, {self.window:g} s"
         return Summary(
             title=f"Friction of the robot {self.robot.name} upside down: value ± standard error",
@@ -356,6 +346,10 @@ class UpsideDown:
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
+
+        def listed_spans(spans: Sequence[Span]) -> list[list[float]]:
+            return [[span.log, span.start, span.end] for span in spans]
+
         results = {
             "verdict": self.verdict,
             "parameters": self.parameters,
@@ -368,12 +362,17 @@ class UpsideDown:
             "rmse": {"columns": list(BALL_NAMES), "held_out": self.held_out},
             "windows": {
                 "length": self.window,
-                "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
-                "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
+                "fit": listed_spans(self.fit_windows),
+                "held_out": listed_spans(self.held_out_windows),
             },
             "findings": finding_results(self.findings),
         }
         return to_results(results)
+
+
+def _by_symbol(numbers: NDArray[np.float64]) -> dict[str, list[float] | float]:
+    b, c, s = numbers[:-1].reshape(3, -1).tolist()
+    return {"b": b, "c": c, "s": s, "v_s": float(numbers[-1])}
 
 
 def identify_upside_down(
@@ -409,101 +408,71 @@ def identify_upside_down(
     windows = cut_ball_windows(robot, everything, duration=window)
     fit_rows, held_rows = split(len(windows), held_out=held_out, seed=run.seed)
     kept = windows.take(held_rows)
-    pieces = cut_pieces(robot, everything, duration=window)
-    others = {(span.log, span.start) for span in kept.spans}
-    pieces = pieces.take(np.array([pieces.tiles[tile] not in others for tile in pieces.tile], dtype=bool))
-    findings = [*_check(robot, windows, pieces), *_limit_findings(robot, named)]
+    experiment = MomentumBalance.of(cut_pieces(robot, everything, duration=window, without=kept.spans))
+    _check(windows, experiment)
     run.progress(Progress(stage="fit", done=0, total=2))
-    stribeck = _breaks_away(pieces)
-    if not stribeck:
-        text = "Break-away friction above c does not lower the error of held-out windows; s is held at 0."
-        findings.append(note("no-breakaway", text))
-    own, of_logs = _estimated(pieces, fit_pieces(pieces, stribeck=stribeck), seed=run.seed)
+    own, findings = _estimated(experiment, seed=run.seed)
     source = f"identified: {len(named)} logs upside down" if len(named) > 1 else _SOURCE
     found = robot_with_friction(robot, own, source=source)
     run.progress(Progress(stage="prediction", done=1, total=2))
-    frictions = {"found": found.friction}
-    if robot.friction != Friction.none(n):
-        frictions["robot file"] = robot.friction
-    frictions["none"] = Friction.none(n)
-    squares = {name: kept.errors(robot, friction) for name, friction in frictions.items()}
+    frictions = {"found": found.friction, "robot file": robot.friction, "none": Friction.none(n)}
+    if robot.friction == frictions["none"]:
+        del frictions["robot file"]
+    squares = {
+        name: ((kept.predicted(robot, one) - kept.measured) ** 2).mean(axis=1)
+        for name, one in frictions.items()
+    }
+    verdict = verdict_of(squares["found"], squares["none"], kept.spans)
     result = UpsideDown(
         robot=found,
-        verdict=verdict_of(squares["found"], squares["none"], kept.spans),
+        verdict=verdict,
         estimate=own,
         held_out={name: np.sqrt(one.mean(axis=0)) for name, one in squares.items()},
         fit_windows=windows.take(fit_rows).spans,
         held_out_windows=kept.spans,
         window=windows.torques.shape[1] * windows.sample_time,
-        findings=(*findings, *of_logs, *file_findings(robot, own)),
+        findings=(*findings, *file_findings(robot, own)),
     )
-    in_motion = [result.intervals.get(label, (0.0, 0.0))[0] for label in own.labels[: 2 * n]]
-    if result.verdict.usable or max(in_motion) > 0.0:
-        return result
-    reasons = ("no friction was found", *result.verdict.reasons)
-    return replace(result, verdict=replace(result.verdict, reasons=reasons))
+    moving = [result.intervals.get(label, (0.0, 0.0))[0] for label in own.labels[: 2 * n]]
+    if not verdict.usable and max(moving) == 0.0:
+        verdict = replace(verdict, reasons=("no friction was found", *verdict.reasons))
+    return replace(result, verdict=verdict)
 
 
-def _estimated(
-    pieces: BallPieces, values: NDArray[np.float64], *, seed: int
-) -> tuple[StageEstimate, list[Finding]]:
-    """Return a fit's values with their covariance, and a warning if the logs disagree."""
-    n = len(pieces.A)
-    # a friction of zero has no standard error, and v_s none without s
-    free = np.append(values[:-1] > 0.0, np.any(values[2 * n : 3 * n] > 0.0))
-    sizes = np.where(values > 0.0, values, 1.0)
-    equations = pieces.equations(values, sizes)
-    _, log = np.unique([pieces.tiles[tile][0] for tile in np.unique(pieces.tile)], return_inverse=True)
-    apart = discrepancy(equations, log, free, seed=seed)
-    widen = WIDENED * apart.factor * sizes
-    estimate = StageEstimate(
-        source="the logs upside down",
-        labels=(*(f"{symbol}{i + 1}" for symbol in ("b", "c", "s") for i in range(n)), "v_s"),
-        values=np.append(values[:-1], values[-1] if free[-1] else np.nan),
-        covariance=covariance(equations.normal, free) * np.outer(widen, widen),
-    )
-    text = "The logs disagree on the friction by more than chance; errors are wider."
-    return estimate, [warning("logs-differ", text)] if apart.significant else []
+def _estimated(experiment: MomentumBalance, *, seed: int) -> tuple[StageEstimate, list[Finding]]:
+    """Return the friction with its covariance, and what the logs do not show, or disagree on."""
+    space, findings = experiment.coordinates, list[Finding]()
+    # v_s may have several minima
+    slow, fast = (space.scaled(np.append(0.1 * space.upper[:-1], v_s)) for v_s in (0.3, 1.0))
+    found = fit(experiment, slow, also=fast)
+    values = found.values
+    if not found.estimated[-1]:
+        text = "Break-away friction above c does not lower the error beyond chance; s is held at 0."
+        findings.append(note("no-breakaway", text))
+        held = [
+            replace(one, bounds=(one.default, one.default)) if one.name.startswith("stribeck") else one
+            for one in experiment.parameters
+        ]
+        experiment = replace(experiment, parameters=tuple(held))
+        found = fit(experiment, experiment.coordinates.scaled(values))
+        values = np.append(found.values[:-1], np.nan)
+    apart = discrepancy(found.finished.equations, experiment.block_log, found.estimated, seed=seed)
+    if apart.significant:
+        text = "The logs disagree on the friction by more than chance; errors are wider."
+        findings.append(warning("logs-differ", text))
+    covariance = (WIDENED * apart.factor) ** 2 * found.covariance
+    return StageEstimate(
+        source="the logs upside down", labels=space.labels, values=values, covariance=covariance
+    ), findings
 
 
-def _by_symbol(numbers: NDArray[np.float64]) -> dict[str, list[float] | float]:
-    b, c, s = numbers[:-1].reshape(3, -1).tolist()
-    return {"b": b, "c": c, "s": s, "v_s": float(numbers[-1])}
-
-
-def _check(robot: Robot, windows: BallWindows, pieces: BallPieces) -> list[Finding]:
-    """Refuse too few windows and a ball at rest; return a warning for each wheel that hardly turns."""
+def _check(windows: BallWindows, experiment: MomentumBalance) -> None:
+    """Refuse torques of zero, and too few windows in which the ball turns."""
     if not np.any(windows.torques):
         raise InputError("The torques u are zero in every window; friction shows only while motors work.")
-    speeds = windows.measured @ ClampedBall.of_robot(robot).A.T
-    share = (np.sqrt((speeds**2).mean(axis=1)) > LEAST_SPEED).mean(axis=0)
-    if share.max() < 0.1:
+    fitted, least = len(experiment.block_log), WINDOWS_PER_PARAMETER * len(experiment.parameters)
+    if fitted < least:
         raise InputError(
-            "The ball stands still: its wheels turn faster than "
-            f"{LEAST_SPEED:g} rad/s in hardly any window. Use larger torques."
+            f"In {fitted} windows a wheel turns faster than {SLOW:g} rad/s; to fit {len(experiment.parameters)} "
+            f"parameters needs {least}. Use larger torques, log for longer, or choose a shorter window."
         )
-    fitted, free_count = len(np.unique(pieces.tile)), 3 * robot.wheel_count + 1
-    if fitted < WINDOWS_PER_PARAMETER * free_count:
-        raise InputError(
-            f"{fitted} windows in which wheels turn are too few to fit {free_count} parameters, which need "
-            f"{WINDOWS_PER_PARAMETER * free_count}. Log for longer, or choose a shorter window."
-        )
-    return [
-        warning(
-            "excitation",
-            f"Wheel {i + 1} turns in only {100 * share[i]:.0f} % "
-            "of the windows; turn the ball about other axes too.",
-        )
-        for i in np.flatnonzero(share < 0.1)
-    ]
-
-
-def _limit_findings(robot: Robot, logs: Mapping[str, Log]) -> list[Finding]:
-    share = float(np.concatenate([_BallLog(robot, log).at_limit for log in logs.values()]).mean())
-    if share < _MANY_AT_LIMIT:
-        return []
-    text = (
-        f"{100.0 * share:.2g} % of the rows are at the limit of speed or torque and are left out; smaller torques keep "
-        "clear of it."
-    )
-    return [note("limits", text)]

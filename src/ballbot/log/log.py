@@ -341,38 +341,20 @@ def _read_mapping(mapping: str | Path | LogMapping | None) -> LogMapping | None:
     return mapping
 
 
-#: columns shown together in a summary, each a pattern of whole names
-_GROUPS = (
-    ("position", "x|y"),
-    ("lean", "theta|phi"),
-    ("heading", "psi"),
-    ("velocity", "(x|y)_dot"),
-    ("lean rates", "(theta|phi)_dot"),
-    ("heading rate", "psi_dot"),
-    ("wheel torques", r"u\d+"),
-    ("wheel angles", r"wheel\d+"),
-    ("wheel speeds", r"wheel\d+_dot"),
-    ("gyroscope", "gyro_[xyz]"),
-    ("accelerometer", "acc_[xyz]"),
-    ("reference", "ref_(x|y)"),
-    ("reference heading", "ref_psi"),
-)
-
-
 def _range_rows(log: Log) -> list[tuple[str, str]]:
-    """Return the range of each group of columns, and the names of all other columns."""
-    rows, rest = [], [name for name in log.names if name != "t"]
-    for group, pattern in _GROUPS:
-        names = [name for name in rest if re.fullmatch(pattern, name)]
-        if names:
-            values = np.concatenate([log[name] for name in names])
-            rows.append((group, f"{', '.join(names)}: {range_words(values, unit_of(names[0]) or '')}"))
-            rest = [name for name in rest if name not in names]
-    truth = [name for name in rest if name.startswith(TRUE_PREFIX)]
-    rest = [name for name in rest if name not in truth]
-    if truth:
-        rows.append(("true values", counted(len(truth), "column")))
-    return [*rows, ("other columns", ", ".join(rest))] if rest else rows
+    """Return the range of each column, those of wheels and axes together, and the names of all other columns."""
+    groups: dict[str, list[str]] = {}
+    for name in log.names:
+        if name != "t" and unit_of(name) and not name.startswith(TRUE_PREFIX):
+            groups.setdefault(re.sub(r"\d|_[xyz]$", "", name), []).append(name)
+    rows = []
+    for names in groups.values():
+        values = np.concatenate([log[name] for name in names])
+        rows.append((", ".join(names), range_words(values, unit_of(names[0]) or "")))
+    truth = sum(name.startswith(TRUE_PREFIX) for name in log.names)
+    others = [name for name in log.names if not unit_of(name)]
+    rows += [("true values", counted(truth, "column"))] if truth else []
+    return [*rows, ("other columns", ", ".join(others))] if others else rows
 
 
 def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ballbot.findings import Finding, finding_results
 from ballbot.identification.turning import ANGLE_NAMES
@@ -167,8 +166,7 @@ def _error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
 
 def _data(alignment: Alignment, log_findings: Sequence[Finding]) -> dict[str, object]:
     """Return what results.json holds: SI units, quaternions wxyz, half widths of 95 %."""
-    motion, frame, sensors = alignment.motion, alignment.frame, alignment.sensors
-    position = sensors and sensors.position
+    motion, sensors = alignment.motion, alignment.sensors
     return {
         "findings": finding_results([*log_findings, *alignment_findings(alignment)]),
         "clock": {
@@ -179,30 +177,10 @@ def _data(alignment: Alignment, log_findings: Sequence[Finding]) -> dict[str, ob
             "follows": alignment.clock_signal,
             "rival": alignment.rival_clock,
         },
-        "body_marker": {"wxyz": _wxyz(motion.body_marker), "half_width": motion.rotation_half_width},
+        "body_marker": {"wxyz": motion.body_marker, "half_width": motion.rotation_half_width},
         "unseen": alignment.unseen,
-        "frame": frame
-        and {
-            "camera_world_wxyz": _wxyz(frame.camera_world),
-            "tilt_half_width": frame.tilt_half_width,
-            "heading_half_width": frame.heading_half_width,
-            "origin": frame.origin,
-        },
+        "frame": alignment.frame,
         "path": alignment.path,
         "increments": {"count": motion.increments, "rms_error": motion.error, "rms": motion.motion},
-        "sensors": sensors
-        and {
-            **sensors.of,
-            "position": position
-            and {
-                "largest": position.largest,
-                "path": position.path,
-                "explained_by_heading": position.by_heading,
-            },
-            "duration": sensors.duration,
-        },
+        "sensors": sensors and {**sensors.of, "position": sensors.position, "duration": sensors.duration},
     }
-
-
-def _wxyz(rotation: Rotation) -> NDArray[np.float64]:
-    return rotation.as_quat(canonical=True)[[3, 0, 1, 2]]

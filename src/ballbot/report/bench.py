@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -16,12 +15,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results, texts
-from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep, classical
-from ballbot.identification.geometry import Geometry, GeometryQuantity
+from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
+from ballbot.identification.geometry import Geometry
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
-from ballbot.report.blocks import Bullets, Cell, Column, Paragraph, Result, Sheet, section, sheet_of
+from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import (
@@ -32,7 +31,6 @@ from ballbot.report.style import (
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import between, digits, unit_heading, value_and_error
-from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import counted
 
 #: windows shown of the log, from its middle
@@ -63,14 +61,13 @@ _COMPARISON = (
 
 
 def _parameter_table(found: UpsideDown, described: Robot) -> Sheet:
-    rows = []
-    for quantity in QUANTITIES:
-        symbol = quantity.symbol
-        values, errors = (np.atleast_1d(one[symbol]) for one in (found.parameters, found.standard_errors))
-        numbers = zip(values.tolist(), errors.tolist(), quantity.nominal(described), strict=True)
-        for i, (one, error, old) in enumerate(numbers, start=1):
-            name = f"{symbol}{i}" if len(values) > 1 else symbol
-            rows.append((name, *value_and_error(one, error), digits(old), quantity.unit))
+    old = np.concatenate([one.nominal(described) for one in QUANTITIES]).tolist()
+    units = [one.unit for one in QUANTITIES for _ in one.labels(described.wheel_count)]
+    numbers = zip(found.estimate.values.tolist(), found.estimate.errors.tolist(), strict=True)
+    rows = [
+        (label, *value_and_error(*number), digits(before), unit)
+        for label, number, before, unit in zip(found.estimate.labels, numbers, old, units, strict=True)
+    ]
     return Sheet(
         headings=("parameter", "upside down", "standard error", "robot file", "unit"),
         rows=rows,
@@ -80,42 +77,33 @@ def _parameter_table(found: UpsideDown, described: Robot) -> Sheet:
 
 
 def _error_table(found: UpsideDown) -> Sheet:
-    rows = [
-        (f"Ω about {axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
-        for i, axis in enumerate("xyz")
-    ]
-    title = f"Open-loop RMSE [rad/s] on {len(found.held_out_windows)} held-out windows of {found.window:g} s."
-    headings = ("axis", *(_MODELS[name] for name in found.held_out))
-    return Sheet(headings=headings, rows=rows, caption=title)
+    columns = np.array([*found.held_out.values()]).T
+    return Sheet(
+        headings=("axis", *(_MODELS[name] for name in found.held_out)),
+        rows=[
+            (f"Ω about {axis}", *map(digits, row)) for axis, row in zip("xyz", columns.tolist(), strict=True)
+        ],
+        caption=f"Open-loop RMSE [rad/s] on {len(found.held_out_windows)} held-out windows of {found.window:g} s.",
+    )
 
 
 #: units of a table's rows: factor from SI, and name
 _SHOWN_IN = {"rad": (math.degrees(1.0), "deg"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
-def _number(one: GeometryQuantity, value: float) -> str:
-    """Return a number of a quantity in the table's unit, to the second digit of its standard error."""
-    scale, _ = _SHOWN_IN.get(one.unit, (1.0, one.unit))
-    return f"{scale * value:.{max(0, 1 - math.floor(math.log10(scale * one.standard_error)))}f}"
-
-
-_GEOMETRY: tuple[Column[GeometryQuantity], ...] = (
-    Column("quantity", lambda one: _quantity(one)),
-    Column("from the logs", lambda one: _number(one, one.value)),
-    Column("standard error", lambda one: _number(one, one.standard_error)),
-    Column("in the file", lambda one: _number(one, one.in_file)),
-    Column("unit", lambda one: _SHOWN_IN.get(one.unit, (1.0, one.unit))[1]),
-    # adding zero keeps a minus sign off what prints as nothing
-    Column("difference", lambda one: f"{round(one.deviation, 1) + 0.0:+.1f} s.e."),
-    Column("from", lambda one: one.kind),
-)
-
-
-def _quantity(one: GeometryQuantity) -> str:
-    """Return a quantity's name in a table."""
-    if one.name == "leaning seen":
-        return "share of leaning that encoders show"
-    return one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel")
+def _geometry_table(found: Geometry) -> Sheet:
+    rows = []
+    for one in (*found.measured, *found.wheel_ratios, *found.others):
+        scale, unit = _SHOWN_IN.get(one.unit, (1.0, one.unit))
+        value, error = value_and_error(scale * one.value, scale * one.standard_error)
+        in_file, _ = value_and_error(scale * one.in_file, scale * one.standard_error)
+        name = one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel")
+        name = "share of leaning that encoders show" if name == "leaning seen" else name
+        # adding zero keeps a minus sign off what prints as nothing
+        difference = f"{round(one.deviation, 1) + 0.0:+.1f} s.e."
+        rows.append((name, value, error, in_file, unit, difference, one.kind))
+    headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
+    return Sheet(headings=headings, rows=rows, caption=_GEOMETRY_CAPTION)
 
 
 def upside_down_report(
@@ -175,18 +163,8 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
     every = cut_ball_windows(found.robot, [log], duration=found.window)
     first = max(0, (len(every) - _WINDOWS_SHOWN) // 2)
     windows = every.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(every))))
-    predicted = np.array(
-        [
-            simulate_balls(
-                ClampedBall.of_robot(found.robot),
-                friction=friction,
-                initial=windows.initial,
-                torques=windows.torques,
-                sample_time=windows.sample_time,
-            )
-            for friction in (found.robot.friction, Friction.none(found.robot.wheel_count))
-        ]
-    )
+    frictions = found.robot.friction, Friction.none(found.robot.wheel_count)
+    predicted = np.array([windows.predicted(found.robot, one) for one in frictions])
     predicted[:, :, -1] = np.nan  # a line ends with its window
     samples = windows.sample_time * np.arange(1.0, windows.measured.shape[1] + 1.0)
     held_out = {(span.log, span.start) for span in found.held_out_windows}
@@ -221,7 +199,6 @@ def geometry_report(
 ) -> Result:
     """Return the page of a geometry identified from logs."""
     (first, *others), count = texts(findings), len([*found.measured, *found.wheel_ratios])
-    rows = (*found.measured, *found.wheel_ratios, *found.others)
     return Result(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
@@ -229,7 +206,7 @@ def geometry_report(
         sections=[
             section(
                 "Geometry",
-                sheet_of(rows, _GEOMETRY, caption=_GEOMETRY_CAPTION),
+                _geometry_table(found),
                 Bullets(items=others) if others else None,
             )
         ],
@@ -285,46 +262,21 @@ def comparison_series(sweep: Sweep, fit: DrivelineFit) -> TimeSeries:
     )
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Friction [N m] over speeds (k,) above zero [rad/s], and its standard error if it is known."""
-
-    torque: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    error: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.zeros_like
-
-
-def driveline_curves(fits: Sequence[DrivelineFit]) -> dict[str, Curve]:
-    """Return the friction of each wheel by name."""
-    return {f"wheel {fit.wheel}": Curve(fit.law.steady_friction, partial(curve_error, fit)) for fit in fits}
-
-
-def curve_figure(curves: Mapping[str, Curve], fastest: float) -> Figure:
-    """Return friction over speed with its 95 % band; the right panel looks at low speeds."""
+def curve_figure(
+    curves: Sequence[Callable[[NDArray[np.float64]], NDArray[np.float64]]], fastest: float
+) -> Figure:
+    """Return each wheel's friction [N m] over speeds (k,) above zero [rad/s]; the right panel looks at low speeds."""
     figure = Figure(figsize=(7.4, 3.2), layout="constrained")
     panels = figure.subplots(1, 2)
     for axes, end in zip(panels, (fastest, min(fastest, 4.0)), strict=True):
         speed = np.geomspace(1e-3, 1.0, 200) * end
-        for (name, curve), (color, dash) in zip(curves.items(), _WHEELS, strict=False):
-            torque, half = curve.torque(speed), 1.96 * curve.error(speed)
-            axes.fill_between(speed, torque - half, torque + half, color=color, alpha=0.2, linewidth=0)
-            axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.3, label=name)
+        for wheel, (curve, (color, dash)) in enumerate(zip(curves, _WHEELS, strict=False), start=1):
+            axes.plot(speed, curve(speed), color=color, linestyle=dash, linewidth=1.3, label=f"wheel {wheel}")
         axes.set_xlabel("wheel speed [rad/s]")
         axes.set_ylim(bottom=0.0)
     panels[0].set_ylabel("friction torque [N m]")
     panels[0].legend(loc="upper left")
     return figure
-
-
-def curve_error(fit: DrivelineFit, speed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the standard error [N m] of the friction at speeds (k,) above zero, by the delta method."""
-    values = np.array([getattr(fit.law, one.name) for one in QUANTITIES])
-    steps = 1e-5 * np.where(values == 0.0, 1.0, values)
-    moved = [values + step * one for step, one in zip(steps, np.eye(len(values)), strict=True)]
-    curves = np.array([classical(one).steady_friction(speed) for one in moved])
-    gradient = (curves - fit.law.steady_friction(speed)).T / steps
-    errors = np.nan_to_num(fit.standard_errors)
-    covariance = fit.correlation * np.outer(errors, errors)
-    return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradient, covariance, gradient), 0.0))
 
 
 def driveline_report(
@@ -340,12 +292,6 @@ def driveline_report(
         "A driveline resists with b ω + (c + s exp(−|ω/v_s|)) sgn ω. Each is identified as an axis of the file's "
         "inertia (docs/axis.md)."
     )
-    rows = [
-        # the interval in a second line, so that four wheels fit on a page
-        (name, unit, *(Cell(text=text, below=below) for text, _, below in parted))
-        for name, unit, *cells in parameter_rows(fits)
-        for parted in [[cell.removesuffix(")").partition(" (") for cell in cells]]
-    ]
     return Result(
         title=f"{robot}: friction of the drivelines",
         lead=f"Wheels free, {seconds:.0f} s, up to {largest:.3g} N m and {sweeps[0].limit:.4g} rad/s.",
@@ -356,7 +302,7 @@ def driveline_report(
                 Paragraph(text=words),
                 Sheet(
                     headings=("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits)),
-                    rows=rows,
+                    rows=parameter_rows(fits),
                     caption="With 95 % intervals.",
                 ),
                 Paragraph(
@@ -366,8 +312,8 @@ def driveline_report(
                 ),
                 drawn_picture(
                     "curve",
-                    partial(curve_figure, driveline_curves(fits), sweeps[0].limit),
-                    "Friction over speed with its 95 % band, up to the speed limit and at low speeds.",
+                    partial(curve_figure, [fit.law.steady_friction for fit in fits], sweeps[0].limit),
+                    "Friction over speed, up to the speed limit and at low speeds.",
                 ),
             ),
             section(

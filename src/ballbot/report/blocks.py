@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 #: what people read of every result, and what programs read
 PAGE, RESULTS = "report.html", "results.json"
 #: a number alone or with its sign, interval or unit; what stands flush right in a table
-_NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( \.\. .*)?|falls|no|none")
+_NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( to .*)?|falls|no|none")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +104,8 @@ class Sheet:
     def cells(self) -> list[list[Cell]]:
         """Every cell as one."""
         return [
-            [one if isinstance(one, Cell) else Cell(text=_written(one)) for one in row] for row in self.rows
+            [cell if isinstance(cell, Cell) else Cell(text=_written(cell)) for cell in row]
+            for row in self.rows
         ]
 
     @property
@@ -139,19 +140,19 @@ def sheet_of(
     shaded: Callable[[T], bool] = lambda _: False,
 ) -> Sheet:
     """Return the table of rows, with those columns that have a heading."""
-    listed, there = list(rows), [one for one in columns if one.heading is not None]
+    listed, there = list(rows), [column for column in columns if column.heading is not None]
     return Sheet(
-        headings=[str(one.heading) for one in there],
-        rows=[[one.shown(one.value(row)) for one in there] for row in listed],
+        headings=[str(column.heading) for column in there],
+        rows=[[column.shown(column.value(row)) for column in there] for row in listed],
         caption=caption,
         groups=groups,
-        shaded=frozenset(place for place, row in enumerate(listed) if shaded(row)),
+        shaded=frozenset(index for index, row in enumerate(listed) if shaded(row)),
     )
 
 
 def entries_of(row: T, columns: Sequence[Column[T]]) -> dict[str, object]:
     """Return what results.json has of a row: those columns that have a key."""
-    return {one.key: one.value(row) for one in columns if one.key}
+    return {column.key: column.value(row) for column in columns if column.key}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,13 +231,13 @@ class Result:
     @property
     def present(self) -> list[Section]:
         """The sections that there are."""
-        return [one for one in self.sections if one is not None]
+        return [section for section in self.sections if section is not None]
 
     def summary(self) -> Summary:
         """Return the verdict on one screen; one without headings stands below the first table."""
         if all(heading for heading, _ in self.verdict):
             return Summary(title=self.title, rows=tuple(self.verdict))
-        sheets = [block for one in self.present[:1] for block in one.blocks if isinstance(block, Sheet)]
+        sheets = [block for first in self.present[:1] for block in first.blocks if isinstance(block, Sheet)]
         table = [(sheet.headings, *sheet.rows) for sheet in sheets[:1]]
         rows = [(str(name), tuple(map(str, cells))) for lines in table for name, *cells in lines]
         return Summary(title=self.title, rows=tuple(rows), sentences=tuple(text for _, text in self.verdict))
@@ -252,15 +253,15 @@ class Result:
         table and its sentences.
         """
         if brief:
-            blocks = [block for one in self.present[:1] for block in one.blocks]
+            blocks = [block for first in self.present[:1] for block in first.blocks]
             yield from [block for block in blocks if isinstance(block, Sheet)][:1]
             yield from (
                 Text(f"- {item}") for block in blocks if isinstance(block, Bullets) for item in block.items
             )
         else:
-            for one in self.present:
-                shown = [part for block in one.blocks for part in _on_terminal(block)]
-                yield from [Text(one.heading, style="bold"), *shown, Text("")] if shown else []
+            for section in self.present:
+                shown = [part for block in section.blocks for part in _on_terminal(block)]
+                yield from [Text(section.heading, style="bold"), *shown, Text("")] if shown else []
         yield Text("What the data cannot decide", style="bold")
         yield from (Text(f"- {words}") for words in self.undecided)
         yield Text("")
@@ -284,7 +285,7 @@ def _on_terminal(block: Block) -> Iterator[RenderableType]:
 
 def section(heading: str, *blocks: Block | None) -> Section:
     """Return a section of those blocks that are not None."""
-    return Section(heading=heading, blocks=tuple(one for one in blocks if one is not None))
+    return Section(heading=heading, blocks=tuple(block for block in blocks if block is not None))
 
 
 def details(heading: str, *blocks: Block | None) -> Section:

@@ -19,16 +19,9 @@ from ballbot.log import Log
 from ballbot.report.blocks import Cell, Paragraph, Result, Section, Sheet, section
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
-from ballbot.report.style import (
-    LOOKS,
-    LineStyle,
-    drawn_picture,
-    label_of,
-    one_panel,
-    thinned,
-)
+from ballbot.report.style import LOOKS, LineStyle, drawn_picture, label_of, one_panel, thinned
 from ballbot.report.words import capital
-from ballbot.rounding import digits, unit_heading
+from ballbot.rounding import digits, interval, unit_heading
 from ballbot.summary import counted
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import (
@@ -37,7 +30,6 @@ from ballbot.workflows.league import (
     RATIOS,
     League,
     Standing,
-    league_results,
     overall,
     standing,
 )
@@ -145,11 +137,12 @@ def _cell(found: Standing, metric: Metric) -> Cell:
 
 def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "") -> str:
     """Return a mean with its interval, such as "−120 (−130 to −110)"; of too few seeds for one the mean."""
-    mean, low, high = (
-        f"{plus if value > 0.0 else ''}{digits(scale * value)}".replace("-", "−")
-        for value in (found.mean, found.low, found.high)
-    )
-    return mean if math.isnan(found.low) else f"{mean} ({low} to {high})"
+
+    def shown(value: float) -> str:
+        return f"{plus if value > 0.0 else ''}{digits(scale * value)}".replace("-", "−")
+
+    mean = shown(found.mean)
+    return mean if math.isnan(found.low) else f"{mean} ({interval(found.low, found.high, shown)})"
 
 
 #: of controllers in turn; of the first three as in the study's report
@@ -224,7 +217,7 @@ def league_report(league: League) -> Result:
         undecided=[
             "How the controllers compare on a real robot: these are simulated runs of the robot as described."
         ],
-        data=league_results(league),
+        data=league.to_dict(),
     )
 
 

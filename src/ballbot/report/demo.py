@@ -24,7 +24,7 @@ from ballbot.log.pose import with_odometry
 from ballbot.report.blocks import Result, Sheet, provenance, section
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
-from ballbot.rounding import digits
+from ballbot.rounding import digits, interval
 from ballbot.twin.scenario import Scenario
 
 #: the runs, in the order in which they are shown
@@ -105,8 +105,8 @@ def friction_report(log: Log, run: Run) -> Result:
     rows = []
     for wheel, true in enumerate(wheel_friction(speeds, robot_of_runs().friction)):
         value, error = (float(one[0]) for one in friction_curve(found, wheel, speeds[:1]))
-        interval = " to ".join(digits(end, 2) for end in (value - 1.96 * error, value + 1.96 * error))
-        rows.append((f"wheel {wheel + 1}", digits(value, 2), interval, digits(float(true), 2)))
+        ends = interval(value - 1.96 * error, value + 1.96 * error, lambda end: digits(end, 2))
+        rows.append((f"wheel {wheel + 1}", digits(value, 2), ends, digits(float(true), 2)))
     sheet = Sheet(
         headings=("friction [N m] at 1 rad/s", "identified", "95 % interval", "true"),
         rows=rows,

@@ -45,53 +45,53 @@ from ballbot.workflows.robot_check import linearization_results, state_order
 from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
 
 
-def search_comment(found: RobustDesign, command: str) -> str:
+def search_comment(design: RobustDesign, command: str) -> str:
     """Return the comment of a controller file on how its gain was found."""
-    robust, nominal = (f"{found.compared[name].worst_tenth:.3g}" for name in ("robust", "nominal"))
+    robust, nominal = (f"{design.compared[name].worst_tenth:.3g}" for name in ("robust", "nominal"))
     return (
-        f"# Found by: {command}\n# {_weights(found)}\n"
-        f"# worst tenth of J on {found.fresh} fresh robots: {robust}; nominal gain {nominal}\n\n"
+        f"# Found by: {command}\n# {_weights(design)}\n"
+        f"# worst tenth of J on {design.fresh} fresh robots: {robust}; nominal gain {nominal}\n\n"
     )
 
 
-def _weights(found: RobustDesign) -> str:
-    weights = ", ".join(f"{weight:.4g}" for weight in found.state_weights)
-    return f"Q = diag({weights}), R = {found.torque_weight:g} I"
+def _weights(design: RobustDesign) -> str:
+    weights = ", ".join(f"{weight:.4g}" for weight in design.state_weights)
+    return f"Q = diag({weights}), R = {design.torque_weight:g} I"
 
 
-def _nothing_compensated(found: ControllerDesign) -> str:
+def _nothing_compensated(design: ControllerDesign) -> str:
     """Return why a controller that compensates friction has none to compensate; empty if it has some."""
-    if has_friction(found.certain):
+    if has_friction(design.certain):
         return ""
-    if has_friction(found.stated):
+    if has_friction(design.stated):
         return "No part of the friction in the robot file is certain, so none is compensated."
     return NO_FRICTION
 
 
-def controller_design_report(found: ControllerDesign, findings: Sequence[Finding]) -> Result:
+def controller_design_report(design: ControllerDesign, findings: Sequence[Finding]) -> Result:
     """Return the page of a design without a search."""
-    controller, nothing = found.controller, _nothing_compensated(found)
+    controller, nothing = design.controller, _nothing_compensated(design)
     robot, kind = controller.robot, controller.compensation
-    slowest = float(-np.max(found.gain.poles.real))
+    slowest = float(-np.max(design.gain.poles.real))
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
     verdict = [
         (
             "Closed loop",
             f"The slowest pole is at −{slowest:.3g} rad/s: the robot settles in about {4.0 / slowest:.2g} s.",
         ),
-        ("Margins", f"{capital(found.loop_margins.sentence())}."),
+        ("Margins", f"{capital(design.loop_margins.sentence())}."),
         ("Torque limit of each wheel", f"{torque_limit_words(controller)}."),
     ]
     if kind != "none":
-        margin = f"{capital(found.margin.sentence)}."
-        if found.margin.overcompensates:
-            margin = f"WARNING: {found.margin.sentence}; this injects energy and can destabilise the robot."
+        margin = f"{capital(design.margin.sentence)}."
+        if design.margin.overcompensates:
+            margin = f"WARNING: {design.margin.sentence}; this injects energy and can destabilise the robot."
         verdict.append(("Compensation", nothing or margin))
     undecided = [
         "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
         "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it."
     ]
-    if not found.uncertainty.parts:
+    if not design.uncertainty.parts:
         undecided.append("How uncertain the gain is: no value in the robot file has a standard_deviation.")
     return Result(
         title=f"{robot.name}: a controller",
@@ -101,32 +101,32 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
         ),
         verdict=verdict,
         sections=[
-            section("Gain", *_gain_blocks(found)),
-            loop_section(found.loop_margins),
-            details("Friction compensation", *_compensation_blocks(found)),
+            section("Gain", *_gain_blocks(design)),
+            loop_section(design.loop_margins),
+            details("Friction compensation", *_compensation_blocks(design)),
             linear_section(frictionless_model(robot).linearize(), caption="exact model without friction"),
         ],
         undecided=undecided,
         findings=findings,
-        data=found.to_dict(),
+        data=design.to_dict(),
     )
 
 
-def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
-    yield gain_sheet(found.gain.gain)
-    yield Paragraph(text=f"Closed-loop poles: {pole_words(found.gain.poles)} rad/s.")
-    if largest := found.uncertainty.largest():
+def _gain_blocks(design: ControllerDesign) -> Iterator[Block]:
+    yield gain_sheet(design.gain.gain)
+    yield Paragraph(text=f"Closed-loop poles: {pole_words(design.gain.poles)} rad/s.")
+    if largest := design.uncertainty.largest():
         causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
         caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
-        yield gain_sheet(found.uncertainty.deviation, caption)
+        yield gain_sheet(design.uncertainty.deviation, caption)
 
 
-def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
-    none = found.controller.compensation == "none"
-    if nothing := "No friction is compensated." if none else _nothing_compensated(found):
+def _compensation_blocks(design: ControllerDesign) -> Iterator[Block]:
+    none = design.controller.compensation == "none"
+    if nothing := "No friction is compensated." if none else _nothing_compensated(design):
         yield Bullets(items=[nothing])
         return
-    margin, stated, certain = found.margin, found.stated, found.certain
+    margin, stated, certain = design.margin, design.stated, design.certain
     of_wheels = zip(margin.wheel_fractions, margin.at_speeds, strict=True)
     rows = [
         (f"wheel {k}", percent(share), f"{speed:.2g} rad/s") for k, (share, speed) in enumerate(of_wheels, 1)
@@ -168,30 +168,30 @@ _DESIGNS: tuple[Column[tuple[str, ComparedDesign]], ...] = (
 )
 
 
-def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Result:
+def robust_design_report(design: RobustDesign, findings: Sequence[Finding]) -> Result:
     """Return the page of a design by search."""
     caption = (
-        f"On {found.fresh} perturbed robots that the search did not use. The cost J of a robot is its error over the "
+        f"On {design.fresh} perturbed robots that the search did not use. The cost J of a robot is its error over the "
         "nominal gain's median plus its torques' roughness over the nominal gain's median, so that J is about 2 with "
         "the nominal weights; a fall costs 10 to 20. The worst tenth is the mean of the largest tenth."
     )
-    spread = {name: getattr(found.spread, name) for name in ("mass", "height", "friction")}
-    controller = found.controller
+    spread = {name: getattr(design.spread, name) for name in ("mass", "height", "friction")}
+    controller = design.controller
     ranges = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in spread.items())
     return Result(
         title=f"{controller.robot.name}: a robust controller",
         lead=f"Perturbed robots: {ranges}; --perturb changes a range.",
-        verdict=robust_verdict(found),
+        verdict=robust_verdict(design),
         sections=[
             section(
-                "Compared with other weights", sheet_of(found.compared.items(), _DESIGNS, caption=caption)
+                "Compared with other weights", sheet_of(design.compared.items(), _DESIGNS, caption=caption)
             ),
-            section("Gain", gain_sheet(controller.gain), Bullets(items=[_weights(found)])),
-            loop_section(found.loop_margins),
+            section("Gain", gain_sheet(controller.gain), Bullets(items=[_weights(design)])),
+            loop_section(design.loop_margins),
         ],
         undecided=[
             "Robots outside the ranges: the cost counts those that were drawn.",
-            f"The cost's tail beyond {found.fresh} robots: rarer ones may fall.",
+            f"The cost's tail beyond {design.fresh} robots: rarer ones may fall.",
         ],
         findings=findings,
         data={
@@ -199,24 +199,24 @@ def robust_design_report(found: RobustDesign, findings: Sequence[Finding]) -> Re
             "sample_time": controller.sample_time,
             "compensation": controller.compensation,
             "gain": controller.gain,
-            "poles": found.design.poles,
-            "loop_margins": found.loop_margins.to_dict(),
+            "poles": design.design.poles,
+            "loop_margins": design.loop_margins.to_dict(),
             "linearization": linearization_results(frictionless_model(controller.robot)),
-            **to_results(found),
+            **to_results(design),
         },
     )
 
 
-def robust_verdict(found: RobustDesign) -> list[tuple[str, str]]:
+def robust_verdict(design: RobustDesign) -> list[tuple[str, str]]:
     """Return how the gain compares with the nominal one on robots that the search did not use."""
-    robust, nominal = (found.compared[name] for name in ("robust", "nominal"))
+    robust, nominal = (design.compared[name] for name in ("robust", "nominal"))
     ratio = nominal.worst_tenth / robust.worst_tenth
     compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
     text = (
-        f"On the worst tenth of {found.fresh} robots the cost is {robust.worst_tenth:.2f}, {compared} that of the "
+        f"On the worst tenth of {design.fresh} robots the cost is {robust.worst_tenth:.2f}, {compared} that of the "
         f"nominal weights, {nominal.worst_tenth:.2f}."
     )
-    falls = f"{robust.falls} of {found.fresh} with the weights found, {nominal.falls} nominal."
+    falls = f"{robust.falls} of {design.fresh} with the weights found, {nominal.falls} nominal."
     return [("Cost", text), ("Falls", falls)]
 
 

@@ -34,9 +34,9 @@ from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, details
 from ballbot.report.palette import BLUE, MUTED
 from ballbot.report.style import STATE_UNITS, drawn_picture
 from ballbot.report.validation import correlation_figure
-from ballbot.report.words import driveline_symbols, interval_text, logs_words, state_mark
+from ballbot.report.words import driveline_symbols, logs_words, state_mark
 from ballbot.robot import Friction
-from ballbot.rounding import digits, unit_heading, value_and_error
+from ballbot.rounding import digits, interval, unit_heading, value_and_error
 
 
 def identification_report(
@@ -106,9 +106,12 @@ def _parameter_sheet(found: Identification) -> Sheet:
     rows = [
         (
             *(label, BY_NAME[name].unit, digits(float(before[i])), *value_and_error(values[i], errors[i])),
-            *(interval_text(of.get(label)) for of in (found.intervals, found.another_log)),
+            *(
+                interval(of[label].lower, of[label].upper) if label in of else ""
+                for of in (found.intervals, found.another_log)
+            ),
             *([] if other is None else [digits(float(other.values[i]))]),
-            f"{lower} .. {upper}" if upper != lower else f"held at {lower}",
+            f"{lower} to {upper}" if upper != lower else f"held at {lower}",
         )
         for i, (label, name) in enumerate(zip(found.labels, names, strict=True))
         if name in found.names
@@ -172,7 +175,7 @@ def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
     decisions = {"accepted": "taken", "rejected": "no useful gain", "undecided": "the data cannot decide"}
 
     def gain(one: Gain | None) -> str:
-        return f"{100 * one.share:.1f} % ({100 * one.lower:.1f} .. {100 * one.upper:.1f})" if one else ""
+        return f"{100 * one.share:.1f} % ({100 * one.lower:.1f} to {100 * one.upper:.1f})" if one else ""
 
     columns: list[Column[Candidate[Identification]]] = [
         Column("law", lambda one: one.name),

@@ -34,15 +34,15 @@ MOST_CONTROLLERS = len(_LOOKS)
 _DEGREES = 180.0 / np.pi
 
 
-def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
+def planes_figure(limits: Mapping[str, RobotLimits]) -> Figure:
     """Draw the leans and lean rates that each controller recovers from, in its worst direction."""
-    columns = min(3, len(found))
-    rows = -(-len(found) // columns)
+    columns = min(3, len(limits))
+    rows = -(-len(limits) // columns)
     figure = Figure(figsize=(7.4, 0.8 + 2.5 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes in panels.flat[len(found) :]:
+    for axes in panels.flat[len(limits) :]:
         axes.set_visible(False)
-    for axes, (name, one) in zip(panels.flat, found.items(), strict=False):
+    for axes, (name, one) in zip(panels.flat, limits.items(), strict=False):
         for region, color, style in ((one.plane.upper, UPPER, "--"), (one.plane.lower, LOWER, "-")):
             lean, rate = np.degrees(region.across), np.degrees(region.along)
             kept = region.kept.T.astype(np.float64)
@@ -66,7 +66,9 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
     return figure
 
 
-def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]]) -> Figure:
+def directions_figure(
+    limits: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]]
+) -> Figure:
     """Draw the largest tilt at rest and the largest impulse at the centre of mass over all directions."""
     figure = Figure(figsize=(7.4, 4.8), layout="constrained")
     left, right = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
@@ -74,7 +76,7 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
         (left, "lean", _DEGREES, "tilt at rest [deg]"),
         (right, "impulse", 1.0, "impulse [N s]"),
     ):
-        for (name, one), (color, mark, width) in zip(found.items(), _LOOKS, strict=False):
+        for (name, one), (color, mark, width) in zip(limits.items(), _LOOKS, strict=False):
             bounds = one.lean if kind == "lean" else one.central_impulse
             around = np.append(one.directions, one.directions[0] + 2.0 * np.pi)
             for sizes, dash, broad in ((bounds.lower, "-", width), (bounds.upper, "--", min(width, 1.6))):
@@ -88,7 +90,7 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
         axes.set_title(title, loc="center", pad=14)
     handles = [
         Line2D([], [], color=color, marker=mark if on_twin else "", label=label_of(name), linewidth=width)
-        for name, (color, mark, width) in zip(found, _LOOKS, strict=False)
+        for name, (color, mark, width) in zip(limits, _LOOKS, strict=False)
     ]
     handles.append(Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"))
     handles.append(Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"))
@@ -121,19 +123,19 @@ _TWIN: tuple[Column[tuple[str, TwinLimit]], ...] = (
 
 def limits_report(
     robot: Robot,
-    found: Mapping[str, RobotLimits],
+    limits: Mapping[str, RobotLimits],
     on_twin: Mapping[str, Sequence[TwinLimit]],
     *,
     grip: float,
     scenario: str,
 ) -> Result:
     """Return the page."""
-    verdict, twins = [], [(name, limit) for name, limits in on_twin.items() for limit in limits]
-    for name, one in found.items():
+    verdict, twins = [], [(name, limit) for name, edges in on_twin.items() for limit in edges]
+    for name, one in limits.items():
         text = f"Recovers in every direction from {limit_words(one)}"
         words = "up to the first number no wheel slips, up to the second if wheels never slip"
         verdict.append((name, f"{text}: {words}." if not verdict else f"{text}."))
-    if len(found) > 1 and not has_friction(robot.friction):
+    if len(limits) > 1 and not has_friction(robot.friction):
         verdict.append(("", NO_FRICTION))
     directions = (
         "The largest tilt at rest, and the largest impulse at the centre of mass, by direction on the floor. Solid: no "
@@ -146,7 +148,7 @@ def limits_report(
     return Result(
         title=f"{robot.name}: the largest tilts and impulses that it recovers from",
         lead=(
-            f"{counted(len(found), 'controller')}, friction coefficient of the wheels on the ball {grip:g}, sensors, "
+            f"{counted(len(limits), 'controller')}, friction coefficient of the wheels on the ball {grip:g}, sensors, "
             f"delay and noise of the scenario {scenario}."
         ),
         verdict=verdict,
@@ -154,9 +156,9 @@ def limits_report(
             section("On the twin", sheet_of(twins, _TWIN)) if twins else None,
             section(
                 "Over all directions",
-                drawn_picture("directions", partial(directions_figure, found, on_twin), directions),
+                drawn_picture("directions", partial(directions_figure, limits, on_twin), directions),
             ),
-            section("Tilt and tilt rate", drawn_picture("planes", partial(planes_figure, found), planes)),
+            section("Tilt and tilt rate", drawn_picture("planes", partial(planes_figure, limits), planes)),
         ],
         undecided=[
             "The limit between the two bounds: above the lower one a wheel slips somewhere, and what follows depends "
@@ -173,7 +175,7 @@ def limits_report(
             "grip": grip,
             "scenario": scenario,
             "controllers": {
-                name: to_results(one) | {"twin": on_twin.get(name, ())} for name, one in found.items()
+                name: to_results(one) | {"twin": on_twin.get(name, ())} for name, one in limits.items()
             },
         },
     )

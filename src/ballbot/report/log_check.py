@@ -177,27 +177,29 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
 
 
 def proposal_report(
-    found: Evaluation, evaluated: Sequence[Evaluation], robot: Robot, *, kept: bool
+    evaluation: Evaluation, evaluated: Sequence[Evaluation], robot: Robot, *, kept: bool
 ) -> Result:
     """Return the page of a mapping proposed for foreign files, by the surest of them; `kept`: it has a file."""
-    file, proposal = found.proposal.file, found.proposal
-    verdict = found.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
-    said = Verbatim(text="\n".join(answer_lines(found)))
+    file, proposal = evaluation.proposal.file, evaluation.proposal
+    verdict = (
+        evaluation.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
+    )
+    said = Verbatim(text="\n".join(answer_lines(evaluation)))
     return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", capital(verdict))],
         sections=[
             section("What was found", said, _placement_table(proposal) if proposal.tested else None),
-            section("The mapping file", Verbatim(text=found.text)),
-            section("The log that it makes", *over_time(found.log, robot)) if found.log else None,
+            section("The mapping file", Verbatim(text=evaluation.text)),
+            section("The log that it makes", *over_time(evaluation.log, robot)) if evaluation.log else None,
         ],
         undecided=[f"{capital(one.text)}." for one in proposal.questions],
-        findings=found.findings,
+        findings=evaluation.findings,
         accepted=False,
         data={
             "files": [_proposal_data(one) for one in evaluated],
-            **({} if kept else {"mapping_file": found.text}),
+            **({} if kept else {"mapping_file": evaluation.text}),
         },
     )
 
@@ -217,9 +219,9 @@ def _placement_table(proposal: Proposal) -> Sheet:
     return sheet_of(ordered, columns, caption="Wheel orders, by the response of the lean")
 
 
-def _proposal_data(found: Evaluation) -> dict[str, object]:
+def _proposal_data(evaluation: Evaluation) -> dict[str, object]:
     """Return the entries of results.json for the mapping proposed for a foreign file."""
-    proposal, tested = found.proposal, found.proposal.tested
+    proposal, tested = evaluation.proposal, evaluation.proposal.tested
     return {
         "file": str(proposal.file),
         "what": proposal.what,
@@ -239,8 +241,8 @@ def _proposal_data(found: Evaluation) -> dict[str, object]:
         "drive": proposal.drive,
         "keep": proposal.keep,
         "questions": proposal.questions,
-        "refusal": found.refusal,
-        "rows": None if found.log is None else len(found.log),
-        "columns": [] if found.log is None else list(found.log.names),
-        "findings": found.findings,
+        "refusal": evaluation.refusal,
+        "rows": None if evaluation.log is None else len(evaluation.log),
+        "columns": [] if evaluation.log is None else list(evaluation.log.names),
+        "findings": evaluation.findings,
     }

@@ -30,21 +30,20 @@ from ballbot.viewer.page import hash_source, web_file
 _POWER = re.compile(r"\^(-?\d)\b")
 
 
-def render(result: Result, folder: Path, *, paged: bool = True) -> None:
-    """Write a result into a folder: its results.json, and its page unless it is not `paged`."""
+def render(result: Result, folder: Path) -> None:
+    """Write a result into a folder: its results.json and its page."""
     write_text(folder / RESULTS, results_text(result.to_dict()))
-    if paged:
-        write_text(folder / PAGE, page_of(result))
+    write_text(folder / PAGE, page_of(result))
 
 
 def page_of(report: Result) -> str:
     """Return the page of what a command found, as HTML."""
-    anchors = [_anchor(place, one.heading) for place, one in enumerate(report.present)]
-    contents = list(zip(anchors, (one.heading for one in report.present), strict=True))
+    anchors = [_anchor(number, section.heading) for number, section in enumerate(report.present, 1)]
+    contents = list(zip(anchors, (section.heading for section in report.present), strict=True))
     contents += [("undecided", "What the data cannot decide")]
     contents += [("checks", "Checks of the inputs")] if report.findings is not None else []
     contents += [("reproduce", "How to reproduce this")] if report.made else []
-    blocks = [block for one in report.present for block in one.blocks]
+    blocks = [block for section in report.present for block in section.blocks]
     films = [block.part for block in blocks if isinstance(block, Film)][:1]
     charts = any(isinstance(block, TimeSeries) for block in blocks)
     environment = Environment(
@@ -70,20 +69,22 @@ def page_of(report: Result) -> str:
         anchors=anchors,
         next_step=report.next_step,
         undecided=[with_symbols(words) for words in report.undecided],
-        errors=[one for one in report.findings or () if report.accepted and one.severity == "error"],
+        errors=[
+            finding for finding in report.findings or () if report.accepted and finding.severity == "error"
+        ],
         accepted=report.accepted,
         findings=report.findings,
         made=report.made,
         policy=policy,
         style=Markup(_style(charts) + "".join(film.style for film in films)),
-        scripts=[Markup(one) for one in scripts],
+        scripts=[Markup(script) for script in scripts],
     )
 
 
-def _anchor(place: int, heading: str) -> str:
+def _anchor(number: int, heading: str) -> str:
     """Return a section's name in addresses: its heading's letters, different for each section."""
     words = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-")
-    return f"{words or 'section'}-{place + 1}"
+    return f"{words or 'section'}-{number}"
 
 
 def _printable_text(value: object) -> object:
@@ -94,7 +95,7 @@ def _printable_text(value: object) -> object:
 def _typeset(text: str) -> Markup:
     """Return a text, escaped unless it is markup, with `commands` as code and kg m^2 as kg m²."""
     escaped = str(escape(_printable_text(text)))
-    raised = _POWER.sub(lambda found: found[1].translate(RAISED), escaped)
+    raised = _POWER.sub(lambda match: match[1].translate(RAISED), escaped)
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", raised))
 
 

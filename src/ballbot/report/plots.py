@@ -18,7 +18,7 @@ from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
-from ballbot.report.bench import Curve, curve_figure, driveline_curves
+from ballbot.report.bench import curve_figure
 from ballbot.report.blocks import Result
 from ballbot.report.comparison import course_figure, league_report, paths_figure
 from ballbot.report.design import bode_figure, poles_figure, robust_verdict
@@ -63,7 +63,7 @@ def upside_down_figure(found: UpsideDown) -> Figure:
     def of_wheel(wheel: int, speed: NDArray[np.float64]) -> NDArray[np.float64]:
         return wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
 
-    curves = {f"wheel {wheel + 1}": Curve(partial(of_wheel, wheel)) for wheel in range(n)}
+    curves = [partial(of_wheel, wheel) for wheel in range(n)]
     return curve_figure(curves, _SHOWN_SPEEDS * friction.stribeck_speed)
 
 
@@ -90,7 +90,7 @@ FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "Controller": controller_figure,
     "ControllerDesign": lambda design: bode_figure(design.loop_margins),
     "DrivelineFit": lambda fit: curve_figure(
-        driveline_curves([fit]), float(np.nanmax(np.abs(fit.predicted), initial=1.0))
+        [fit.law.steady_friction], float(np.nanmax(np.abs(fit.predicted), initial=1.0))
     ),
     "Identification": friction_figure,
     "League": lambda league: course_figure(league, league.courses[0]),

@@ -11,7 +11,7 @@ from ballbot.findings import Finding, finding_results
 from ballbot.printable import shell_line
 from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, section, sheet_of
 from ballbot.results import to_results
-from ballbot.rounding import unit_heading
+from ballbot.rounding import interval, unit_heading
 from ballbot.workflows.controller_choice import CANDIDATES
 from ballbot.workflows.controller_prediction import (
     SHOWN,
@@ -124,4 +124,4 @@ def _place(one: QuantityResult) -> str:
 
 
 def _interval(name: str, one: PredictionInterval) -> str:
-    return f"{SHOWN[name].shown(one.low)} to {SHOWN[name].shown(one.high)}"
+    return interval(one.low, one.high, SHOWN[name].shown)

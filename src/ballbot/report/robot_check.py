@@ -27,12 +27,7 @@ from ballbot.report.words import capital
 from ballbot.robot.figure import robot_figure
 from ballbot.summary import counted, pole_words
 from ballbot.workflows.reference_check import MARGIN_HEADINGS, margin_rows, reference_verdict
-from ballbot.workflows.robot_check import (
-    MATRICES,
-    MATRIX_EQUATIONS,
-    CheckedRobot,
-    PoleSpread,
-)
+from ballbot.workflows.robot_check import MATRICES, MATRIX_EQUATIONS, CheckedRobot, PoleSpread
 
 
 def robot_check_report(checked: CheckedRobot) -> Result:
@@ -55,7 +50,7 @@ def robot_check_report(checked: CheckedRobot) -> Result:
         "fits the others is not found. Logs show more: `ballbot check-log LOG --robot ROBOT`."
     ]
     if swing:
-        quantity, value, unit = swing.rows()[0]
+        quantity, value, unit = swing.found.rows()[0]
         verdict.append(("Swing", capital(f"{quantity}: {value} {unit}.")))
     if following:
         verdict.append((f"Following {following.name}", " ".join(reference_verdict(following))))
@@ -114,11 +109,11 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
             "The swing",
             Sheet(
                 headings=("quantity", "value, 95 %", "unit"),
-                rows=swing.rows(),
-                caption=f"From {swing.fit.swing.source}.",
+                rows=swing.found.rows(),
+                caption=f"From {swing.found.fit.swing.source}.",
             ),
-            Bullets(items=[one.text for one in (*swing.findings, *swing.inertia_findings())]),
-            swing_series(swing.fit),
+            Bullets(items=[one.text for one in (*swing.findings, *swing.found.notes())]),
+            swing_series(swing.found.fit),
         )
     if following := checked.following:
         caption = "Largest use of each limit."

@@ -5,21 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results
-from ballbot.link.wiring import Turn, WiringCheck
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.blocks import Block, Column, Film, Paragraph, Result, Sheet, entries_of, section, sheet_of
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
+from ballbot.report.words import millimetres
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent
-from ballbot.twin.recording import Recording
 from ballbot.viewer.page import replay_part
 from ballbot.workflows.metrics import (
     BAND,
@@ -34,14 +34,15 @@ from ballbot.workflows.metrics import (
     settled,
     settling_time,
 )
-from ballbot.workflows.record import RecordJob
+
+if TYPE_CHECKING:  # the link and the twin are extras
+    from ballbot.link.wiring import Turn, WiringCheck
+    from ballbot.twin.recording import Recording
+    from ballbot.workflows.record import RecordJob
 
 _DEGREES = math.degrees(1.0)
-_REFERENCES = ("ref_x", "ref_y", "ref_psi")
 #: names of lines
 _TRUE, _ON_BOARD = "true", "on board"
-#: of lengths [mm] and angles [deg] in words: what rounds to zero is zero
-_RESOLUTION = 1e-3
 
 
 def simulation_report(
@@ -80,6 +81,10 @@ def simulation_report(
 
 
 _HELD = {"driveline_sweep": "the wheels in the air", "upside_down": "upside down with the ball on its wheels"}
+_NOT_A_ROBOT = (
+    "How the real robot runs: the twin has the faults of its scenario, and a robot has others. Compare a log with "
+    "`ballbot validate`."
+)
 
 
 def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Finding]) -> Result:
@@ -97,9 +102,8 @@ def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Fi
         title=f"{job.robot.name}: a run of the twin",
         lead=f"{lead}; scenario {job.scenario.name}, seed {job.seed}.",
         undecided=[
-            "How the real robot runs: the twin has the faults of its scenario, and a robot has others. Compare a log "
-            "with `ballbot validate`.",
-            "How much runs differ: this is one seed.",
+            _NOT_A_ROBOT,
+            "How much runs differ: this is one seed (--seeds records more).",
         ],
         held=held,
         ending=f"{float(log.t[-1] - log.t[0]):.1f} s were recorded." if held else "",
@@ -112,7 +116,7 @@ def live_run_report(
     log: Log, robot: Robot | None, *, held: bool, ending: str, about: str, data: Mapping[str, object]
 ) -> Result:
     """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
-    undecided = ["How much runs differ: this is one."]
+    undecided = ["How much runs differ: this is one. `ballbot run compare` makes several in turn."]
     if not held:
         undecided.insert(
             0,
@@ -172,6 +176,38 @@ def _in_degrees(angles: NDArray[np.float64]) -> str:
     return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
 
 
+#: in the results of each run: the largest distance from the reference, and its root mean square [m]
+_DISTANCES = ("peak_position_error_whole_run", "rms_position_error_whole_run")
+
+
+def recordings_report(
+    job: RecordJob, runs: Mapping[str, Mapping[str, object]], findings: Sequence[Finding]
+) -> Result:
+    """Return the page of runs of several seeds, from the results of each by the name of its folder."""
+    early = sum(one["ended"] is not None for one in runs.values())
+    verdict = [("Runs", f"{len(runs)} runs of {job.duration:g} s; {early} ended early.")]
+    distances = {
+        name: [cast("float", one.get(key, np.nan)) for key in _DISTANCES] for name, one in runs.items()
+    }
+    peaks = np.array([peak for peak, _ in distances.values()])
+    if np.isfinite(peaks).any():
+        low, middle, high = map(millimetres, np.nanquantile(peaks, [0.0, 0.5, 1.0]))
+        text = f"From the reference, over the whole run: {low} to {high} mm, median {middle} mm."
+        verdict.append(("Largest distance", text))
+    rows = [(name, *map(millimetres, distances[name]), str(one["ended"] or "")) for name, one in runs.items()]
+    caption = "The distance is that of the true position from the reference, over the whole run."
+    headings = ("folder", "largest distance [mm]", "distance, RMS [mm]", "ended early")
+    return Result(
+        title=f"{job.robot.name}: {len(runs)} runs of the twin",
+        lead=f"Scenario {job.scenario.name}, experiment {job.experiment}, reference {job.reference}.",
+        verdict=verdict,
+        sections=[section("Each run", Sheet(headings=headings, rows=rows, caption=caption))],
+        undecided=[_NOT_A_ROBOT],
+        findings=findings,
+        data={"runs": runs},
+    )
+
+
 def run_report(
     log: Log,
     robot: Robot | None,
@@ -229,7 +265,13 @@ def over_time(log: Log, robot: Robot | None) -> list[Block]:
     limit = () if robot is None else (-robot.drive.torque_limit, robot.drive.torque_limit)
     torques = _columns(log, torque_names(MAX_WHEELS))
     speeds = _columns(log, wheel_speed_names(MAX_WHEELS))
-    panels = [*pose_panels(log), *_error_panels(log)]
+    panels = pose_panels(log)
+    if _has_reference(log):
+        distance = Line("distance", 1e3 * position_error(log), "measured")
+        panels.append(Panel(label="distance from the reference [mm]", lines=[distance], from_zero=True))
+    if _has_lean(log):
+        lean = Line("lean", _DEGREES * leans(log), "measured")
+        panels.append(Panel(label="lean [deg]", lines=[lean], from_zero=True))
     if torques:
         reached = robot is not None and _largest(torques) > 0.5 * robot.drive.torque_limit
         panels.append(
@@ -261,18 +303,6 @@ def pose_panels(log: Log) -> list[Panel]:
         if lines:
             panels.append(Panel(label=label, lines=lines))
     return panels
-
-
-def _error_panels(log: Log) -> list[Panel]:
-    found = []
-    if _has_reference(log):
-        found.append(("distance from the reference [mm]", "distance", 1e3 * position_error(log)))
-    if _has_lean(log):
-        found.append(("lean [deg]", "lean", _DEGREES * leans(log)))
-    return [
-        Panel(label=label, lines=[Line(name, values, "measured")], from_zero=True)
-        for label, name, values in found
-    ]
 
 
 def _columns(log: Log, names: Sequence[str]) -> list[NDArray[np.float64]]:
@@ -334,7 +364,7 @@ def _largest_lean(log: Log) -> float:
 
 
 def _has_reference(log: Log) -> bool:
-    return all(name in log for name in (*_REFERENCES, "x", "y", "psi"))
+    return all(name in log for name in ("ref_x", "ref_y", "ref_psi", "x", "y", "psi"))
 
 
 def _mm(metres: float) -> str:
@@ -342,4 +372,4 @@ def _mm(metres: float) -> str:
 
 
 def _rounded(value: float) -> str:
-    return "0" if abs(value) < 0.5 * _RESOLUTION else digits(value, 2)
+    return "0" if abs(value) < 0.5e-3 else digits(value, 2)  # of lengths [mm] and angles [deg]

@@ -110,7 +110,7 @@ def _data(
     spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
 ) -> dict[str, object]:
     """Return what results.json holds of a video's ball."""
-    view, errors, colour, known = spin.view, spin.calibration.errors, spin.colour, spin.known
+    view, errors, known = spin.view, spin.calibration.errors, spin.known
     return {
         "findings": finding_results([*log_findings, *spin_findings(spin, comparison)]),
         "frames": len(spin.t),
@@ -118,7 +118,7 @@ def _data(
         "tracked_share": float(np.mean(spin.track.tracked)),
         "stretches": int(spin.track.stretch.max()) + 1,
         "seam": spin.seam.name,
-        "colours": {"seam": colour.seam, "ball": colour.ball, "separation": colour.separation},
+        "seam_separation": spin.colour.separation,
         "view": {
             "x": view.x,
             "y": view.y,
@@ -137,7 +137,7 @@ def _data(
             "rms": np.sqrt(np.mean(spin.omega[known] ** 2, axis=0)),
             "median_standard_error": np.median(spin.errors[known], axis=0),
         },
-        "robot_camera_wxyz": spin.robot_camera.as_quat(canonical=True)[[3, 0, 1, 2]],
+        "robot_camera_wxyz": spin.robot_camera,
         "wheels": comparison
         and {
             "clock": {

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.control.file import controller_text
@@ -31,23 +32,23 @@ from ballbot.report.blocks import (
 from ballbot.report.comparison import CANDIDATE_NAMES, paths_figure, position_error_series
 from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
+from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_sheet
-from ballbot.report.style import drawn_picture
+from ballbot.report.style import drawn_picture, one_panel, plain_log_ticks
 from ballbot.report.validation import undecided_by, validation_results, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
 from ballbot.robot.file import robot_text
-from ballbot.rounding import digits
+from ballbot.rounding import digits, interval
 from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
 from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
-from ballbot.workflows.controller_choice import ControllerChoice, Trial
+from ballbot.workflows.controller_choice import Confirmation, ControllerChoice, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.statistics import MedianEstimate
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
-from ballbot.workflows.twin_confirmation import Confirmation
 
 
 def summary(study: Study) -> list[tuple[str, str]]:
@@ -179,7 +180,7 @@ def too_few(robots: int) -> str:
 
 def interval_words(estimate: MedianEstimate) -> str:
     """Return a median's interval in words; of fewer than six values the range, which is no 95 % interval."""
-    bounds = f"{digits(estimate.low)} to {digits(estimate.high)}"
+    bounds = interval(estimate.low, estimate.high)
     return f"95 % interval {bounds}" if estimate.runs >= MIN_RUNS else f"{bounds} in {estimate.runs} draws"
 
 
@@ -226,8 +227,6 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     )
     yield sheet_of(choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption)
     yield position_error_series(choice.runs, "Distance from the reference over time on the first robot.")
-    if study.options.quick:
-        return
     shown = dict.fromkeys(("none", choice.chosen or "none"))
     try:
         part = replay_part(
@@ -255,51 +254,86 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
     yield predicted_sheet(prediction)
 
 
-def _stiffness_section(found: FrictionByStiffness) -> Section:
+_STIFFNESS: tuple[Column[tuple[Stiffness, Variant, Trial]], ...] = (
+    Column(
+        "gain [N m/m]", lambda row: row[0].position_gain, lambda gain: digits(gain, 2), key="position_gain"
+    ),
+    Column(
+        "compensation",
+        lambda row: row[1].compensation,
+        lambda has: "full" if has else "none",
+        key="compensation",
+    ),
+    Column("observer", lambda row: row[1].observer, lambda has: "yes" if has else "no", key="observer"),
+    Column(None, lambda row: row[0].sensitivity, key="sensitivity"),
+    Column("peak [mm]", lambda row: row[2].peak.median, millimetres),
+    Column("falls", lambda row: row[2].falls),
+)
+
+
+def _of_every_gain(stiffness: FrictionByStiffness) -> list[tuple[Stiffness, Variant, Trial]]:
+    return [(one, variant, trial) for one in stiffness.gains for variant, trial in one.trials.items()]
+
+
+def _stiffness_section(stiffness: FrictionByStiffness) -> Section:
     """Return the section on the peak error of each gain, with and without compensation and observer."""
-
-    def column(variant: Variant) -> Column[Stiffness]:
-        return Column(_variant_words(variant), lambda one: _reached(one.trials[variant]))
-
+    course, runs = stiffness.course, len(stiffness.gains[0].trials[VARIANTS[0]].scores)
     caption = (
-        f"Peak error on {found.course.duration:g} s of the {found.course.name} over the torque that a metre of error "
-        f"asks of the wheels, up to that of the precise controller, {digits(found.precise_gain, 2)} N m/m, and beyond: "
-        "medians over the simulated robots. All have the Kalman filter, shaped references with feed-forward and the "
-        "lean limit; with the observer, integral action."
+        f"Peak error on {course.duration:g} s of the {course.name} over the torque that a metre of error asks of the "
+        f"wheels. Lines: medians over {runs} of the simulated robots; bands: eight of ten robots; crosses at the top: "
+        "gains with which a run fell. All have the Kalman filter, shaped references with feed-forward and the lean "
+        "limit; with the observer, integral action."
     )
-    columns = [
-        Column[Stiffness]("gain [N m/m]", lambda one: digits(one.position_gain, 2)),
-        *map(column, VARIANTS),
-    ]
     return details(
         "Where friction matters for this robot",
-        Paragraph(text=stiffness_sentences(found)),
-        sheet_of(found.gains, columns, caption=caption),
+        Paragraph(text=stiffness_sentences(stiffness)),
+        drawn_picture("stiffness", partial(_stiffness_figure, stiffness), caption),
     )
 
 
-def _variant_words(variant: Variant) -> str:
-    compensation = "full" if variant.compensation else "no"
-    return f"{compensation} compensation, {'observer' if variant.observer else 'no observer'}"
+def _stiffness_figure(stiffness: FrictionByStiffness) -> Figure:
+    """Draw the peak error over the position gain, a line and a band for each variant."""
+    figure, axes = one_panel("position gain [N m/m]", "peak error [mm]")
+    gains, across = np.array([one.position_gain for one in stiffness.gains]), axes.get_xaxis_transform()
+    for k, variant in enumerate(VARIANTS):
+        trials = [one.trials[variant] for one in stiffness.gains]
+        peaks = [1e3 * trial.peaks[np.isfinite(trial.peaks)] for trial in trials]
+        quantiles = [np.quantile(one, (0.1, 0.5, 0.9)) if len(one) else [np.nan] * 3 for one in peaks]
+        low, middle, high = np.array(quantiles).T
+        color, dash = BLUE if variant.compensation else ORANGE, "-" if variant.observer else "--"
+        words = "full" if variant.compensation else "no", "" if variant.observer else "no "
+        label = f"{words[0]} compensation, {words[1]}observer"
+        axes.fill_between(gains, low, high, color=color, alpha=0.13, linewidth=0)
+        axes.plot(gains, middle, color=color, linestyle=dash, marker="o", markersize=3, label=label)
+        fell = gains[[trial.falls > 0 for trial in trials]]
+        axes.plot(fell, np.full(len(fell), 0.96 - 0.04 * k), "x", color=color, transform=across)
+    axes.set(xscale="log", yscale="log")
+    for name, gain in (("soft", gains[0]), ("precise", stiffness.precise_gain)):
+        axes.axvline(gain, color=MUTED, linestyle=":", linewidth=0.9)
+        axes.text(gain, 0.99, f" {name}", transform=across, va="top", color=INK, fontsize=7)
+    for axis in (axes.xaxis, axes.yaxis):
+        plain_log_ticks(axis)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
+    return figure
 
 
-def stiffness_sentences(found: FrictionByStiffness) -> str:
+def stiffness_sentences(stiffness: FrictionByStiffness) -> str:
     """Return how stiff the robot may be, and up to which stiffness compensation pays."""
-    plain, softest = VARIANTS[0], found.gains[0]
+    plain, softest = VARIANTS[0], stiffness.gains[0]
     runs = len(softest.trials[plain].scores)
     if runs < MIN_RUNS:
         return f"{too_few(runs)} where friction matters."
     pays = [
-        f"{words} {_paying(found, observer)}"
+        f"{words} {_paying(stiffness, observer)}"
         for observer, words in ((False, "without the observer"), (True, "with it"))
     ]
-    stiffest = found.stiffest(plain)
+    stiffest = stiffness.stiffest(plain)
     if stiffest is None:
         limit = f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
     else:
         beyond = "beyond, a run falls, the margins end or the error grows again"
-        if stiffest is found.gains[-1]:
-            beyond = "beyond, the margins end" if found.margins_end else "stiffer gains were not tried"
+        if stiffest is stiffness.gains[-1]:
+            beyond = "beyond, the margins end" if stiffness.margins_end else "stiffer gains were not tried"
         limit = (
             f"This robot may be as stiff as {_gain(stiffest)}, "
             f"{digits(stiffest.position_gain / softest.position_gain, 2)} times the soft gain: without compensation "
@@ -308,15 +342,15 @@ def stiffness_sentences(found: FrictionByStiffness) -> str:
     return f"{limit} Compensating the friction pays {', and '.join(pays)}."
 
 
-def _paying(found: FrictionByStiffness, observer: bool) -> str:
-    paying = found.pays_over(observer=observer)
+def _paying(stiffness: FrictionByStiffness, observer: bool) -> str:
+    paying = stiffness.pays_over(observer=observer)
     if not paying:
         return "at none of these gains"
     without, with_it = (
         paying[-1].trials[Variant(compensation=has, observer=observer)] for has in (False, True)
     )
     ratio = without.ratio_to(with_it)
-    from_on = "" if paying[0] is found.gains[0] else f"from {_gain(paying[0])} on "
+    from_on = "" if paying[0] is stiffness.gains[0] else f"from {_gain(paying[0])} on "
     return (
         f"{from_on}up to {_gain(paying[-1])} (there it makes the peak error {digits(ratio.median, 2)} times smaller, "
         f"{interval_words(ratio)})"
@@ -374,7 +408,7 @@ def _trial_columns(soft: Trial) -> Sequence[Column[tuple[str, Trial]]]:
         Column(
             "95 % interval",
             lambda row: [row[1].peak.low, row[1].peak.high],
-            lambda ends: " – ".join(map(millimetres, ends)),
+            lambda ends: interval(ends[0], ends[1], millimetres),
             key="peak_position_error_interval",
         ),
         Column(
@@ -404,27 +438,19 @@ def _confirmation(made: Confirmation) -> dict[str, object]:
     }
 
 
-def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
+def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:
     """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
-    stiffest = {plain.observer: found.stiffest(plain) for plain in VARIANTS if not plain.compensation}
+    stiffest = {plain.observer: stiffness.stiffest(plain) for plain in VARIANTS if not plain.compensation}
     return {
-        "course": found.course,
-        "gains": [
-            {
-                "position_gain": one.position_gain,
-                "compensation": variant.compensation,
-                "observer": variant.observer,
-                "sensitivity": one.sensitivity,
-                **_trial(trial),
-            }
-            for one in found.gains
-            for variant, trial in one.trials.items()
-        ],
+        "course": stiffness.course,
+        "gains": [entries_of(row, _STIFFNESS) | _trial(row[2]) for row in _of_every_gain(stiffness)],
         "verdicts": [
             {
                 "observer": observer,
                 "stiffest": one and one.position_gain,
-                "compensation_pays_over": [gain.position_gain for gain in found.pays_over(observer=observer)],
+                "compensation_pays_over": [
+                    gain.position_gain for gain in stiffness.pays_over(observer=observer)
+                ],
             }
             for observer, one in stiffest.items()
         ],
@@ -432,10 +458,7 @@ def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
 
 
 #: the files of a study besides results.json and its page
-STUDY_FILES = (
-    "robot.toml",
-    *("controller.toml", "compensated_controller.toml", "previous_controller.toml"),
-)
+STUDY_FILES = ("robot.toml", *("controller.toml", "compensated_controller.toml", "previous_controller.toml"))
 
 _BASELINE = """\
 # The controller without friction compensation: to go back to if the new one does not do what was predicted. This

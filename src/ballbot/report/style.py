@@ -72,17 +72,8 @@ STATE_SYMBOLS: Mapping[str, str] = MappingProxyType(
 )
 STATE_UNITS: Mapping[str, str] = MappingProxyType({name: str(unit_of(name)) for name in STATE_NAMES})
 
-#: a figure of 7.4 inches is as wide as the page's text, 46 rem
-_POINTS_ON_PAGE = 552.0 / (7.4 * 72.0)
-
 #: most points of a line: more than a page's width in printed dots adds bytes and shows no more
 _MOST_POINTS = 900
-
-#: most points of a line in the table that a reader saves
-_MOST_SAVED = 400
-
-#: characters of a name in a figure
-_LONGEST_NAME = 40
 
 _RC: dict[RcKeyType, object] = {
     "font.family": "DejaVu Sans",
@@ -134,19 +125,11 @@ def _drawn(draw: Callable[[], Figure], name: str) -> tuple[str, Figure]:
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\b(id=")', rf"\g<1>{name}-", svg)
     svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
-    # the width in the page's own measure; the view box keeps the proportions
-    svg = re.sub(r' width="([\d.]+)pt" height="[\d.]+pt"', _width_on_page, svg, count=1)
+    # a figure of 7.4 inches is as wide as the page's text, 46 rem; the view box keeps the proportions
+    width = f"{figure.get_figwidth() / 7.4 * 552.0:.0f}pt"
+    size = f' width="{width}" style="--natural:{width}"'  # the attribute for viewers of the file alone
+    svg = re.sub(r' width="[\d.]+pt" height="[\d.]+pt"', size, svg, count=1)
     return re.sub(r"\s*\n\s*", "\n", svg), figure
-
-
-def _markup(draw: Callable[[], Figure], name: str) -> str:
-    """Return a figure as an SVG element with a link that saves its data."""
-    svg, figure = _drawn(draw, name)
-    rows = _data_rows(figure)
-    if not rows:
-        return svg
-    table = "\n".join(("panel,line,x,y", *rows))
-    return f'{svg}<a class="data" download="{name}.csv" href="data:text/csv,{quote(table, safe=", .-+")}">CSV</a>'
 
 
 def _data_rows(figure: Figure) -> list[str]:
@@ -165,7 +148,7 @@ def _data_rows(figure: Figure) -> list[str]:
                 continue
             label = str(line.get_label())
             words = str(count) if label.startswith("_") else _plain(label)
-            known = points[np.isfinite(points).all(axis=1)][:: 1 + len(points) // _MOST_SAVED]
+            known = points[np.isfinite(points).all(axis=1)][:: 1 + len(points) // 400]
             rows += [f"{panel},{words},{x:.5g},{y:.5g}" for x, y in known.tolist()]
     return rows
 
@@ -185,8 +168,16 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 
 
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
-    """Return a figure for a page; see `drawn`."""
-    return Picture(markup=partial(_markup, draw, name), caption=caption)
+    """Return a figure for a page, with a link that saves its data; see `drawn`."""
+
+    def markup() -> str:
+        svg, figure = _drawn(draw, name)
+        if not (rows := _data_rows(figure)):
+            return svg
+        table = quote("\n".join(("panel,line,x,y", *rows)), safe=", .-+")
+        return f'{svg}<a class="data" download="{name}.csv" href="data:text/csv,{table}">CSV</a>'
+
+    return Picture(markup=markup, caption=caption)
 
 
 def one_panel(across: str, up: str, *, height: float = 3.4, width: float = 7.4) -> tuple[Figure, Axes]:
@@ -224,16 +215,10 @@ def label_of(name: str) -> str:
     As it is, `$\frac$` would stop the drawing, `_name` be left out of legends, and long names crowd the axes out.
     """
     shown = printable_line(name)
-    if len(shown) > _LONGEST_NAME:
-        half = _LONGEST_NAME // 2
-        shown = f"{shown[:half]}…{shown[-half:]}"
+    if len(shown) > 40:
+        shown = f"{shown[:20]}…{shown[-20:]}"
     shown = shown.replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown
-
-
-def _width_on_page(size: re.Match[str]) -> str:
-    width = f"{float(size[1]) * _POINTS_ON_PAGE:.0f}pt"
-    return f' width="{width}" style="--natural:{width}"'  # the attribute for viewers of the file alone
 
 
 def plain_log_ticks(axis: Axis) -> None:

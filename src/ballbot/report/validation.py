@@ -35,7 +35,7 @@ from ballbot.report.style import (
 )
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.results import to_results
-from ballbot.rounding import digits, unit_heading
+from ballbot.rounding import digits, interval, unit_heading
 from ballbot.summary import counted
 from ballbot.validation import ErrorPair, ModelPair, Validation, findings
 from ballbot.validation.models import FINEST, Trajectories
@@ -50,8 +50,8 @@ def validation_results(
 ) -> dict[str, object]:
     """Return what results.json holds of one validation, and of its logs if there are several."""
     loop, closed, models = validation.open_loop, validation.closed_loop, validation.models
-    horizon, found = validation.horizon, validation.residuals
-    white, spectrum, errors = found.whiteness, found.spectrum, horizon.errors
+    horizon, residuals = validation.horizon, validation.residuals
+    white, spectrum, errors = residuals.whiteness, residuals.spectrum, horizon.errors
     intervals = errors.ratio_interval().swapaxes(0, 1)  # (horizons, 2, 10)
     # a state that did not move has no scale
     spread = np.where(horizon.spread > FINEST, horizon.spread, np.nan)
@@ -79,9 +79,9 @@ def validation_results(
         "no_closed_loop": validation.no_closed_loop,
         "prediction": {
             "labels": validation.prediction.labels,
-            "correlation": found.correlations.matrix,
-            "significant": found.correlations.significant,
-            "effective_samples": found.correlations.counts,
+            "correlation": residuals.correlations.matrix,
+            "significant": residuals.correlations.significant,
+            "effective_samples": residuals.correlations.counts,
             **_pair_results(validation.prediction.errors, models),
             "whiteness": white
             and {
@@ -95,7 +95,7 @@ def validation_results(
                 "resolution": spectrum.resolution,
                 "peaks": [to_results(peak) | {"state": STATE_NAMES[peak.state]} for peak in spectrum.peaks],
             },
-            "wheels": {"refused": found.no_wheels, "by_speed": found.by_speed or ()},
+            "wheels": {"refused": residuals.no_wheels, "by_speed": residuals.by_speed or ()},
         },
         "horizon": {
             "seconds": errors.horizons,
@@ -162,12 +162,12 @@ def validation_report(
     """Return a validation's own page."""
     verdict, *others = (finding.text for finding in model_findings(validation))
     first, *rest = validation_sections(validation)
-    found = details("What else was found", Bullets(items=[with_symbols(one) for one in others]))
+    further = details("What else was found", Bullets(items=[with_symbols(one) for one in others]))
     return Result(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
-        sections=[first, found if others else None, *rest],
+        sections=[first, further if others else None, *rest],
         undecided=undecided_by(validation),
         findings=validation.log_findings,
         data={
@@ -183,9 +183,11 @@ def undecided_by(validation: Validation) -> list[str]:
         return [validation.no_evidence]
     refused = {"open loop": validation.no_open_loop, "closed loop": validation.no_closed_loop}
     sentences = [f"Which model is better in {where}: {why}" for where, why in refused.items() if why]
-    found = validation.residuals
-    if found.no_wheels:
-        sentences.append(f"Whether the wheels' residual torques depend on their speeds: {found.no_wheels}.")
+    residuals = validation.residuals
+    if residuals.no_wheels:
+        sentences.append(
+            f"Whether the wheels' residual torques depend on their speeds: {residuals.no_wheels}."
+        )
     return [*sentences, "How well either model predicts motions, floors or loads that are not in these logs."]
 
 
@@ -243,30 +245,30 @@ def _closed_loop_blocks(validation: Validation) -> Iterator[Block]:
 
 
 def _residual_blocks(validation: Validation) -> Iterator[Block]:
-    found, first = validation.residuals, validation.models.first.name
-    matrix = found.correlations
+    residuals, first = validation.residuals, validation.models.first.name
+    matrix = residuals.correlations
     yield Paragraph(text=f"ε: the measured next state less the one that the model {first} predicts.")
-    yield Bullets(items=[with_symbols(finding.text) for finding in residual_findings(found)])
+    yield Bullets(items=[with_symbols(finding.text) for finding in residual_findings(residuals)])
     draw = partial(correlation_figure, symbols(matrix.labels), matrix.matrix, marked=matrix.significant)
     caption = (
         "Correlation of residuals and torques. Framed cells are significant: the memory of both series counted, and "
         "the chance of any false frame 5 %."
     )
     yield drawn_picture("residuals", draw, caption)
-    if found.by_speed:
+    if residuals.by_speed:
         caption = "The residuals as torques that each wheel would have had to push more, against its speed; bars: 95 %."
-        yield drawn_picture("wheels", partial(wheels_figure, found.by_speed), caption)
+        yield drawn_picture("wheels", partial(wheels_figure, residuals.by_speed), caption)
 
 
 def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with what they lack."""
     names = validation.models.names
-    both, verdicts_of, interval = (
+    both, verdicts_of, ends = (
         (pair.first, pair.second),
         pair.verdicts(),
         np.transpose(pair.ratio_interval()),
     )
-    known = np.isfinite(interval[:, 0])
+    known = np.isfinite(ends[:, 0])
 
     def shown(value: float, rmse: float) -> str:
         return "≈ 0" if rmse <= FINEST else digits(value)  # no digits of what is only rounding
@@ -276,7 +278,7 @@ def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
             unit_heading(state_mark(name), STATE_UNITS[name]),
             *(shown(1e3 * one.error[i], one.rmse[i]) for one in both),
             digits(pair.ratio[i]),
-            " – ".join(map(digits, interval[i])) if known[i] else "too few",
+            interval(*ends[i]) if known[i] else "too few",
             verdicts_of[i] if known[i] else "–",
             *(shown(one.rmse[i], one.rmse[i]) for one in both),
         )
@@ -338,10 +340,7 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
 
 
 def correlation_figure(
-    labels: Sequence[str],
-    correlation: NDArray[np.float64],
-    *,
-    marked: NDArray[np.bool_] | None = None,
+    labels: Sequence[str], correlation: NDArray[np.float64], *, marked: NDArray[np.bool_] | None = None
 ) -> Figure:
     """Return a correlation matrix as a map with its numbers; what correlates with nothing is left out.
 

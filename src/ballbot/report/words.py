@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
@@ -11,7 +10,6 @@ from ballbot.identification.quantities import FRICTION
 from ballbot.rounding import digits
 
 if TYPE_CHECKING:
-    from ballbot.fitting.intervals import Interval
     from ballbot.log import Log
 
 _STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:_dot)?)\b")
@@ -20,23 +18,6 @@ _STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:
 NO_FRICTION = (
     "The robot file has no friction, so there is none to compensate; `ballbot identify` finds it from logs."
 )
-
-
-STATE_MARKS = {
-    "x": "x",
-    "y": "y",
-    "theta": "θ",
-    "phi": "φ",
-    "psi": "ψ",
-}
-
-
-def interval_text(interval: Interval | None) -> str:
-    """Return an interval's ends; "open" for a side that the logs do not limit, empty without an interval."""
-    if interval is None:
-        return ""
-    lower, upper = (digits(end) if math.isfinite(end) else "open" for end in (interval.lower, interval.upper))
-    return f"{lower} .. {upper}"
 
 
 def logs_words(logs: Mapping[str, Log]) -> str:
@@ -67,18 +48,18 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def with_symbols(words: str) -> str:
     """Return a sentence with the log's names of states (theta_dot, e_x) as the thesis's symbols."""
-    return _STATE_NAME.sub(_symbol, words)
 
+    def symbol(match: re.Match[str]) -> str:
+        mark = state_mark(match["state"])
+        return f"ε({mark})" if match["residual"] else mark
 
-def _symbol(match: re.Match[str]) -> str:
-    mark = state_mark(match["state"])
-    return f"ε({mark})" if match["residual"] else mark
+    return _STATE_NAME.sub(symbol, words)
 
 
 def state_mark(name: str) -> str:
     """Return a state as the thesis prints it, in Unicode: a rate has a dot above."""
-    base = name.removesuffix("_dot")
-    return STATE_MARKS[base] + ("\u0307" if name.endswith("_dot") else "")
+    base, dot = name.removesuffix("_dot"), "\u0307" if name.endswith("_dot") else ""
+    return {"theta": "θ", "phi": "φ", "psi": "ψ"}.get(base, base) + dot
 
 
 def capital(sentence: str) -> str:

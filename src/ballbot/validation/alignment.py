@@ -27,7 +27,7 @@ The findings have the heading first, then what else is significant; the numbers 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,7 @@ from ballbot.identification.turning import (
 from ballbot.log import Log
 from ballbot.log.columns import Bools, Floats
 from ballbot.log.pose import Poses, read_poses
+from ballbot.results import key, left_out
 from ballbot.rounding import digits, percent, plus_minus
 
 #: share of the turning that must be common to both, or they are not of the same run
@@ -67,7 +68,7 @@ _START = 2.0
 class Frame:
     """The pose of the log's world in the cameras' frame."""
 
-    camera_world: Rotation
+    camera_world: Rotation = field(metadata=key("camera_world_wxyz"))
     tilt_half_width: float  #: 95 % [rad]
     heading_half_width: float  #: 95 % [rad]
     origin: Floats | None  #: (3,) [m] at the ball centre's height; None without positions
@@ -105,10 +106,10 @@ class PositionError:
 
     largest: float  #: its length [m]
     path: float  #: length of the path that the cameras saw [m], over half a second at a time
-    by_heading: (
-        float  #: share of the error's square that the heading's error explains; below 0, it makes it worse
-    )
-    predicted: Floats  #: (N, 2) [m] the error that the heading's makes; NaN if not seen
+    #: share of the error's square that the heading's error explains; below 0, it makes it worse
+    by_heading: float = field(metadata=key("explained_by_heading"))
+    #: (N, 2) [m] the error that the heading's makes; NaN if not seen
+    predicted: Floats = field(metadata=left_out)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -74,7 +74,8 @@ def _calibrate(
         prior = slopes.T / spread**2
         covariance = np.linalg.inv(S / scale + prior @ slopes)
         step = -covariance @ (pulls.sum(axis=0) / scale + prior @ off)
-        view = _within(moved(view, step))
+        step[3] = np.clip(step[3], *(np.array(CLOSENESS) - view.closeness))
+        view = moved(view, step)
         if np.all(np.abs(step) < 0.02 * np.sqrt(np.diag(covariance))):
             break
     edges = np.array([_EDGES, _EDGES, _EDGES / view.radius, _EDGES_CLOSENESS / view.radius])
@@ -129,12 +130,6 @@ def _scatter(S: Floats, pulls: Floats) -> float:
     white = np.linalg.pinv(S / np.outer(size, size), rcond=1e-6)
     scaled = pulls / size
     return max(float(np.einsum("ki,ij,kj->", scaled, white, scaled)) / 4.0, 1e-12)
-
-
-def _within(view: View) -> View:
-    low, high = CLOSENESS
-    bounded = min(max(view.closeness, low), high)
-    return moved(view, np.array([0.0, 0.0, 0.0, bounded - view.closeness]))
 
 
 #: so much of the video [s], by so many frames of it, and not with fewer than the least

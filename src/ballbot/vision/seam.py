@@ -31,7 +31,7 @@ the curve.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from types import MappingProxyType
 
@@ -82,12 +82,6 @@ def thesis_seam(a: float = 0.65) -> Seam:
 
 
 @cache
-def tennis_seam() -> Seam:
-    """Return a tennis ball's seam: (V.4) with a = 0.75, whose neck is 60 degrees wide where the thesis's is 35."""
-    return Seam(name="tennis", curves=thesis_seam(0.75).curves)
-
-
-@cache
 def basketball_seam() -> Seam:
     """Return a basketball's seam of eight panels: two great circles, and an oval about each end of the x axis.
 
@@ -104,7 +98,12 @@ def basketball_seam() -> Seam:
 
 
 SEAMS: Mapping[str, Callable[[], Seam]] = MappingProxyType(
-    {"thesis": thesis_seam, "tennis": tennis_seam, "basketball": basketball_seam}
+    {
+        "thesis": thesis_seam,
+        # the neck is 60 degrees wide where the thesis's is 35
+        "tennis": lambda: replace(thesis_seam(0.75), name="tennis"),
+        "basketball": basketball_seam,
+    }
 )
 
 

@@ -60,8 +60,6 @@ class SeamColour:
     around: int  #: side of the surroundings [pixels]
     noise: float  #: standard deviation of the score on the ball
     separation: float  #: of the two, in standard deviations of both
-    seam: tuple[int, int, int]  #: the seam's mean colour, red green blue
-    ball: tuple[int, int, int]
 
     def score(self, picture: NDArray[np.uint8], share: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the score (rows, columns) of a picture (rows, columns, 3); `share` is from `surroundings`."""
@@ -118,8 +116,6 @@ def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius
         # the median, for the seam's blurred edges are no noise
         noise=1.4826 * float(np.median(np.abs(ball - np.median(ball)))) / contrast,
         separation=separation,
-        seam=_mean_colour(sample.levels[is_seam]),
-        ball=_mean_colour(sample.levels[~is_seam]),
     )
 
 
@@ -189,11 +185,6 @@ def _split(along: Floats) -> Bools | None:
 
 def _mean(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
     return np.asarray(cv2.blur(values, (side, side), borderType=cv2.BORDER_CONSTANT), np.float32)
-
-
-def _mean_colour(levels: NDArray[np.uint8]) -> tuple[int, int, int]:
-    blue, green, red = (round(float(value)) for value in levels.mean(axis=0))
-    return red, green, blue
 
 
 #: pixels are joined until the ball's radius is below this: more points cost time and add little information [pixels]

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -51,16 +52,10 @@ class Video:
         if self.stated_frames:
             wanted = min(wanted, max(LEAST_FRAMES, self.stated_frames))
         step = max(1, wanted // _SAMPLES)
-        kept, count = [], 0
-        for _, frame in self.frames():
-            if count % step == 0:
-                kept.append(frame)
-            count += 1
-            if count >= wanted:
-                break
-        if count < LEAST_FRAMES:
+        kept = [frame for _, frame in islice(self.frames(), 0, wanted, step)]
+        if len(kept) * step < LEAST_FRAMES:
             raise InputError(
-                f"{self.path} has only {count} readable frames; a velocity needs at least {LEAST_FRAMES}."
+                f"{self.path} has too few readable frames; a velocity needs at least {LEAST_FRAMES}."
             )
         return kept
 

@@ -33,9 +33,9 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import checked_sample_time
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.presets import KINDS, nominal_controller
+from ballbot.control.source import named_controller
 from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.files import sha256_of
@@ -58,7 +58,11 @@ class UserController:
     def __init__(self, path: str, made_by: str, robot: Robot, estimator: EstimatorName | None = None) -> None:
         """Make it: `made_by(robot)` in the Python file at `path`; `estimator` replaces the one that it names."""
         self._path, self._made_by, self._robot = path, made_by, robot
-        make = _attribute(path, made_by)
+        make: Callable[[Robot], object] | None = getattr(user_module(path), made_by, None)
+        if not callable(make):
+            raise InputError(
+                f"{path} has no {made_by!r} to call; it must be a class or a function that takes the robot."
+            )
         self._checksum = sha256_of(Path(path))
         made = self._guarded("when it was made", lambda: make(robot))
         lacking = [name for name in ("sample_time", "reset", "update") if not hasattr(made, name)]
@@ -125,16 +129,6 @@ def _remake(path: str, made_by: str, robot: Robot, estimator: EstimatorName, che
     return UserController(path, made_by, robot, estimator)
 
 
-def _attribute(path: str, name: str) -> Callable[[Robot], object]:
-    """Return what a Python file has under a name."""
-    make = getattr(user_module(path), name, None)
-    if not callable(make):
-        raise InputError(
-            f"{path} has no {name!r} to call; it must be a class or a function that takes the robot."
-        )
-    return make
-
-
 #: controllers that are not files
 NAMED_CONTROLLERS = (*get_args(Compensation), *(name for name in KINDS if name != "nominal"))
 
@@ -157,8 +151,6 @@ class Candidate:
         for compensation in get_args(Compensation):
             if self.source == compensation:
                 return nominal_controller(robot, compensation=compensation)
-        if self.source in NAMED_CONTROLLERS:
-            return KINDS[self.source].made(robot)
         path, _, made_by = self.source.rpartition(":")
         if path.endswith(".py"):
             return UserController(path, made_by, robot)
@@ -167,14 +159,11 @@ class Candidate:
                 f"{self.source} is a Python file. Name the class or function that makes the controller, as "
                 f"{shell_line([f'{self.source}:NAME'])}."
             )
-        if not Path(self.source).exists():
-            hint = suggest(
-                self.source,
-                NAMED_CONTROLLERS,
-                otherwise="give a controller file, FILE.py:NAME for your own, or one of",
-            )
+        if self.source not in NAMED_CONTROLLERS and not Path(self.source).exists():
+            otherwise = "give a controller file, FILE.py:NAME for your own, or one of"
+            hint = suggest(self.source, NAMED_CONTROLLERS, otherwise=otherwise)
             raise InputError(f"There is no controller {self.source!r}; {hint}")
-        return read_controller(self.source, robot)
+        return named_controller(self.source, robot)
 
     @property
     def file(self) -> Path | None:

@@ -136,8 +136,6 @@ def design_controller(
     ----------
     robot : Robot, preset or robot file
         Its friction, as far as it is certain, is compensated; the gain is designed without friction.
-    gain : GainOptions, optional
-    parts : PartOptions, optional
 
     Raises
     ------

@@ -1,13 +1,12 @@
 """What a controller will do on the robot's next run of a course, and the verdict of that run's log.
 
-A study runs its candidates on robots drawn from what identification leaves uncertain. The performances of one
-candidate on those robots are taken as lognormal: the logarithm of a new one is Student's t about their mean,
+A study runs its candidates on robots drawn from what identification leaves uncertain. Their performances are taken as
+lognormal: the logarithm of a new one is Student's t about their mean,
 
     log q = m + t_{n-1} s sqrt(1 + 1/n).
 
-A real robot is no such plant: it has faults that no draw has. What these do is a model discrepancy, a factor that was
-calibrated on twins with faults that their study did not know (`DISCREPANCY`); it is added to the interval's half
-widths in the root of the sum of squares.
+A real robot has faults that no draw has. What these do is a model discrepancy, a factor calibrated on twins with faults
+that their study did not know (`DISCREPANCY`); it is added to the half widths in the root of the sum of squares.
 
 The verdict says whether the prediction is confirmed, by how much not and in which quantity, and what to do:
 
@@ -48,10 +47,8 @@ from ballbot.workflows.statistics import CONFIDENCE, student_quantile
 MIN_RUNS = 6
 
 #: factors (lower, upper) by which a faulty twin's quantity differs from the median of the robots drawn, at the 2.5th
-#: and 97.5th percentile of the faulty twins whose run did not end early, beyond the spread of the draws; of the torque
-#: margin, by which the share of the torque limit that is used differs. `python -m campaigns.controller_prediction`
-#: prints them: of the precise controller and of the nominal gain without compensation, which stand for all candidates
-#: with their gain.
+#: and 97.5th percentile of the twins that did not fall, beyond the spread of the draws; of the torque margin, of the
+#: share of the limit that is used. `python -m campaigns.controller_prediction` prints them, for both gains.
 DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "precise": {
         "peak_error": (0.39, 4.5),
@@ -122,10 +119,9 @@ class Prediction:
 
 
 def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> Prediction | None:
-    """Return what the controller that was chosen will do on the next run of the course.
+    """Return what the chosen controller will do on the next run of the course; `log_findings` are of the study's logs.
 
-    None if no controller was chosen or fewer than six robots were drawn. `log_findings` are of the study's logs: what
-    the next log has besides is what differs.
+    None if no controller was chosen or fewer than six robots were drawn.
     """
     chosen, controller = choice.chosen, choice.controller
     if chosen is None or controller is None or len(choice.plants) < MIN_RUNS:
@@ -134,8 +130,7 @@ def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -
     def intervals(candidate: str) -> dict[str, PredictionInterval] | None:
         """Return the intervals of a candidate; runs that ended early do not count, and six others are needed."""
         trial = choice.trials[candidate]
-        seen = zip(trial.performances, trial.scores, strict=True)
-        stood = [performance for performance, score in seen if score.ended is None]
+        stood = [one for one, run in zip(trial.performances, trial.scores, strict=True) if run.ended is None]
         kind = "precise" if CANDIDATES[candidate][0] == "precise" else "none"
         return performance_intervals(stood, discrepancy=DISCREPANCY[kind]) if len(stood) >= MIN_RUNS else None
 
@@ -162,14 +157,11 @@ def checksum_of(controller: Controller) -> str:
 def performance_intervals(
     performances: Sequence[Performance], *, discrepancy: Mapping[str, tuple[float, float]]
 ) -> dict[str, PredictionInterval]:
-    """Return the prediction interval of each quantity for one new run on a robot with unknown faults.
-
-    Two or more performances on robots without these faults, and the model's discrepancy as `DISCREPANCY` has it.
-    """
-    sizes = np.array([one.sizes() for one in performances])
+    """Return each quantity's prediction interval for a new run on a robot with unknown faults (`DISCREPANCY`)."""
+    sizes = np.transpose([one.sizes() for one in performances])
     found = {
-        name: lognormal_interval(sizes[:, place], discrepancy=discrepancy[name])
-        for place, name in enumerate(QUANTITIES)
+        name: lognormal_interval(each, discrepancy=discrepancy[name])
+        for name, each in zip(QUANTITIES, sizes, strict=True)
     }
     # the share of the torque limit that is left; no motor gives more than its limit
     used = found["torque_margin"]
@@ -182,10 +174,7 @@ def performance_intervals(
 def lognormal_interval(
     values: NDArray[np.float64], *, discrepancy: tuple[float, float] = (1.0, 1.0)
 ) -> PredictionInterval:
-    """Return the 95 % prediction interval of one new value, lognormal like those of a sample of two or more.
-
-    The discrepancy is by which factors, at most 1 and at least 1, what is new may differ besides.
-    """
+    """Return the 95 % prediction interval of one new lognormal value, which may differ by the discrepancy besides."""
     logs = np.log(np.maximum(values, np.finfo(np.float64).tiny))
     count, center = len(logs), float(logs.mean())
     half = student_quantile(count) * float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / count)
@@ -200,8 +189,7 @@ def read_prediction(path: str | Path) -> Prediction:
     tree = read_results(path)
     if not (isinstance(tree, dict) and tree.get("prediction")):
         raise InputError(
-            f"{path} holds no prediction; give the results.json of `ballbot study`, which predicts what its controller "
-            f"does if it draws {MIN_RUNS} robots or more."
+            f"{path} holds no prediction; give the results.json of `ballbot study` with {MIN_RUNS} draws or more."
         )
     try:
         found = validate_table(Prediction, tree["prediction"], of="the prediction in a results.json")
@@ -257,9 +245,7 @@ class QuantityResult:
 
     @reported
     def factor(self) -> float:
-        """Its size over that at the end of the interval that it is beyond; of the torque margin, the size is the share
-        of the torque limit that is used. One inside the interval, NaN without a value.
-        """
+        """Its size over that at the end of the interval that it is beyond, or 1; of the torque margin, what is used."""
         ends = {"inside": self.value, "below": self.predicted.low, "above": self.predicted.high}
         size, end = self.value, ends[self.place]
         if self.name == "torque_margin":
@@ -290,8 +276,7 @@ def evaluate_log(
 ) -> ControllerVerdict:
     """Return the verdict of a log that was made with a study's controller; rows before the course are left out.
 
-    InputError if the controller is not the one that was predicted, the log lacks a column, follows another course or
-    has another sample time, has many rows with missing values, or ends before the course without a fall.
+    InputError if the controller is another, or the log lacks a column, many values or a part of the course.
     """
     check_controller(prediction, controller)
     complete = log.complete(
@@ -310,6 +295,11 @@ def evaluate_log(
         for name, value in zip(QUANTITIES, seen.to_array(), strict=True)
     )
     recommendation, reason = _recommended(prediction, quantities, ended)
+    foreign = False
+    try:
+        delay_of(copy.deepcopy(controller), complete)
+    except InputError:
+        foreign = True
     return ControllerVerdict(
         recommendation=recommendation,
         reason=reason,
@@ -317,7 +307,7 @@ def evaluate_log(
         none=prediction.none,
         ended=ended,
         differences=tuple(one.text for one in log_findings if one.code not in prediction.log_findings),
-        foreign=_is_foreign(complete, controller),
+        foreign=foreign,
     )
 
 
@@ -327,16 +317,15 @@ def check_controller(
     """Raise InputError if the controller is not the one whose performance is predicted."""
     if checksum_of(controller) != prediction.checksum:
         raise InputError(
-            f"{file} is not the one whose performance is predicted: it was changed, or belongs to "
-            "another study. Give the controller.toml that stands beside the results.json, as `ballbot study` wrote it."
+            f"{file} is not the one whose performance is predicted: it was changed, or belongs to another study. Give "
+            "the controller.toml beside the results.json, as `ballbot study` wrote it."
         )
 
 
 def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
     """Return the rows of a log that follow the predicted course, from its start to its end or the log's.
 
-    The course begins with the log, or where the log's first jump of the reference is the course's. InputError if the
-    log has another sample time or follows another course.
+    The course begins with the log, or where the log's first jump of the reference is the course's.
     """
     course = prediction.course
     how = f"record {course.duration:g} s of `{course.name}` from its start with this controller"
@@ -353,8 +342,7 @@ def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
     if jumps.size and jumps_wanted.size:
         begins.insert(0, max(float(log.t[jumps[0]] - jumps_wanted[0] * sample_time), begins[0]))
     for begin in begins:
-        first, last = np.searchsorted(log.t, begin + sample_time * np.array([-0.5, samples - 0.5]))
-        run = slice(int(first), int(last))
+        run = slice(*np.searchsorted(log.t, begin + sample_time * np.array([-0.5, samples - 0.5])).tolist())
         # by their times: missing rows shift the others
         numbers = np.clip(np.rint((log.t[run] - begin) / sample_time).astype(int), 0, samples - 1)
         if np.mean(np.abs(asked[run] - wanted[numbers]).max(axis=1) > _SAME_POSE) <= _OTHER_ROWS:
@@ -370,10 +358,7 @@ def _jumps(poses: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _why_ended(run: Log, prediction: Prediction) -> str | None:
-    """Return why a run ended before its course did; None if it did not.
-
-    InputError if it ends early without a sign of a fall or a stop: the log is a part of a run.
-    """
+    """Return why a run ended before its course did, None if it did not; InputError if the log is a part of a run."""
     duration = prediction.course.duration
     lasted = float(run.t[-1] - run.t[0]) + run.sample_time
     if lasted >= duration - _SHORT - run.sample_time:
@@ -425,11 +410,3 @@ def _amount(one: QuantityResult) -> str:
     if one.name == "torque_margin":
         return f"{value}, predicted {shown.shown(interval.low)} {shown.unit} or more"
     return f"{value}, {one.factor:.2g} times the upper end of its interval"
-
-
-def _is_foreign(log: Log, controller: Controller) -> bool:
-    try:
-        delay_of(copy.deepcopy(controller), log)
-    except InputError:
-        return True
-    return False

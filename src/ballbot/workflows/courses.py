@@ -87,10 +87,7 @@ class Course:
         return tuple(push.time for push in self.scenario.pushes)
 
     def plant(self, robot: Robot) -> LoopRobot | TwinRobot:
-        """Return the robot to run; of the model the friction is the robot's, of the twin the scenario's.
-
-        Its state is estimated from what the robot is described to be. InputError if the robot is not possible.
-        """
+        """Return the robot to run; of the model the friction is the robot's, of the twin the scenario's."""
         other = self.mismatch
         true = robot
         if other != ModelMismatch():
@@ -125,10 +122,7 @@ class CourseTable(BaseModel):
 
 
 def choose_courses(words: str, robot: RobotLike, plant: PlantName) -> tuple[Course, ...]:
-    """Return the courses that a text names, each once: sets, courses and course files, with commas between.
-
-    InputError if there is no such set, course or file, a file describes no courses, or two courses have one name.
-    """
+    """Return the courses that a text names, each once: sets, courses and course files, with commas between."""
     robot, sets = as_robot(robot), built_in_sets()
     found: dict[str, Course] = {}
     for word in (one.strip() for one in words.split(",")):
@@ -146,10 +140,7 @@ def built_in_sets() -> dict[str, _Tables]:
 
 
 def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Course]:
-    """Return the courses of all sets of a course file.
-
-    InputError if the file cannot be read, is no TOML, or describes no courses.
-    """
+    """Return the courses of all sets of a course file; InputError if it cannot be read or describes no courses."""
     path = Path(path)
     tree = read_toml(path)
     try:

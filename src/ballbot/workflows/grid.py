@@ -182,14 +182,11 @@ def run_grid(
     grid : Grid, or sequence of GridRun
         Runs of one course, by its name and duration, follow one reference.
     ask : callable, optional
-        From a run and its log to what is kept of it; its score by default. Of a module, or a partial of one, if there
-        is more than one process.
+        From a run and its log to what is kept of it; its score by default. Pickled if there is more than one process.
     workers : Workers, optional
         Who make the runs that are not on the compiled loop. The answers do not depend on it.
     threads : int, optional
-        Of the compiled loop; all cores by default. The answers do not depend on it.
-    run : Run, optional
-        Its progress is reported; its seed is not used.
+        Of the compiled loop; all cores by default.
 
     Raises
     ------
@@ -202,8 +199,7 @@ def run_grid(
     if not runs:
         raise InputError("There is nothing to compare: controllers, courses and seeds are needed.")
     blocks = _loop_blocks(runs)
-    on_loop = {place for block in blocks for place in block}
-    alone = [place for place in range(len(runs)) if place not in on_loop]
+    alone = sorted({*range(len(runs))}.difference(*blocks))
     found: dict[int, Answer] = {}
 
     def keep(places: Sequence[int], answers: Sequence[Answer]) -> None:
@@ -232,14 +228,13 @@ def run_loop(
     threads: int | None = None,
 ) -> ClosedLoopBatch:
     """Run robots side by side on the compiled loop; the arguments are those of `simulate_batch`."""
-    borne = [one.imperfections for one in plants]
     return simulate_batch(
         [one.model for one in plants],
         controllers,
         reference,
         duration=duration,
         initial_states=starts,
-        imperfections=borne,
+        imperfections=[one.imperfections for one in plants],
         verdict=verdict,
         every=every,
         threads=threads,

@@ -73,8 +73,28 @@ class League:
         return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds of it."""
-        return league_results(self)
+        """Return what results.json holds of it: standings with their intervals, and every run's score."""
+        courses = {}
+        for course in self.courses:
+            controllers = {
+                name: to_results(standing(self, course.name, name))
+                | {"scores": [score_results(score) for score in self.scores[course.name, name]]}
+                for name in self.controllers
+            }
+            courses[course.name] = {
+                "about": course.about,
+                "plant": course.on,
+                "duration": course.duration,
+                "settle": course.settle,
+                "controllers": controllers,
+            }
+        return {
+            "robot": self.robot,
+            "seeds": self.seeds,
+            "first": self.controllers[0],
+            "overall": {name: overall(self, name) for name in self.controllers},
+            "courses": courses,
+        }
 
 
 def run_league(
@@ -87,26 +107,18 @@ def run_league(
     threads: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> League:
-    """Run every controller on every course with every seed.
+    """Run every controller on every course with every seed; see `run_grid` for workers and threads.
 
     A seed gives all that is random in the plant, and the start: at rest at the origin, leaning by up to 0.02 rad.
 
     Parameters
     ----------
     robot : Robot, preset or robot file
-        As it is described; courses may differ from it. Its friction is true of the model and nothing to the twin.
+        As described; courses may differ from it. Its friction is true of the model and nothing to the twin.
     controllers : mapping of str to Feedback
-        By name; every run gets a copy, and on the twin the on-board state that it is made for. They are pickled if
-        there is more than one process.
+        By name; every run gets a copy, and on the twin the on-board state that it is made for.
     courses : sequence of Course
         All on the loop, or all on the twin.
-    seeds : sequence of int
-    workers : Workers, optional
-        Who make the runs on the twin and those of controllers written in Python.
-    threads : int, optional
-        Of the compiled loop; all cores by default.
-    run : Run, optional
-        Its seed is not used.
 
     Raises
     ------
@@ -129,9 +141,8 @@ def run_league(
         for course in courses
     ]
     grid = Grid(controllers=controllers, conditions=conditions)
-    found = run_grid(
-        grid, partial(_scored, seeds[0] if seeds else 0), workers=workers, threads=threads, run=run
-    )
+    ask = partial(_scored, seeds[0] if seeds else 0)
+    found = run_grid(grid, ask, workers=workers, threads=threads, run=run)
     answers = {(course.name, name): found.of(name, course.name) for course in courses for name in controllers}
     return League(
         robot=robot.name,
@@ -233,31 +244,6 @@ def overall(league: League, controller: str) -> Overall:
             if controller != league.controllers[0]
         },
     )
-
-
-def league_results(league: League) -> dict[str, object]:
-    """Return what results.json holds of a league: standings with their intervals, and every run's score."""
-    courses = {}
-    for course in league.courses:
-        controllers = {
-            name: to_results(standing(league, course.name, name))
-            | {"scores": [score_results(score) for score in league.scores[course.name, name]]}
-            for name in league.controllers
-        }
-        courses[course.name] = {
-            "about": course.about,
-            "plant": course.on,
-            "duration": course.duration,
-            "settle": course.settle,
-            "controllers": controllers,
-        }
-    return {
-        "robot": league.robot,
-        "seeds": league.seeds,
-        "first": league.controllers[0],
-        "overall": {name: overall(league, name) for name in league.controllers},
-        "courses": courses,
-    }
 
 
 def _values(scores: Sequence[Score], name: str) -> NDArray[np.float64]:

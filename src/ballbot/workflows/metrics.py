@@ -42,8 +42,7 @@ _ROUNDING = 1e-6
 def settled(log: Log, settle: float) -> NDArray[np.bool_]:
     """Return which rows (N,) are at least `settle` seconds after the start and after each jump of the reference.
 
-    A jump is a change by more than 2 cm or 0.02 rad from one row to the next. Of a square with 8 s a side and the
-    6 s of `SETTLE`, the last two seconds of each side count. A push is no jump: what it does to the robot counts.
+    A jump is a change by more than 2 cm or 0.02 rad from one row to the next; a push is none.
     """
     t, since = log.t, np.concatenate([_jump_times(log), [np.inf]])
     return t - since[np.searchsorted(since, t, side="right") - 1] >= settle - _ROUNDING
@@ -75,10 +74,9 @@ def lean_of(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.
 def settling_time(log: Log, *, disturbed: Sequence[float] = ()) -> tuple[float, bool]:
     """Return how long the robot takes to arrive and stay, the longest of the run [s], and whether it always did.
 
-    The start, each jump of the reference and each time [s] in `disturbed`, as of a push, begin a stretch, which lasts
-    until the next of them. Its settling time runs from its begin to the last row at which the robot is farther than
-    `BAND` from the reference; zero if it is never farther. A stretch at whose end the robot is outside counts with all
-    its length, and the second value is then False: the time is a lower bound.
+    The start, each jump of the reference and each time [s] in `disturbed` begin a stretch. Its settling time runs to
+    the last row at which the robot is farther than `BAND` from the reference. If the robot is outside at its end, the
+    second value is False, and the time a lower bound.
     """
     t = log.t
     begins = np.unique(np.concatenate([_jump_times(log), [s for s in disturbed if t[0] < s < t[-1]]]))
@@ -104,10 +102,7 @@ def rms_torque(log: Log) -> float:
 
 
 def rms_torque_change(log: Log) -> float:
-    """Return the root mean square of the torques' change from one sample to the next [N m].
-
-    It weighs what lies near half the sample rate most, and so grows with the sample time of the controller.
-    """
+    """Return the root mean square of the torques' change from one sample to the next [N m]."""
     return rms(np.diff(log.torques, axis=0)) if len(log) > 1 else 0.0
 
 
@@ -115,9 +110,8 @@ def high_frequency_torque(log: Log) -> float:
     """Return the root mean square of what the torques hold above 10 Hz [N m]: the worry of Figure 5.5.
 
     As by a Butterworth high-pass of second order, forward and backward: a sine at that frequency keeps half of its
-    size, at twice of it 94 %, at half of it 6 %. It weights the sine transform of the torques less the line through
-    their ends, whose odd extension has neither jump nor corner there. All wheels, all rows. InputError if half the
-    log's sample rate is not above that frequency.
+    size. It weights the sine transform of the torques less the line through their ends, whose odd extension has neither
+    jump nor corner. InputError if half the log's sample rate is not above that frequency.
     """
     rate = 1.0 / log.sample_time
     if 0.5 * rate <= HIGH_FREQUENCY:
@@ -138,11 +132,7 @@ def high_frequency_torque(log: Log) -> float:
 
 
 def energy(log: Log) -> float:
-    """Return the mechanical energy that the wheels' motors exchange [J]: the integral of sum |u_i w_i|.
-
-    The torques are held between rows, so that a row's work is u_i times the angle that the encoder turns until the next
-    row. What windings heat away is not in it; it goes with the square of `rms_torque`.
-    """
+    """Return the mechanical energy that the motors exchange [J]: the integral of sum |u_i w_i|, u held between rows."""
     return float(np.abs(log.torques[:-1] * np.diff(log.wheel_angles, axis=0)).sum())
 
 
@@ -191,10 +181,9 @@ def score(
     disturbed: Sequence[float] = (),
     unsettled: bool = False,
 ) -> Score:
-    """Score a run by how far it was from the reference once it had settled, and by what that took.
+    """Score a run by how far it truly was from the reference once it had settled, and by what that took.
 
-    The true position counts where the log has it. InputError if a run that did not end early has no row that counts,
-    unless it may be `unsettled`.
+    InputError if a run that did not end early has no row that counts, unless it may be `unsettled`.
     """
     log, counted = true_place(log), settled(log, settle)
     if not counted.any() and log.ended is None and not unsettled:
@@ -204,6 +193,7 @@ def score(
         )
     position, heading = position_error(log)[counted], heading_error(log)[counted]
     arriving, arrived = settling_time(log, disturbed=disturbed)
+    fast = len(log) > 1 and 0.5 / log.sample_time > HIGH_FREQUENCY
     return Score(
         peak_position_error=float(position.max()) if counted.any() else np.nan,
         rms_position_error=rms(position) if counted.any() else np.nan,
@@ -212,18 +202,14 @@ def score(
         arrived=arrived and log.ended is None,
         rms_torque=rms_torque(log),
         rms_torque_change=rms_torque_change(log),
-        high_frequency_torque=high_frequency_torque(log) if _has_high_frequencies(log) else np.nan,
+        high_frequency_torque=high_frequency_torque(log) if fast else np.nan,
         energy=energy(log),
         ended=log.ended,
     )
 
 
 def run_results(log: Log) -> dict[str, object]:
-    """Return one balancing run in numbers, as results.json holds it.
-
-    The keys of a `Score` mean what they mean there. Those that count once the robot has settled are absent if it never
-    had the time, and so is what has no value. Further keys are of the whole run, SI units.
-    """
+    """Return one balancing run in numbers, as results.json holds it: what has a value of its `Score`, and others."""
     scores = score_results(score(log, unsettled=True))
     if not settled(log, SETTLE).any():
         late = ("settling_time", "settling_time_at_least", "arrived")
@@ -240,10 +226,6 @@ def run_results(log: Log) -> dict[str, object]:
         "peak_lean": float(np.nanmax(leans(log))),
         "peak_torque": float(np.abs(log.torques).max()),
     }
-
-
-def _has_high_frequencies(log: Log) -> bool:
-    return len(log) > 1 and 0.5 / log.sample_time > HIGH_FREQUENCY
 
 
 #: share of the samples whose torques the margin leaves out: single samples at the limit mean little
@@ -266,12 +248,11 @@ class Performance:
     def of(log: Log, *, torque_limit: float) -> Performance:
         """Return the numbers of a log with reference, torques and states, whatever its truth."""
         seen = log.without_truth()
-        counted = settled(seen, SETTLE)
-        error = position_error(seen)[counted]
+        error = position_error(seen)[settled(seen, SETTLE)]
         largest = np.abs(seen.torques).max(axis=1)
         return Performance(
-            peak_error=float(error.max()) if counted.any() else np.nan,
-            rms_error=rms(error) if counted.any() else np.nan,
+            peak_error=float(error.max()) if len(error) else np.nan,
+            rms_error=rms(error) if len(error) else np.nan,
             roughness=rms_torque_change(seen),
             lean=float(lean_of(seen["theta"], seen["phi"]).max()),
             torque_margin=max(1.0 - float(np.quantile(largest, 1.0 - _RARE)) / torque_limit, 0.0),

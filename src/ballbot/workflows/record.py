@@ -1,14 +1,20 @@
-"""Recording the twin: a run, and the files that say how it was made.
+"""Recording the twin: a run, or one for each of many seeds, and the files that say how it was made.
 
 log, truth, motion_capture   see `ballbot.twin.recording`; in a format that `ballbot.log.formats` writes
 robot.toml, scenario.toml, controller.toml
 record.toml                  version of Ballbot, seed, experiment, the cameras' frame and clock
+
+Runs of many seeds are a sweep (`ballbot.fitting.sweep`), which goes on where it was stopped.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import cast
 
 import tomli_w
 
@@ -16,14 +22,19 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
 from ballbot.control.references import as_reference, is_reference_file, reference_text
 from ballbot.estimation import named_estimator
+from ballbot.file_formats import read_results, results_text, without_format
+from ballbot.files import write_bytes
+from ballbot.fitting.sweep import ALL_CORES, RunFolder, Workers, identity
 from ballbot.log.formats import WRITTEN_SUFFIXES
 from ballbot.progress import ProgressCallback, ignore_progress
+from ballbot.result_folder import MANIFEST, result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.twin.recording import Experiment, MotionCapture, Recording, record_balance, record_bench
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_text
 from ballbot.twin.twin import Twin
+from ballbot.workflows.metrics import run_results
 
 #: all that a run may leave besides its page and results.json
 RECORD_FILES = (
@@ -95,3 +106,62 @@ def record_run(job: RecordJob, progress: ProgressCallback = ignore_progress) -> 
     twin = Twin(job.robot, scenario, estimator=estimator)
     reference = as_reference(job.reference)
     return record_balance(twin, job.controller, reference, duration=duration, seed=seed, progress=progress)
+
+
+def recording_results(job: RecordJob, recording: Recording) -> dict[str, object]:
+    """Return a run in numbers; of one on the bench there are few."""
+    own = run_results(recording.with_truth()) if job.experiment == "balance" else {}
+    return {**own, **recording.results}
+
+
+def record_runs(
+    job: RecordJob,
+    seeds: Sequence[int],
+    folder: Path,
+    *,
+    workers: Workers = ALL_CORES,
+    progress: ProgressCallback = ignore_progress,
+) -> dict[str, Mapping[str, object]]:
+    """Record a run for each seed into folders seed_0001, seed_0002 and so on; runs that are there are kept.
+
+    Return the results of each run by the name of its folder, in the order of the seeds. InputError if the folder holds
+    runs of other settings, or a run cannot be made.
+    """
+    texts = {name: text for name, text in settings(job).items() if name != "record.toml"}
+    options = {"experiment": job.experiment, "duration": job.duration, "format": job.log_format}
+    if job.experiment == "balance":
+        options["reference"] = "reference.csv" if "reference.csv" in texts else job.reference
+    runs = RunFolder(
+        path=folder,
+        made_from=identity({name: [without_format(text)] for name, text in texts.items()}, options),
+        write=_write_run,
+        read=_finished,
+    )
+    named = {f"seed_{seed:04d}": replace(job, seed=seed) for seed in seeds}
+    return runs.complete(_made, named, workers=workers, stage="recording", progress=progress)[0]
+
+
+def _made(job: RecordJob) -> dict[str, bytes]:
+    """Return the files of a run; a worker need not see the folder that they are for."""
+    recording = record_run(job)
+    texts = {**settings(job), "results.json": results_text(recording_results(job, recording))}
+    files = {name: text.encode() for name, text in texts.items()}
+    with TemporaryDirectory() as name:
+        for log_name, log in recording.logs.items():
+            path = Path(name) / f"{log_name}.{job.log_format}"
+            log.write(path)
+            files[path.name] = path.read_bytes()
+    return files
+
+
+def _write_run(folder: Path, files: Mapping[str, bytes]) -> None:
+    with result_folder(folder, command="record", names=files) as held, held.replaced() as new:
+        for name, content in files.items():
+            write_bytes(new / name, content)
+
+
+def _finished(folder: Path) -> Mapping[str, object] | None:
+    """Return the results of a run that is whole in its folder: its list of files came last."""
+    if not (folder / MANIFEST).is_file():
+        return None
+    return cast("Mapping[str, object]", read_results(folder / "results.json"))

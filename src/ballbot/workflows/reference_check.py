@@ -14,7 +14,7 @@ one until it vanishes. Then W^T u = M q_ddot + bias - rolling gives the torques,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,8 +36,8 @@ from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.grid import run_loop
+from ballbot.workflows.limits import Loop, lost_lean
 from ballbot.workflows.metrics import lean_of
-from ballbot.workflows.recovery_region import Loop, lost_lean
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
 ROUNDING = 0.05
@@ -72,10 +72,7 @@ class Demand:
 
 
 def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) -> Demand:
-    """Return the torques for following poses x, y [m] and psi [rad], (N, 3), exactly, at rest before and after.
-
-    Corners are rounded. InputError if no lean can follow the path.
-    """
+    """Return the torques for following poses x, y [m] and psi [rad], (N, 3), exactly; InputError if no lean can."""
     rest = int(np.ceil(_REST / sample_time))
     path = np.pad(poses, ((rest, rest), (0, 0)), mode="edge")
     path = gaussian_filter1d(path, ROUNDING / sample_time, axis=0, mode="nearest")
@@ -83,36 +80,36 @@ def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) ->
     q[:, [0, 1, 4]] = path
     linear = _lean_equation(model, len(q), sample_time)
     for _ in range(_STEPS):
-        residual = _residual(model, q, sample_time)
+        _, forces = _rates_and_forces(model, q, sample_time)
+        residual = np.einsum("kij,ki->kj", _without_turning(model.wheel_jacobian(q)), forces)
         residual[[0, -1]] = 0.0
         change = -solve_banded((1, 1), linear, residual)
         q[:, 2:4] += change
         if not np.abs(q[:, 2:4]).max() < 1.0:
             break
         if np.abs(change).max() < _ACCURATE:
-            return _demand(model, q, sample_time, rest)
+            q_dot, forces = _rates_and_forces(model, q, sample_time)
+            held = np.linalg.pinv(np.swapaxes(model.wheel_jacobian(q), 1, 2))
+            torques = np.einsum("kij,kj->ki", held, forces)
+            t = sample_time * np.arange(-rest, len(q) - rest, dtype=np.float64)
+            path_followed = Demand.of(model, t, np.hstack([q, q_dot]), torques)
+            speeds = path_followed.wheel_speeds
+            dry = dry_friction_size(speeds, model.robot.friction, torque=torques)
+            return replace(path_followed, torques=torques + dry * np.clip(speeds / _SLOW, -1.0, 1.0))
     raise InputError("No lean below 1 rad lets the robot follow this path; make it slower or rounder.")
 
 
-def _rates(
-    values: NDArray[np.float64], sample_time: float
+def _rates_and_forces(
+    model: Model, q: NDArray[np.float64], sample_time: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return first and second derivatives by central differences; zero at the ends, where all rests."""
-    first, second = np.zeros_like(values), np.zeros_like(values)
-    first[1:-1] = (values[2:] - values[:-2]) / (2.0 * sample_time)
-    second[1:-1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / sample_time**2
-    return first, second
-
-
-def _forces(
-    model: Model, q: NDArray[np.float64], q_dot: NDArray[np.float64], q_ddot: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the generalised forces (N, 5) that are left for the wheels: M q_ddot + bias - rolling."""
-    n = model.robot.wheel_count
-    unforced = model.acceleration(q, q_dot, np.zeros((len(q), n)))
+    """Return q_dot (N, 5), and the generalised forces (N, 5) left for the wheels: M q_ddot + bias - rolling."""
+    q_dot, q_ddot = np.zeros_like(q), np.zeros_like(q)  # zero at the ends, where all rests
+    q_dot[1:-1] = (q[2:] - q[:-2]) / (2.0 * sample_time)
+    q_ddot[1:-1] = (q[2:] - 2.0 * q[1:-1] + q[:-2]) / sample_time**2
+    unforced = model.acceleration(q, q_dot, np.zeros((len(q), model.robot.wheel_count)))
     forces = np.einsum("kij,kj->ki", model.mass_matrix(q), q_ddot - unforced)
     forces[:, :2] -= rolling_friction(q_dot[:, :2], model.robot.rolling_force, slowest=_SLOW)
-    return forces
+    return q_dot, forces
 
 
 def _without_turning(W: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -123,13 +120,6 @@ def _without_turning(W: NDArray[np.float64]) -> NDArray[np.float64]:
     Z[:, [0, 1, 4]] = solved
     Z[:, 2, 0] = Z[:, 3, 1] = 1.0
     return Z
-
-
-def _residual(model: Model, q: NDArray[np.float64], sample_time: float) -> NDArray[np.float64]:
-    q_dot, q_ddot = _rates(q, sample_time)
-    return np.einsum(
-        "kij,ki->kj", _without_turning(model.wheel_jacobian(q)), _forces(model, q, q_dot, q_ddot)
-    )
 
 
 def _lean_equation(model: Model, rows: int, sample_time: float) -> NDArray[np.float64]:
@@ -143,21 +133,6 @@ def _lean_equation(model: Model, rows: int, sample_time: float) -> NDArray[np.fl
     bands[1] = -2.0 * stiffness - body.mass * model.robot.gravity * body.center_of_mass
     bands[1, [0, -1]], bands[0, 1], bands[2, -2] = 1.0, 0.0, 0.0
     return bands
-
-
-def _demand(model: Model, q: NDArray[np.float64], sample_time: float, rest: int) -> Demand:
-    q_dot, q_ddot = _rates(q, sample_time)
-    W = model.wheel_jacobian(q)
-    torques = np.einsum("kij,kj->ki", np.linalg.pinv(np.swapaxes(W, 1, 2)), _forces(model, q, q_dot, q_ddot))
-    speeds = np.einsum("kij,kj->ki", W, q_dot)
-    friction = model.robot.friction
-    torques += dry_friction_size(speeds, friction, torque=torques) * np.clip(speeds / _SLOW, -1.0, 1.0)
-    return Demand(
-        t=sample_time * np.arange(-rest, len(q) - rest, dtype=np.float64),
-        states=np.hstack([q, q_dot]),
-        torques=torques,
-        wheel_speeds=speeds,
-    )
 
 
 #: change of a reference within a sample that is a jump [m, rad], as where runs are scored
@@ -218,8 +193,8 @@ def check_reference(
 ) -> ReferenceMargins:
     """Return which share of a robot's limits a reference uses, and how it is followed in closed loop.
 
-    The closed loop is the compiled one, with the nominal scenario's sensors, delay and noise; the worst of five runs
-    counts. InputError if the duration [s] is invalid, the reference has a lean or a rate, or no lean can follow it.
+    The closed loop has the nominal scenario's sensors, delay and noise; the worst of five runs counts. InputError if
+    the reference has a lean or a rate, or no lean can follow it.
     """
     sample_time = controller.sample_time
     loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), step=_STEP)
@@ -378,8 +353,6 @@ def margin_rows(margins: ReferenceMargins) -> list[list[str]]:
     for use in margins.uses:
         value, limit, unit = _in_degrees(use)
         name = use.quantity if use.wheel is None else f"{use.quantity}, wheel {use.wheel}"
-        lifted = value > _NO_LOAD
-        shown = "lifted" if lifted else f"{value:.3g}"
-        share = "-" if lifted else percent(use.share)
+        shown, share = ("lifted", "-") if value > _NO_LOAD else (f"{value:.3g}", percent(use.share))
         rows.append([unit_heading(name, unit), shown, f"{limit:.3g}", share, f"{use.t:.2f}"])
     return rows

@@ -22,17 +22,10 @@ from ballbot.control.source import named_controller
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, finding_results, stop_on_errors
 from ballbot.identification.swing import (
-    Pivot,
-    SwingFit,
     SwingInertia,
     fit_swing,
-    inertia_findings,
     inertia_of_swing,
-    recording_findings,
-    swing_findings,
     swing_in_log,
-    swing_results,
-    swing_rows,
 )
 from ballbot.log import Log
 from ballbot.log.checks.values import check_intervals
@@ -44,11 +37,7 @@ from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import Derived, derived_quantities
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
-from ballbot.workflows.reference_check import (
-    ReferenceMargins,
-    check_reference,
-    margin_results,
-)
+from ballbot.workflows.reference_check import ReferenceMargins, check_reference, margin_results
 
 #: relative error of a standard deviation from so many draws: 1 / sqrt(2 N), 2.5 %
 POLE_DRAWS = 800
@@ -65,28 +54,23 @@ class PoleSpread:
 
 
 def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS) -> PoleSpread:
-    """Return the distribution of a robot's fastest pole about upright by its standard deviations, exact model.
+    """Return the distribution of a robot's fastest pole about upright by its standard deviations, exact model."""
 
-    InputError if the standard deviations are too large for a robot.
-    """
-    fastest = [float(_growths(one).max()) for one in draw_robots(robot, draws, seed=0)]
+    def growths(of: Robot) -> NDArray[np.float64]:
+        return np.asarray(Model(of).linearize().poles().real, dtype=np.float64)
+
+    def mean_growth(of: Robot) -> NDArray[np.float64]:
+        return np.array([growths(of)[growths(of) > 0.0].mean()])
+
+    fastest = [float(growths(one).max()) for one in draw_robots(robot, draws, seed=0)]
     lower, upper = np.quantile(fastest, [0.025, 0.975])
-    mean = propagate(robot, _mean_growth)
+    mean = propagate(robot, mean_growth)
     return PoleSpread(
         standard_deviation=float(np.std(fastest, ddof=1)),
         interval_95=(float(lower), float(upper)),
         draws=draws,
         variance_shares=dict(mean.largest(len(mean.parts))),
     )
-
-
-def _growths(robot: Robot) -> NDArray[np.float64]:
-    return np.asarray(Model(robot).linearize().poles().real, dtype=np.float64)
-
-
-def _mean_growth(robot: Robot) -> NDArray[np.float64]:
-    growths = _growths(robot)
-    return np.array([growths[growths > 0.0].mean()])
 
 
 #: the thesis's names of the matrices, with what each does
@@ -117,45 +101,32 @@ _BEYOND = 3.0
 class CheckedSwing:
     """A body's inertia by a free swing."""
 
-    robot: Robot
-    pivot: Pivot
-    fit: SwingFit
     found: SwingInertia
-    findings: tuple[Finding, ...]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return this as results.json holds it."""
-        stated: dict[str, object] = {
-            "findings": finding_results([*self.findings, *self.inertia_findings()]),
-        }
-        return stated | swing_results(self.fit, self.found, self.pivot)
-
-    def rows(self) -> Sequence[Sequence[str]]:
-        """Return quantity, value and unit of each result."""
-        return swing_rows(self.fit, self.found)
-
-    def inertia_findings(self) -> list[Finding]:
-        """Return what the results mean."""
-        return inertia_findings(self.found, self.robot)
+    findings: tuple[Finding, ...]  #: of the recording, and against the result
 
 
 def check_swing(
-    robot: Robot, file: Path, pivot: Pivot, *, column: str | None = None, accept: Collection[str] = ()
+    robot: Robot,
+    file: Path,
+    *,
+    distance: float | None = None,
+    deviation: float | None = None,
+    column: str | None = None,
+    accept: Collection[str] = (),
 ) -> CheckedSwing:
     """Return what the swing in a log, in that column, shows about a robot's inertia.
 
-    InputError if the file has no free swing, or the swing has an error whose code is not accepted.
+    InputError if the file has no free swing, the swing has an error whose code is not accepted, or `inertia_of_swing`
+    refuses the pivot's distance or deviation.
     """
     log = Log.read(file)
     of_log = check_intervals(log)
-    swing = swing_in_log(log, column=column)
-    of_recording = recording_findings(swing)
-    _stop(of_recording, file, accept)
-    fit = fit_swing(swing)
-    found = inertia_of_swing(fit, robot, pivot)
-    findings = by_severity([*of_log, *of_recording, *swing_findings(fit, found, robot, pivot)])
+    found = inertia_of_swing(
+        fit_swing(swing_in_log(log, column=column)), robot, distance=distance, deviation=deviation
+    )
+    findings = by_severity([*of_log, *found.findings()])
     _stop(findings, file, accept)
-    return CheckedSwing(robot=robot, pivot=pivot, fit=fit, found=found, findings=findings)
+    return CheckedSwing(found=found, findings=findings)
 
 
 def _stop(findings: Sequence[Finding], file: Path, accept: Collection[str]) -> None:
@@ -207,7 +178,7 @@ class CheckedRobot:
                 **(self.margins.to_dict() if self.margins else {"refusal": self.refusal}),
             },
             "findings": finding_results(self.findings),
-            "swing": self.swing.to_dict() if self.swing else None,
+            "swing": self.swing.found.to_dict(self.swing.findings) if self.swing else None,
             "reference": margin_results(self.following) if self.following else None,
         }
 

@@ -5,14 +5,12 @@ A robot costs
     J = e / e_n + r / r_n,      10 to 20 for a robot that falls, the more the earlier
 
 e is the root mean square distance from the reference over the run's last part, r the root mean square change of torque
-from sample to sample; e_n and r_n are the nominal gain's medians over the same robots, whose J is therefore about 2.
-All run on the compiled loop, with the sensors, drive and play of a scenario. A set of robots counts by its worst
-tenth: the mean of the largest tenth of the J.
+from sample to sample; e_n and r_n are the nominal gain's medians over the same robots, whose J is therefore about 2. A
+set of robots counts by the mean of the largest tenth of the J.
 
-The search is an evolution over the logarithms of the state weights, every generation one batch. The torque weight
-stays the nominal one, since only ratios matter. x and y, theta and phi, and their rates share a weight each, which
-leaves six; the middle of the search is the nominal gain, its ends a hundredth and a hundred times its weights. Every
-candidate runs on the same perturbed robots, so that candidates differ by what they do and not by luck.
+The search is an evolution over the logarithms of six state weights, those of x and y, of theta and phi, and of their
+rates alike; the torque weight stays, since only ratios matter. Its middle is the nominal gain, its ends a hundredth and
+a hundred times its weights. Every candidate runs on the same robots with the same noise.
 """
 
 from __future__ import annotations
@@ -34,6 +32,7 @@ from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import hold
 from ballbot.errors import InputError
+from ballbot.files import parse_toml
 from ballbot.fitting.fit import evolve
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.progress import Progress
@@ -81,9 +80,8 @@ class PerturbationRanges:
     height: _Share = 0.2  #: of the centre of mass, either way, as a share
     friction: _Share = 0.2  #: of each wheel's and of the rolling friction, either way, as a share
     delay: Annotated[int, Field(ge=0)] = 2  #: most samples by which torques come late
-    tilt: Annotated[float, Field(ge=0.0, le=_STEEPEST)] = (
-        1.0  #: most of the floor, in any direction [degrees]
-    )
+    #: most of the floor, in any direction [degrees]
+    tilt: Annotated[float, Field(ge=0.0, le=_STEEPEST)] = 1.0
 
     @staticmethod
     def parse(text: str) -> PerturbationRanges:
@@ -91,17 +89,8 @@ class PerturbationRanges:
 
         InputError if a name or a number is not valid.
         """
-        tree: dict[str, object] = {}
+        tree = parse_toml(text.replace(",", "\n"), source=f"--perturb {text!r}, such as mass=0.2,tilt=1,")
         try:
-            for part in filter(None, text.split(",")):
-                name, _, number = (word.strip() for word in part.partition("="))
-                if name in tree:
-                    raise InputError(f"{name} is there twice.")
-                try:
-                    value = float(number)
-                except ValueError:
-                    raise InputError(f"{part!r} must be a name and a number, such as mass=0.2.") from None
-                tree[name] = int(value) if value.is_integer() else value
             return validate_table(PerturbationRanges, tree, of="perturbed robots")
         except InputError as error:
             raise InputError(f"--perturb {text!r}: {error}") from None
@@ -119,10 +108,7 @@ class PerturbedRobots:
 def draw_perturbed(
     robot: Robot, count: int, *, spread: PerturbationRanges, scenario: Scenario, seed: int
 ) -> PerturbedRobots:
-    """Draw robots from the ranges, under a scenario; the same seed gives the same robots and the same noise.
-
-    InputError if a robot that is drawn is not possible.
-    """
+    """Draw robots from the ranges, under a scenario; the same seed gives the same robots and the same noise."""
     random = np.random.default_rng([seed, 71])
     robots, starts = [], np.zeros((count, 10))
     for lane in range(count):
@@ -206,10 +192,10 @@ class CostUnits:
             roughness=float(np.median(nominal.roughness[stood])),
         )
 
-    def costs(self, marks: RunMeasures) -> NDArray[np.float64]:
+    def costs(self, seen: RunMeasures) -> NDArray[np.float64]:
         """Return J (controllers, robots)."""
-        standing = marks.error / self.error + marks.roughness / self.roughness
-        return np.where(marks.fell, _FALL * (2.0 - np.minimum(marks.ended / RUN, 1.0)), standing)
+        standing = seen.error / self.error + seen.roughness / self.roughness
+        return np.where(seen.fell, _FALL * (2.0 - np.minimum(seen.ended / RUN, 1.0)), standing)
 
 
 def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -303,22 +289,8 @@ def robust_design(
 ) -> RobustDesign:
     """Search for the weights whose worst tenth over perturbed robots is best, and compare them on fresh robots.
 
-    Parameters
-    ----------
-    robot : Robot, preset or robot file
-        The nominal one: the gain is designed for it, and its friction is compensated.
-    compensation : {"none", "full", "partial"}
-    spread : PerturbationRanges
-    scenario : Scenario
-        Sensors, drive and play of all robots.
-    effort : Effort
-    run : Run, optional
-        Its seed fixes the result bit for bit.
-
-    Raises
-    ------
-    InputError
-        If the nominal gain falls with half of the perturbed robots, or the seed is invalid.
+    The gain is designed for the nominal robot, whose friction is compensated; all robots have the scenario's sensors,
+    drive and play. The run's seed fixes the result. InputError if the nominal gain falls with half of the robots.
     """
     robot = as_robot(robot)
     perturbed = draw_perturbed(robot, effort.robots, spread=spread, scenario=scenario, seed=run.seed)
@@ -342,18 +314,14 @@ def robust_design(
         return costs
 
     found = evolve(
-        cost_of,
-        size=len(GROUPS),
-        generations=effort.generations,
-        population=effort.population,
-        run=run,
+        cost_of, size=len(GROUPS), generations=effort.generations, population=effort.population, run=run
     )
     weights = weights_of(found.best)
     run.progress(Progress(stage="comparison"))
     fresh = draw_perturbed(robot, effort.fresh, spread=spread, scenario=scenario, seed=run.seed + 1_000_003)
     controllers = {"robust": controller_of(weights), "nominal": nominal}
-    marks = measure_runs(list(controllers.values()), fresh)
-    costs = units.costs(marks)
+    seen = measure_runs(list(controllers.values()), fresh)
+    costs = units.costs(seen)
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controllers["robust"],
@@ -362,7 +330,15 @@ def robust_design(
         units=units,
         history=found.history,
         compared={
-            name: _compared(one, marks, costs[place], place)
+            name: ComparedDesign(
+                gain=one.gain,
+                worst_tenth=float(worst_tenth(costs[place])),
+                mean=float(costs[place].mean()),
+                worst_error=_worst_standing(seen.error[place], seen.fell[place]),
+                worst_roughness=_worst_standing(seen.roughness[place], seen.fell[place]),
+                falls=int(seen.fell[place].sum()),
+                costs=costs[place],
+            )
             for place, (name, one) in enumerate(controllers.items())
         },
         fresh=effort.fresh,
@@ -371,24 +347,9 @@ def robust_design(
     )
 
 
-def _compared(
-    controller: Controller, marks: RunMeasures, costs: NDArray[np.float64], place: int
-) -> ComparedDesign:
-    """Return what a controller did on the fresh robots, at its costs (robots,)."""
-    stood = ~marks.fell[place]
-    error, roughness = (
-        float(worst_tenth(values[place, stood])) if stood.any() else math.nan
-        for values in (marks.error, marks.roughness)
-    )
-    return ComparedDesign(
-        gain=controller.gain,
-        worst_tenth=float(worst_tenth(costs)),
-        mean=float(costs.mean()),
-        worst_error=error,
-        worst_roughness=roughness,
-        falls=int((~stood).sum()),
-        costs=costs,
-    )
+def _worst_standing(values: NDArray[np.float64], fell: NDArray[np.bool_]) -> float:
+    """Return the mean of the largest tenth of the robots that stood; NaN if none did."""
+    return math.nan if fell.all() else float(worst_tenth(values[~fell]))
 
 
 def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:

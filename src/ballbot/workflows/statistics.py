@@ -46,11 +46,7 @@ class MedianEstimate:
 
 
 def mean_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
-    """Return the mean of the values that are numbers, with Student's interval.
-
-    m +- t s / sqrt(n), with t of n - 1 degrees of freedom: exact for normal values, and good for the skewed ones of
-    peaks from some ten seeds on. If all are equal, the interval has no width.
-    """
+    """Return the mean of the values that are numbers, with Student's interval m +- t s / sqrt(n)."""
     known = np.asarray(values, dtype=np.float64)
     known = known[~np.isnan(known)]
     count = len(known)
@@ -69,9 +65,8 @@ def student_quantile(count: int) -> float:
 def median_with_interval(values: Sequence[float] | NDArray[np.float64]) -> MedianEstimate:
     """Return the median of the values that are numbers, with the interval between two of them by rank.
 
-    The number of n independent values below their distribution's median is binomial, whatever that distribution is: of
-    20 values the 6th and the 15th enclose it with 95.9 %. Below six values the smallest and the largest do, with less
-    than 95 % (five: 93.8 %).
+    The number of n independent values below their distribution's median is binomial. Below six values the smallest and
+    the largest enclose it with less than 95 % (five: 93.8 %).
     """
     known = np.sort(np.asarray(values, dtype=np.float64))
     known = known[~np.isnan(known)]
@@ -117,10 +112,7 @@ class Paired:
 
 
 def fraction_with_interval(count: int, runs: int) -> tuple[float, float]:
-    """Return the interval of a probability of which `count` of `runs` came true (Clopper and Pearson's, exact).
-
-    None of 100 leaves it below 3.7 %, none of 200 below 1.9 %.
-    """
+    """Return the interval of a probability of which `count` of `runs` came true (Clopper and Pearson's, exact)."""
     beyond = 0.5 - 0.5 * CONFIDENCE
     low = betaincinv(count, runs - count + 1, beyond) if count else 0.0
     high = betaincinv(count + 1, runs - count, 1.0 - beyond) if count < runs else 1.0

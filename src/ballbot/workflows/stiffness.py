@@ -1,9 +1,8 @@
 """Where friction matters: the error over the stiffness of the gain, with and without compensation and observer.
 
-A soft gain wanders by the friction over its position gain; a stiff one leaves little of that to compensate, and in the
-end shakes its gears through their play. The gains lead from the soft one (weights q_0) over the precise controller's
-(q_1) to where the loop has no margin: with delay, lag and resonance of the scenario its sensitivity exceeds 2 at some
-frequency.
+A soft gain wanders by the friction over its position gain; a stiff one leaves little of that to compensate. The gains
+lead from the soft one (weights q_0) over the precise controller's (q_1) to where the loop has no margin: with delay,
+lag and resonance of the scenario its sensitivity exceeds 2 at some frequency.
 
     q = q_0^(1 - s) q_1^s
 
@@ -57,8 +56,7 @@ class Variant:
 
 
 VARIANTS = tuple(
-    Variant(compensation=compensation, observer=observer)
-    for compensation, observer in product((False, True), repeat=2)
+    Variant(compensation=has, observer=observes) for has, observes in product((False, True), repeat=2)
 )
 
 
@@ -99,10 +97,7 @@ class FrictionByStiffness:
         return found
 
     def pays_over(self, *, observer: bool) -> tuple[Stiffness, ...]:
-        """Return the first gains in a row at which compensation makes the error clearly smaller.
-
-        That is, the interval of the ratio lies above 1, robot by robot, and compensation makes no run fall.
-        """
+        """Return the first gains in a row at which compensation clearly makes the error smaller and no run fall."""
         without, with_it = (Variant(compensation=has, observer=observer) for has in (False, True))
 
         def pays(one: Stiffness) -> bool:
@@ -113,13 +108,7 @@ class FrictionByStiffness:
 
 
 def measure_stiffness(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> FrictionByStiffness:
-    """Run gains from soft to where the margins end on the first robots of a choice.
-
-    Raises
-    ------
-    InputError
-        As `choose_controller`.
-    """
+    """Run gains from soft to where the margins end on the first robots of a choice."""
     base, scenario = choice.trials["precise"].controller, choice.plants[0].scenario
     course = replace(choice.course, duration=min(choice.course.duration, _DURATION))
     end = _end(base, scenario)

@@ -2,13 +2,11 @@
 
     identify -> validate on held-out intervals -> design the candidates -> choose one on perturbed plants
 
-Identification is that of `ballbot identify` with the same logs and seed: the same numbers and findings. It holds out
-whole intervals (`ballbot.identification.windows`), as validation in closed loop, and in open loop to a fall, needs
-seconds in one piece.
+Identification is that of `ballbot identify` with the same logs and seed. It holds out whole intervals, as validation in
+closed loop, and in open loop to a fall, needs seconds in one piece.
 
-The nominal gain is designed with the weights of the nominal scenario on the exact model without friction, at the logs'
-sample time, whatever gain the logs were recorded with, so that studies of different robots can be compared. The logs'
-own gain is recovered for the closed-loop validation, and the report shows both.
+The nominal gain is designed with the nominal weights on the exact model without friction, at the logs' sample time,
+whatever gain the logs were recorded with. Their own gain is recovered for the closed-loop validation.
 """
 
 from __future__ import annotations
@@ -40,16 +38,17 @@ from ballbot.validation import ModelPair, Validation, join_validations, validate
 from ballbot.validation.models import Interval
 from ballbot.workflows.controller_choice import (
     SQUARE,
+    Confirmation,
     ControllerChoice,
     NamedCourse,
     PlantDraw,
     candidates,
     choose_controller,
+    confirm,
     draw_plants,
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.stiffness import FrictionByStiffness, measure_stiffness
-from ballbot.workflows.twin_confirmation import Confirmation, confirm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,7 +79,7 @@ class StudyOptions:
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
     draws: int = 100  #: robots on which the candidates are compared; a prediction needs 6
     confirm: bool = True  #: whether the twin confirms the choice, if its engine is installed
-    quick: bool = False  #: whether to stop at the verdict, without what shows where it comes from
+    quick: bool = False  #: whether to leave out where friction matters
 
 
 #: suits most logs
@@ -102,9 +101,8 @@ class Study:
     choice: ControllerChoice
     confirmation: Confirmation | None  #: of the choice by the twin; None if there was none
     stiffness: FrictionByStiffness | None  #: where friction matters; None in a quick study
-    prediction: (
-        Prediction | None
-    )  #: of the chosen controller's next run; None if none is chosen or draws are few
+    #: of the chosen controller's next run; None if none is chosen or draws are few
+    prediction: Prediction | None
     options: StudyOptions
     seed: int
 
@@ -192,11 +190,9 @@ def study(
         run=_named(run, "comparing controllers"),
     )
     confirmation = confirm(choice, run=_named(run, "confirming on the twin")) if confirmed else None
-    stiffness = (
-        None
-        if options.quick
-        else measure_stiffness(choice, run=_named(run, "measuring where friction matters"))
-    )
+    stiffness = None
+    if not options.quick:
+        stiffness = measure_stiffness(choice, run=_named(run, "measuring where friction matters"))
     return Study(
         robot=robot,
         logs=studied,

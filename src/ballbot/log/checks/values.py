@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,8 +118,7 @@ def _jumps(log: Log, name: str, _: float) -> Bools:
     return np.concatenate(([False], far & ~spiked[1:] & ~spiked[:-1]))
 
 
-@dataclass(frozen=True, kw_only=True)
-class RowFault:
+class RowFault(NamedTuple):
     """A fault that single rows of a column show."""
 
     code: str
@@ -137,54 +136,39 @@ _SPIKED = tuple(n for n in KNOWN_NAMES[1:] if not n.startswith(("acc_", *_NOT_ME
 _WHERE = "at row {row} (t = {t:.6g} s)"
 ROW_FAULTS = (
     RowFault(
-        code="spike",
-        severity="warning",
-        columns=_SPIKED,
-        rows=lambda log, name, _: spikes(log[name]),
-        text="{name} jumps away and back in {rows}, to {value:.6g} " + _WHERE + ", further than it moves otherwise: a "
+        "spike", "warning", _SPIKED, lambda log, name, _: spikes(log[name]),
+        "{name} jumps away and back in {rows}, to {value:.6g} " + _WHERE + ", further than it moves otherwise: a "
         "corrupted message, or a marker of missing values, which a mapping file can name.",
     ),
     RowFault(
-        code="wrap",
-        severity="warning",
-        columns=wheel_angle_names(MAX_WHEELS),
-        rows=lambda log, name, _: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5,
-        text="{name} jumps by a full turn in {rows}, first " + _WHERE + ": it is wrapped. Unwrap it (numpy.unwrap) "
+        "wrap", "warning", wheel_angle_names(MAX_WHEELS),
+        lambda log, name, _: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5,
+        "{name} jumps by a full turn in {rows}, first " + _WHERE + ": it is wrapped. Unwrap it (numpy.unwrap) "
         "before use.",
     ),
     RowFault(
-        code="jump",
-        severity="error",
-        columns=POSITION_NAMES,
-        rows=_jumps,
-        text="{name} jumps in {rows}, first to {value:.3g} {unit} " + _WHERE + ", which its rate does not explain: "
+        "jump", "error", POSITION_NAMES, _jumps,
+        "{name} jumps in {rows}, first to {value:.3g} {unit} " + _WHERE + ", which its rate does not explain: "
         "joined logs, a restart, or a sensor that was reset. Split the log there.",
     ),
     RowFault(
-        code="saturation",
-        severity="warning",
-        columns=_TORQUES,
-        rows=_at_limit,
-        text="{name} stays at its largest value, {value:.4g} N m, in {rows}, first " + _WHERE + ": it is saturated "
+        "saturation", "warning", _TORQUES, _at_limit,
+        "{name} stays at its largest value, {value:.4g} N m, in {rows}, first " + _WHERE + ": it is saturated "
         "there, or the recording clips it, and it does not follow the control law.",
     ),
     RowFault(
-        code="torque-limit",
-        severity="warning",
-        columns=_TORQUES,
-        rows=lambda log, name, limit: np.abs(log[name]) > 1.01 * limit,  # 1 %: rounding in the file
-        limit=lambda robot: robot.drive.torque_limit,
-        text="{name} is above the robot's limit of {limit:.4g} N m in {rows}, first " + _WHERE + ": the input may not "
+        "torque-limit", "warning", _TORQUES,
+        lambda log, name, limit: np.abs(log[name]) > 1.01 * limit,  # 1 %: rounding in the file
+        "{name} is above the robot's limit of {limit:.4g} N m in {rows}, first " + _WHERE + ": the input may not "
         "be a torque, or the limit in the robot file is too low.",
+        lambda robot: robot.drive.torque_limit,
     ),
     RowFault(
-        code="speed-limit",
-        severity="warning",
-        columns=wheel_speed_names(MAX_WHEELS),
-        rows=lambda log, name, limit: np.abs(log[name]) > limit,
-        limit=lambda robot: robot.drive.top_speed,
-        text="{name} is above {limit:.4g} rad/s, the limit of the robot's supply and motors, in {rows}, first "
+        "speed-limit", "warning", wheel_speed_names(MAX_WHEELS),
+        lambda log, name, limit: np.abs(log[name]) > limit,
+        "{name} is above {limit:.4g} rad/s, the limit of the robot's supply and motors, in {rows}, first "
         + _WHERE + ": the commanded torque is not the torque that acted.",
+        lambda robot: robot.drive.top_speed,
     ),
 )  # fmt: skip
 

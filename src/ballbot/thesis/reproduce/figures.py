@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.identification.driveline import DrivelineFit, Sweep
-from ballbot.identification.swing import Pivot, inertia_of_swing
+from ballbot.identification.swing import inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
@@ -692,8 +692,8 @@ _PART = 30.0
 
 def figure_iii_1(bench: Bench) -> Item:
     """The body hung up at the ball's centre and let swing, in simulation."""
-    fit, hung = bench.swings[0], Pivot.of(bench.robot)
-    found = [inertia_of_swing(one, bench.robot, hung) for one in bench.swings]
+    fit = bench.swings[0]
+    found = [inertia_of_swing(one, bench.robot) for one in bench.swings]
     pivots = [one.about_pivot.value for one in found]
     half, own = found[0].about_pivot.half_width, found[0].about_center_of_mass
     off = [100.0 * abs(one / THESIS_INERTIA - 1.0) for one in pivots]

@@ -1,0 +1,98 @@
+"""Two controllers compared on one robot by runs in turn, A B A B: what drifts meanwhile is not counted as a gain.
+
+A battery runs down and a floor gets dusty, so that the later run is the worse one whatever its controller. Runs of both
+controllers are therefore made in turn, and a drift that is steady from run to run is estimated beside the gain:
+
+    log q_k = a + d k + g b_k + e_k        k: number of the run;  b_k = 1 with the new controller, else 0
+
+by least squares, for each quantity q of `Performance` that is a size (of the torque margin, for the share of the torque
+limit that is used). exp(g) is the factor by which the new controller changes the quantity. With A B A B the estimate of
+g is free of d: it is the mean of each inner run against the mean of its two neighbours. Its 95 % interval is Student's,
+with n - 3 degrees of freedom; of four runs that is one, and the interval is wide. More rounds make it narrow quickly.
+
+Each run of the new controller is compared with the study's prediction besides (`controller_prediction`), as
+`ballbot validate --prediction` does with a single log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.summary import counted
+from ballbot.workflows.controller_prediction import ControllerVerdict, Recommendation
+from ballbot.workflows.metrics import QUANTITIES, Performance
+from ballbot.workflows.statistics import student_quantile
+
+#: fewest runs: gain, drift and offset are estimated, and one run is left for the scatter
+MIN_RUNS = 4
+_WORST_FIRST: tuple[Recommendation, ...] = ("revert", "weaken", "keep")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairedGain:
+    """The factor by which the new controller changes a quantity, the drift removed."""
+
+    factor: float
+    low: float  #: of the 95 % interval
+    high: float
+    drift: float  #: factor from one run to the next that is due to neither controller
+
+    @property
+    def verdict(self) -> Literal["smaller", "larger", "undecided"]:
+        """Whether the quantity is smaller or larger with the new controller: only if the whole interval is."""
+        if self.high < 1.0:
+            return "smaller"
+        return "larger" if self.low > 1.0 else "undecided"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alternation:
+    """The result of runs in turn."""
+
+    performances: tuple[Performance, ...]  #: of every run, in order; the old controller's first
+    gains: Mapping[str, PairedGain]  #: by quantity; without those that a run did not show
+    verdicts: tuple[ControllerVerdict, ...]  #: of the new controller's runs
+
+    @property
+    def recommendation(self) -> Recommendation:
+        """The worst of the recommendations of the new controller's runs."""
+        given = {one.recommendation for one in self.verdicts}
+        return next(one for one in _WORST_FIRST if one in given)
+
+
+def alternate(performances: Sequence[Performance], verdicts: Sequence[ControllerVerdict]) -> Alternation:
+    """Compare two controllers by runs in turn: all performances, A B A B and so on, and the verdicts of B's runs.
+
+    InputError if there are fewer than four runs, or not as many of one controller as of the other.
+    """
+    if len(performances) < MIN_RUNS or len(performances) % 2:
+        raise InputError(
+            f"{counted(len(performances), 'run')} in turn cannot be compared. Make {MIN_RUNS} or more, as many with "
+            "one controller as with the other."
+        )
+    sizes = np.array([one.sizes() for one in performances])
+    gains = {
+        name: paired_gain(sizes[:, place])
+        for place, name in enumerate(QUANTITIES)
+        if bool((np.isfinite(sizes[:, place]) & (sizes[:, place] > 0.0)).all())
+    }
+    return Alternation(performances=tuple(performances), gains=gains, verdicts=tuple(verdicts))
+
+
+def paired_gain(values: NDArray[np.float64]) -> PairedGain:
+    """Return the factor between two controllers whose positive values (n,) alternate: A B A B, four or more."""
+    number = np.arange(len(values), dtype=np.float64)
+    X = np.column_stack([np.ones(len(values)), number, number % 2])
+    estimate = np.linalg.pinv(X) @ np.log(values)
+    left = np.log(values) - X @ estimate
+    freedom = len(values) - X.shape[1]
+    deviation = np.sqrt(left @ left / freedom * np.linalg.inv(X.T @ X)[2, 2])
+    half = student_quantile(freedom + 1) * deviation
+    drift, factor, low, high = np.exp([estimate[1], *(estimate[2] + half * np.array([0.0, -1.0, 1.0]))])
+    return PairedGain(factor=float(factor), low=float(low), high=float(high), drift=float(drift))
