@@ -48,8 +48,7 @@ def new(
         out, name = Path(name), Path(name).stem
     if is_model_file(out or name):
         raise InputError(
-            f"{out or name} would be a model; write one with: ballbot twin export ROBOT --out "
-            f"{Path(out or name).with_suffix('.xml')}"
+            f"{out or name} would be a model; write one with: ballbot twin export ROBOT --out {out or name}"
         )
     path = out or Path(f"{name}.toml")
     if printable_line(name) != name:
