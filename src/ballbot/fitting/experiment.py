@@ -10,20 +10,22 @@ and eliminating dx_w = -A_w^-1 (a_w + B_w dp) leaves, for the parameters alone, 
 
     H_w - B_w^T A_w^-1 B_w   and   g_w - B_w^T A_w^-1 a_w.
 
-`ballbot.fitting.fit` takes any experiment; `ballbot.identification.balancing` is one.
+`ballbot.fitting.fit` takes any experiment. `Residuals` makes one of a function, with derivatives by differences, and
+`ByDifferences` of a class whose blocks have states.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.parameter import ParameterSpace
+from ballbot.fitting.parameter import Parameter, ParameterSpace
 from ballbot.fitting.uncertainty import WindowEquations
 
 
@@ -131,3 +133,193 @@ class Experiment(Protocol[At]):
     def equations(self, at: At) -> WindowEquations:
         """Return each block's equations by differences as wide as standard errors need, states eliminated."""
         ...
+
+
+#: half the central difference, as a share of the value, at least of this share of the parameter's range: wide enough to
+#: average over single events of sticking
+_DIFFERENCE, _OF_RANGE = 5e-4, 1e-3
+#: mean square below which errors count as none
+_NO_ERROR = 1e-60
+#: states are settled at new parameters in so many steps; one that does not help is tried again over this share of it
+_SETTLED, _SHORTER = 3, 0.3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockErrors:
+    """Parameters and blocks' states, and the errors there."""
+
+    point: NDArray[np.float64]  #: (p,), scaled
+    states: NDArray[np.float64]  #: (w, n), less what is expected of them, in their standard deviations
+    errors: NDArray[np.float64]  #: (m,)
+    squares: NDArray[np.float64]  #: (w,) of each block, its states' deviation included
+    cost: float  #: half the logarithm of the mean square, states' included
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ByDifferences(ABC):
+    """An experiment that a subclass describes by its `errors` alone: the derivatives are differences.
+
+    Errors all weigh the same, and their noise is their root mean square. A block may have n states, each with its
+    expected value: one standard deviation from it counts as an error of `state_weight`.
+    """
+
+    parameters: tuple[Parameter, ...]
+    block: NDArray[np.int64]  #: (m,) the block of each error, from 0, rising
+    block_log: NDArray[np.int64]  #: (w,) the log of each block
+    #: of finite differences by a block's states (n,), in their standard deviations
+    state_steps: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    state_weight: NDArray[np.float64] | float = 0.0  #: of each block (w,)
+
+    @abstractmethod
+    def errors(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the errors (m,) with parameters (p,) in SI units and blocks' states (w, n)."""
+
+    @abstractmethod
+    def part(self, blocks: NDArray[np.int64]) -> Self:
+        """Return the experiment of some of the blocks, rising."""
+
+    @property
+    def coordinates(self) -> ParameterSpace:
+        """The parameters, with their bounds."""
+        return self._coordinates
+
+    @cached_property
+    def _coordinates(self) -> ParameterSpace:
+        return ParameterSpace(parameters=self.parameters)
+
+    @property
+    def dependences(self) -> Sequence[Dependence]:
+        """None."""
+        return ()
+
+    @property
+    def residual_count(self) -> int:
+        """How many errors the cost counts."""
+        return len(self.block)
+
+    def derivatives(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives of the errors by the parameters (m, p), zero for those that are held."""
+        space, J = self.coordinates, np.zeros((len(self.block), len(values)))
+        halves = _DIFFERENCE * np.maximum(np.abs(values), _OF_RANGE * (space.upper - space.lower))
+        for place in np.flatnonzero(space.free).tolist():
+            ahead, behind = values.copy(), values.copy()
+            ahead[place] = min(values[place] + halves[place], space.upper[place])
+            behind[place] = max(values[place] - halves[place], space.lower[place])
+            change = self.errors(ahead, states) - self.errors(behind, states)
+            J[:, place] = change / (ahead[place] - behind[place])
+        return J
+
+    def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the costs (sets,) at points (sets, p), states as expected."""
+        return np.array([self._at(point, self._expected).cost for point in points])
+
+    def begin(self, point: NDArray[np.float64], near: BlockErrors | None = None) -> BlockErrors:
+        """Return where a descent begins, with the best states."""
+        return self._settled(self._at(point, self._expected if near is None else near.states))
+
+    def advance(self, at: BlockErrors, about: Linearized, step: NDArray[np.float64]) -> BlockErrors:
+        """Return the iterate a step (p,) on, its states settled anew."""
+        return self._settled(self._at(at.point + step, at.states + about.shift + about.response @ step))
+
+    def renew(self, at: BlockErrors, *, seed: int) -> BlockErrors:  # noqa: ARG002 (no state has several minima)
+        """Return the same point."""
+        return at
+
+    def linearize(self, at: BlockErrors) -> Linearized:
+        """Return the equations about an iterate."""
+        space = self.coordinates
+        J = self.derivatives(space.physical(at.point), at.states) * space.slopes(at.point)
+        return self._linearized(at, J)
+
+    def equations(self, at: BlockErrors) -> WindowEquations:
+        """Return each block's equations, its states eliminated."""
+        return self.linearize(at).equations
+
+    def mean_squares(self, at: BlockErrors) -> NDArray[np.float64]:
+        """Return the mean square error of each block (w,)."""
+        return np.nan_to_num(np.bincount(self.block, at.errors**2) / np.bincount(self.block), nan=np.inf)
+
+    @property
+    def _expected(self) -> NDArray[np.float64]:
+        return np.zeros((len(self.block_log), len(self.state_steps)))
+
+    @property
+    def _weight(self) -> NDArray[np.float64]:
+        """The squares (w,) that one standard deviation of a state counts as."""
+        return np.broadcast_to(np.square(self.state_weight), len(self.block_log))
+
+    def _at(self, point: NDArray[np.float64], states: NDArray[np.float64]) -> BlockErrors:
+        return self._with(point, states, self.errors(self.coordinates.physical(point), states))
+
+    # the error of a simulation that diverges is infinite; such a step is refused
+    @np.errstate(over="ignore", invalid="ignore")
+    def _with(
+        self, point: NDArray[np.float64], states: NDArray[np.float64], errors: NDArray[np.float64]
+    ) -> BlockErrors:
+        deviations = self._weight * np.sum(states**2, axis=1)
+        squares = np.bincount(self.block, errors**2, len(states)) + deviations
+        mean = float(squares.sum()) / len(errors)
+        cost = 0.5 * np.log(max(mean, _NO_ERROR)) if np.isfinite(mean) else np.inf
+        return BlockErrors(point=point, states=states, errors=errors, squares=squares, cost=float(cost))
+
+    def _settled(self, at: BlockErrors) -> BlockErrors:
+        """Return the point with the best states of each block, by steps that are shorter where one did not help."""
+        share = np.ones((len(at.states), 1))
+        for _ in range(_SETTLED if at.states.size and np.isfinite(at.cost) else 0):
+            shift = self._linearized(at, np.zeros((len(at.errors), 0))).shift
+            after = self._at(at.point, at.states + share * shift)
+            better = after.squares < at.squares
+            states = np.where(better[:, None], after.states, at.states)
+            at = self._with(at.point, states, np.where(better[self.block], after.errors, at.errors))
+            share = np.where(better[:, None], 1.0, _SHORTER * share)
+        return at
+
+    def _linearized(self, at: BlockErrors, J: NDArray[np.float64]) -> Linearized:
+        """Return the equations with derivatives J (m, p) by the scaled parameters."""
+        values, weight = self.coordinates.physical(at.point), np.exp(-2.0 * at.cost)
+        S, begins = np.zeros((len(at.errors), 0)), np.flatnonzero(np.diff(self.block, prepend=-1))
+        for step in np.diag(self.state_steps):
+            change = (self.errors(values, at.states + step) - at.errors) / step.sum()
+            S = np.column_stack([S, change])
+
+        def sums(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+            return weight * np.add.reduceat(left[:, :, None] * right[:, None, :], begins, axis=0)
+
+        errors, prior = at.errors[:, None], weight * self._weight[:, None]
+        return Linearized(
+            H=sums(J, J),
+            B=sums(S, J),
+            A=sums(S, S) + prior[..., None] * np.eye(S.shape[1]),
+            g=sums(J, errors)[..., 0],
+            a=sums(S, errors)[..., 0] + prior * at.states,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residuals(ByDifferences):
+    """A plain least-squares experiment: a function of the parameters, its values in blocks that go together."""
+
+    #: from parameters (p,) in SI units to m residuals, in any shape; `block` is in the order of `numpy.ravel`
+    residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    #: from parameters (p,) to derivatives (m, p), where they are known; differences else
+    derivatives_of: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+    rows: NDArray[np.int64] | None = None  #: which of the residuals these are; all if None
+
+    def errors(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the residuals (m,) with parameters (p,); blocks have no states."""
+        residuals = self.residuals_of(values).ravel()
+        return residuals if self.rows is None else residuals[self.rows]
+
+    def derivatives(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives of the residuals by the parameters (m, p)."""
+        if self.derivatives_of is None:
+            return super().derivatives(values, states)
+        J = self.derivatives_of(values)
+        return J if self.rows is None else J[self.rows]
+
+    def part(self, blocks: NDArray[np.int64]) -> Residuals:
+        """Return the experiment of some of the blocks, rising."""
+        kept = np.isin(self.block, blocks)
+        rows = np.flatnonzero(kept) if self.rows is None else self.rows[kept]
+        number = np.searchsorted(blocks, self.block[kept])
+        return replace(self, rows=rows, block=number, block_log=self.block_log[blocks])

@@ -29,7 +29,7 @@ from scipy.optimize import lsq_linear
 
 from ballbot.fitting.experiment import At, Experiment
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
-from ballbot.fitting.uncertainty import WindowEquations, covariance, without_influence
+from ballbot.fitting.uncertainty import WindowEquations, covariance, leverage_corrected, without_influence
 from ballbot.progress import Progress
 
 #: half the width of the trust region at first, in scaled parameters; a step that gains less than a quarter of what was
@@ -337,14 +337,38 @@ class Fit(Generic[At]):
         free = self.finished.experiment.coordinates.free
         return free & ~self.unknown & ~at_bound(self.finished.point)
 
+    @cached_property
+    def scaled_covariance(self) -> NDArray[np.float64]:
+        """Clustered by block (p, p), as the jackknife that leaves out each in turn; NaN without a standard error."""
+        blocks = self.finished.equations
+        kept = self.estimated & (blocks.normal.matrix.diagonal() > 0.0)
+        return covariance(leverage_corrected(blocks.matrices, blocks.scores, kept), kept)
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """The same in SI units."""
+        slopes = self.finished.experiment.coordinates.slopes(self.finished.point)
+        return self.scaled_covariance * np.outer(slopes, slopes)
+
+    @property
+    def errors(self) -> NDArray[np.float64]:
+        """Standard errors (p,), SI units; NaN if there is none."""
+        return np.sqrt(self.covariance.diagonal())
+
+    @property
+    def quantile(self) -> float:
+        """Student's t for 95 %, with as many blocks less the parameters estimated."""
+        freedom = len(self.finished.equations.scores) - int(self.estimated.sum())
+        return float(special.stdtrit(max(freedom, 1), 0.975))
+
 
 def fit(
     experiment: Experiment[At],
     start: NDArray[np.float64],
     *,
     also: NDArray[np.float64] | None = None,
-    refused: NDArray[np.bool_],
-    most_steps: int,
+    refused: NDArray[np.bool_] | None = None,
+    most_steps: int = 30,
     run: Run = DEFAULT_RUN,
 ) -> Fit[At]:
     """Fit by Gauss-Newton, fix what has no influence, and fit the rest again from there.
@@ -355,7 +379,7 @@ def fit(
         Scaled, as a search found it.
     also : ndarray (p,), optional
         Another place where a search ended.
-    refused : ndarray (p,)
+    refused : ndarray (p,), optional
         Parameters that the data do not excite: they are fitted, and get no number.
     most_steps : int
         Of each descent.
@@ -379,7 +403,7 @@ def fit(
     return Fit(
         finished=finished,
         no_influence=no_influence,
-        refused=refused & ~no_influence,
+        refused=~no_influence & (False if refused is None else refused),
         other=other and OtherOptimum(values=coordinates.physical(other.point), rise=rise),
     )
 

@@ -39,7 +39,10 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
-from ballbot.fitting.least_squares import ClusteredFit, fit_clustered, fit_linear
+from ballbot.fitting.experiment import BlockErrors, Residuals
+from ballbot.fitting.fit import Fit, fit
+from ballbot.fitting.least_squares import fit_linear
+from ballbot.fitting.parameter import Parameter, Scale
 from ballbot.identification.driveline import BALL_NAMES
 from ballbot.identification.turning import (
     GYRO_NAMES,
@@ -56,15 +59,6 @@ from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.results import key, reported, to_results
 from ballbot.robot import Robot
 from ballbot.robot.parameters import Value
-
-_ROLLING_UNDETERMINED = (
-    "The motion in these logs does not determine the wheels' radius and azimuths; move in both directions "
-    "and turn all wheels."
-)
-_UPSIDE_DOWN_UNDETERMINED = (
-    "The motion in these logs does not determine the ratio of the radii, the tilt and the azimuths; turn the "
-    "ball about all three axes."
-)
 
 #: windows on end that count as one cluster together last this long [s]: a roller takes about as long to pass
 CLUSTER = 2.0
@@ -144,6 +138,12 @@ SLIP_ANGLE = math.radians(0.4)
 #: a deviation of fewer standard errors than this is noise
 CLEAR = 3.0
 UPSIDE_DOWN, BALANCING, BOTH = "upside down", "balancing", "both"
+_UNDETERMINED = {
+    BALANCING: "The motion in these logs does not determine the wheels' radius and azimuths; move in both directions "
+    "and turn all wheels.",
+    UPSIDE_DOWN: "The motion in these logs does not determine the ratio of the radii, the tilt and the azimuths; turn "
+    "the ball about all three axes.",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,49 +174,73 @@ class GeometryQuantity:
         return off > max(CLEAR * self.standard_error, self.slip)
 
 
-#: an unknown: its name, its value in the file, its unit, and a change of it that matters
-_Unknown = tuple[str, float, str, float]
+def _parameter(name: str, in_file: float, unit: str, reach: float, scale: Scale = "signed") -> Parameter:
+    """Return a parameter that may be as far from the file's value as `reach`, a share of the value for a ratio."""
+    bounds = (in_file / reach, in_file * reach) if scale == "ratio" else (in_file - reach, in_file + reach)
+    return Parameter(name=name, symbol=name, unit=unit, scale=scale, bounds=bounds, default=in_file)
 
 
-def _azimuths(robot: Robot) -> list[_Unknown]:
-    return [(f"wheels.azimuths[{i}]", one, "rad", 0.1) for i, one in enumerate(robot.wheels.azimuths)]
+def _azimuths(robot: Robot) -> list[Parameter]:
+    azimuths = enumerate(robot.wheels.azimuths)
+    return [_parameter(f"wheels.azimuths[{i}]", one, "rad", 0.5 * math.pi) for i, one in azimuths]
 
 
-def _quantity(
-    name: str, value: float, error: float, in_file: float, unit: str, kind: str
-) -> GeometryQuantity:
+def _quantity(one: Parameter, value: float, error: float, kind: str) -> GeometryQuantity:
     return GeometryQuantity(
-        name=name, value=value, standard_error=error, in_file=in_file, unit=unit, kind=kind
+        name=one.name, value=value, standard_error=error, in_file=one.default, unit=one.unit, kind=kind
     )
 
 
-def _quantities(kind: str, unknowns: Sequence[_Unknown], fit: ClusteredFit) -> list[GeometryQuantity]:
-    numbers = zip(unknowns, fit.values.tolist(), fit.errors.tolist(), strict=True)
-    return [
-        _quantity(name, value, error, in_file, unit, kind)
-        for (name, in_file, unit, _), value, error in numbers
-    ]
+#: clusters, at the least, for each parameter; fewer make a covariance too small
+CLUSTERS_PER_PARAMETER = 2
+#: of the normal equations, the parameters over their bounds' width
+_LARGEST_CONDITION = 1e10
 
 
-def _solved(
-    unknowns: Sequence[_Unknown],
+def _fitted(
+    kind: str,
+    parameters: Sequence[Parameter],
     residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     clusters: NDArray[np.int64],
-    undetermined: str,
-) -> ClusteredFit:
-    """Return the fit of unknowns (p,), which starts at the file's, to residuals (w, n) of windows in clusters (w,)."""
-    start, scales = (np.array([one[place] for one in unknowns]) for place in (1, 3))
-    return fit_clustered(residuals, start, scales=scales, clusters=clusters, undetermined=undetermined)
+) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
+    """Return the fit from the file's values to residuals (w, n) of windows in clusters (w,), and its quantities."""
+    start = np.array([one.default for one in parameters])
+    names, block = np.unique(clusters, return_inverse=True)
+    least = CLUSTERS_PER_PARAMETER * len(start)
+    if len(names) < least:
+        raise InputError(
+            f"The logs have {len(names)} intervals of usable motion for {len(start)} unknowns, which need {least}; "
+            "log for longer."
+        )
+    width = residuals(start).shape[1]
+    experiment = Residuals(
+        parameters=tuple(parameters),
+        residuals_of=residuals,
+        block=np.repeat(block, width).astype(np.int64),
+        block_log=(names // _CLUSTERS_OF_LOG).astype(np.int64),
+    )
+    found = fit(experiment, experiment.coordinates.scaled(start))
+    if (
+        not found.estimated.all()
+        or np.linalg.cond(found.finished.equations.normal.matrix) > _LARGEST_CONDITION
+    ):
+        raise InputError(_UNDETERMINED[kind])
+    numbers = zip(parameters, found.values.tolist(), found.errors.tolist(), strict=True)
+    return [_quantity(one, value, error, kind) for one, value, error in numbers], found
 
 
 #: increments (w, .) over windows, and the windows' clusters (w,)
 _Increments = tuple[tuple[NDArray[np.float64], ...], NDArray[np.int64]]
 
 
+#: numbers of clusters that each log has for itself
+_CLUSTERS_OF_LOG = 1_000_000
+
+
 def _stacked(parts: Sequence[_Increments]) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
     """Return the increments of several logs on end, and their clusters, numbered on."""
     columns = zip(*(columns for columns, _ in parts), strict=True)
-    clusters = [clusters + 1_000_000 * number for number, (_, clusters) in enumerate(parts)]
+    clusters = [clusters + _CLUSTERS_OF_LOG * number for number, (_, clusters) in enumerate(parts)]
     return [np.concatenate(one) for one in columns], np.concatenate(clusters)
 
 
@@ -226,7 +250,7 @@ ROLLING_WINDOW, UPSIDE_DOWN_WINDOW = 0.5, 0.25
 
 def _of_rolling(
     robot: Robot, runs: Sequence[MocapRun], leaning: float
-) -> tuple[list[GeometryQuantity], ClusteredFit]:
+) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
     """Find r_w / cos(tilt), the azimuths, the share of leaning seen and the delay of the encoders.
 
     The share is one of `leaning`, (r_b / r_w) cos(tilt), wheel angle for an angle of leaning.
@@ -242,14 +266,13 @@ def _of_rolling(
         return wheels - (seen - seen.mean(axis=1, keepdims=True))
 
     length = robot.wheels.radius / math.cos(robot.wheels.tilt)
-    unknowns = [
-        ("wheels.radius / cos(wheels.tilt)", length, "m", 0.1 * length),
+    parameters = [
+        _parameter("wheels.radius / cos(wheels.tilt)", length, "m", 2.0, "ratio"),
         *_azimuths(robot),
-        ("leaning seen", 1.0, "1", 0.1),
-        ("delay of the encoders", 0.0, "s", 0.01),
+        _parameter("leaning seen", 1.0, "1", 2.0),
+        _parameter("delay of the encoders", 0.0, "s", 0.5),
     ]
-    fit = _solved(unknowns, residuals, clusters, _ROLLING_UNDETERMINED)
-    return _quantities(BALANCING, unknowns, fit), fit
+    return _fitted(BALANCING, parameters, residuals, clusters)
 
 
 def _rolling_increments(run: MocapRun, wheel_count: int) -> _Increments:
@@ -271,7 +294,7 @@ def _rolling_increments(run: MocapRun, wheel_count: int) -> _Increments:
 
 def _of_upside_down(
     robot: Robot, logs: Sequence[Log]
-) -> tuple[list[GeometryQuantity], list[GeometryQuantity], ClusteredFit]:
+) -> tuple[list[GeometryQuantity], list[GeometryQuantity], Fit[BlockErrors]]:
     """Find r_b / r_w, tilt, azimuths, and the camera's tilt and delay; and r_b / r_w of each wheel by itself."""
     n = robot.wheel_count
     (wheels, turns, rates), clusters = _stacked([_upside_down_increments(log, n) for log in logs])
@@ -280,24 +303,24 @@ def _of_upside_down(
         frame = Rotation.from_rotvec([p[2 + n], p[3 + n], 0.0])
         return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axle_directions(p[1], p[2 : 2 + n]).T
 
-    unknowns = [
-        ("ball.radius / wheels.radius", robot.ball.radius / robot.wheels.radius, "1", 0.1),
-        ("wheels.tilt", robot.wheels.tilt, "rad", 0.1),
+    parameters = [
+        _parameter("ball.radius / wheels.radius", robot.ball.radius / robot.wheels.radius, "1", 2.0, "ratio"),
+        _parameter("wheels.tilt", robot.wheels.tilt, "rad", 0.5),
         *_azimuths(robot),
-        ("camera tilt about x", 0.0, "rad", 0.1),
-        ("camera tilt about y", 0.0, "rad", 0.1),
-        ("camera delay", 0.0, "s", 0.01),
+        _parameter("camera tilt about x", 0.0, "rad", 1.0),
+        _parameter("camera tilt about y", 0.0, "rad", 1.0),
+        _parameter("camera delay", 0.0, "s", 0.5),
     ]
-    fit = _solved(unknowns, residuals, clusters, _UPSIDE_DOWN_UNDETERMINED)
+    quantities, found = _fitted(UPSIDE_DOWN, parameters, residuals, clusters)
     # nothing is assumed of a wheel's direction: |row| of the matrix G (n, 3) with wheels = turns G^T
-    own = [fit_linear(turns - fit.values[-1] * rates, angles, clusters) for angles in wheels.T]
+    own = [fit_linear(turns - found.values[-1] * rates, angles, clusters) for angles in wheels.T]
     ratios = []
     for number, one in enumerate(own, start=1):
         value = float(np.linalg.norm(one.values))
         error = math.sqrt(one.values @ one.covariance @ one.values) / value
-        name, common = f"ball.radius / wheels.radius, wheel {number}", float(fit.values[0])
-        ratios.append(_quantity(name, value, error, common, "1", UPSIDE_DOWN))
-    return _quantities(UPSIDE_DOWN, unknowns, fit), ratios, fit
+        name, common = f"ball.radius / wheels.radius, wheel {number}", float(found.values[0])
+        ratios.append(_quantity(_parameter(name, common, "1", 0.0), value, error, UPSIDE_DOWN))
+    return quantities, ratios, found
 
 
 def axle_directions(tilt: float, azimuths: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -407,7 +430,7 @@ def survey_geometry(
 _OTHERS = ("camera delay", "leaning seen")
 
 
-def _of_both(robot: Robot, on_wheels: ClusteredFit, rolling: ClusteredFit) -> list[GeometryQuantity]:
+def _of_both(robot: Robot, on_wheels: Fit[BlockErrors], rolling: Fit[BlockErrors]) -> list[GeometryQuantity]:
     ratio, tilt, length = (*on_wheels.values[:2].tolist(), float(rolling.values[0]))
     c, s = math.cos(tilt), math.sin(tilt)
     covariance = block_diag(on_wheels.covariance[:2, :2], rolling.errors[0] ** 2)
@@ -415,8 +438,8 @@ def _of_both(robot: Robot, on_wheels: ClusteredFit, rolling: ClusteredFit) -> li
     J = np.array([[0.0, -length * s, c], [length * c, -ratio * length * s, ratio * c]])
     r_w, r_b = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
     return [
-        _quantity("wheels.radius", length * c, r_w, robot.wheels.radius, "m", BOTH),
-        _quantity("ball.radius", ratio * length * c, r_b, robot.ball.radius, "m", BOTH),
+        _quantity(_parameter("wheels.radius", robot.wheels.radius, "m", 0.0), length * c, r_w, BOTH),
+        _quantity(_parameter("ball.radius", robot.ball.radius, "m", 0.0), ratio * length * c, r_b, BOTH),
     ]
 
 
@@ -426,7 +449,7 @@ def _of_mountings(motions: Sequence[MotionFit]) -> list[GeometryQuantity]:
     weights = 1.0 / np.array([one.rotation_errors for one in motions]) ** 2
     mean, errors = (weights * values).sum(axis=0) / weights.sum(axis=0), 1.0 / np.sqrt(weights.sum(axis=0))
     return [
-        _quantity(f"IMU rotation about {axis}", value, error, 0.0, "rad", BALANCING)
+        _quantity(_parameter(f"IMU rotation about {axis}", 0.0, "rad", 0.0), value, error, BALANCING)
         for axis, value, error in zip("xyz", mean.tolist(), errors.tolist(), strict=True)
     ]
 

@@ -25,8 +25,10 @@ from scipy import fft
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.fitting.least_squares import LeastSquaresFit, Stopping, fit_linear, minimize_squares
-from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.fitting.experiment import BlockErrors, Residuals
+from ballbot.fitting.fit import Fit, at_bound, fit
+from ballbot.fitting.least_squares import fit_linear
+from ballbot.fitting.parameter import Parameter
 from ballbot.log import Log
 from ballbot.log.pose import Poses
 
@@ -295,9 +297,7 @@ def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tupl
     are not, or turn about one axis only.
     """
     fits = [fit for clock in _candidate_clocks(log, cameras) if (fit := _fitted(log, cameras, clock))]
-    fits = sorted(
-        (fit for fit in fits if abs(fit.clock.rate) < 2.0 * _LARGEST_RATE), key=lambda fit: -fit.gain
-    )
+    fits.sort(key=lambda fit: -fit.gain)
     share = fits[0].share if fits else 0.0
     if share < least_share:
         raise InputError(
@@ -321,12 +321,25 @@ def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tupl
     return best, next(rivals, None)
 
 
+def _parameter(name: str, unit: str, most: float) -> Parameter:
+    return Parameter(name=name, symbol=name, unit=unit, scale="signed", bounds=(-most, most), default=0.0)
+
+
+#: changes of the clock from where the fit starts, of the rotation, and the gyro's bias
+_PARAMETERS = (
+    _parameter("offset in the middle", "s", 2.0),
+    _parameter("rate", "s/s", _LARGEST_RATE),
+    *(_parameter(f"rotation about {axis}", "rad", 3.0) for axis in "xyz"),
+    *(_parameter(f"bias about {axis}", "rad/s", 2.0) for axis in "xyz"),
+)
+
+
 def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     """Return the fit that starts from a clock; None if the two share too little."""
-    found = _increments(log, cameras, clock)
-    if found is None:
+    shared = _increments(log, cameras, clock)
+    if shared is None:
         return None
-    start, end, turned = found
+    start, end, turned = shared
     middle = float(np.mean(clock.to_log(start)))
     logged = log.over(clock.to_log(start), clock.to_log(end))
     # a constant rate, the gyro's bias, is no motion
@@ -337,12 +350,12 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         offset = clock.to_cameras(np.array(middle)) + x[0] - (1.0 + rate) * middle
         return Clock(offset=float(offset), rate=float(rate))
 
-    def errors(x: NDArray[np.float64], root: NDArray[np.float64]) -> NDArray[np.float64]:
+    def errors(x: NDArray[np.float64]) -> NDArray[np.float64]:
         s0, s1 = clock_of(x).to_log(start), clock_of(x).to_log(end)
         rotated = (Rotation.from_rotvec(x[2:5]) * body_marker).apply(turned)
-        return ((rotated - log.over(s0, s1) + np.outer(s1 - s0, x[5:])) * root[:, None]).ravel()
+        return rotated - log.over(s0, s1) + np.outer(s1 - s0, x[5:])
 
-    def slopes(x: NDArray[np.float64], root: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slopes(x: NDArray[np.float64]) -> NDArray[np.float64]:
         s0, s1 = clock_of(x).to_log(start), clock_of(x).to_log(end)
         w0, w1 = (log.over(s - _SLOPE, s + _SLOPE) / (2.0 * _SLOPE) - x[5:] for s in (s0, s1))
         v = (Rotation.from_rotvec(x[2:5]) * body_marker).apply(turned)
@@ -352,24 +365,30 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         # d (exp(d) v) = d x v
         J[:, [0, 1, 2], [3, 4, 2]], J[:, [0, 1, 2], [4, 2, 3]] = v[:, [2, 0, 1]], -v[:, [1, 2, 0]]
         J[:, [0, 1, 2], [5, 6, 7]] = (s1 - s0)[:, None]
-        return (J * root[:, None, None]).reshape(-1, 8)
+        return J
 
-    def solved(x: NDArray[np.float64], root: NDArray[np.float64]) -> LeastSquaresFit:
-        return minimize_squares(
-            lambda p: errors(p, root), x, jacobian_of=lambda p: slopes(p, root), scale="jac", method="lm",
-            stopping=Stopping(most_evaluations=40),
-        )  # fmt: skip
+    blocks, quantile = _blocks(start)
 
-    unit = np.ones(len(start))
-    fit = solved(np.zeros(8), unit)
+    def fitted(x: NDArray[np.float64], root: NDArray[np.float64]) -> Fit[BlockErrors]:
+        experiment = Residuals(
+            parameters=_PARAMETERS,
+            residuals_of=lambda x: errors(x) * root[:, None],
+            derivatives_of=lambda x: (slopes(x) * root[:, None, None]).reshape(-1, 8),
+            block=np.repeat(blocks, 3),
+            block_log=np.zeros(int(blocks[-1]) + 1, dtype=np.int64),
+        )
+        return fit(experiment, experiment.coordinates.scaled(x))
+
+    found = fitted(np.zeros(8), np.ones(len(start)))
     for _ in range(_REWEIGHTED):
-        fit = solved(fit.point, _huber_roots(errors(fit.point, unit).reshape(-1, 3)))
-    x, (blocks, quantile) = fit.point, _blocks(start)
-    covariance = covariance_in_time(fit.jacobian, fit.residuals, np.repeat(blocks, 3))
-    standard_errors = np.sqrt(np.diag(covariance))
+        found = fitted(found.values, _huber_roots(errors(found.values)))
+    if at_bound(found.finished.point)[1]:  # clocks that differ so much are not of one run
+        return None
+    x = found.values
+    covariance, standard_errors = found.covariance, found.errors
     to_zero = np.array([1.0, -middle])  # from the offset at the middle and the rate to that at the log's zero
     body_marker = Rotation.from_rotvec(x[2:5]) * body_marker
-    residuals = errors(x, unit).reshape(-1, 3)
+    residuals = errors(x)
     return MotionFit(
         clock=clock_of(x),
         body_marker=body_marker,

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -20,17 +19,10 @@ import scipy
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.experiment import Dependence, Linearized
+from ballbot.fitting.experiment import BlockErrors, ByDifferences
 from ballbot.fitting.fit import descend, fit
 from ballbot.fitting.model_selection import Gain, neighbours
-from ballbot.fitting.parameter import ParameterSpace
-from ballbot.fitting.uncertainty import (
-    WindowEquations,
-    block_length,
-    correlation,
-    covariance,
-    leverage_corrected,
-)
+from ballbot.fitting.uncertainty import block_length, correlation
 from ballbot.identification.axis.model import LAWS, Axis, AxisModel, Values
 from ballbot.identification.axis.motion import LEAST_PART, AxisMotion, speed_at_start
 from ballbot.identification.axis.record import AxisRecord
@@ -42,18 +34,13 @@ _LEAST_WINDOWS = 9
 #: blocks of time are held out and drawn together; there are about as many
 _BLOCKS = 12
 _FOLDS = 3
-#: half the central difference, as a share of the value, at least of this share of the parameter's range: wide enough to
-#: average over single events of sticking
-_DIFFERENCE, _OF_RANGE = 5e-4, 1e-3
-_MOST_STEPS, _HELD_OUT_STEPS = 30, 8
+_HELD_OUT_STEPS = 8
 #: positions are compared this often [s]
 _COMPARED_EVERY = 0.01
 #: standard deviation of the start's speed, as a share of the usual one
 _START_SPEED = 0.2
 #: steps of the finite differences by a start's position and speed, in their standard deviations
-_START_STEPS = np.diag([10.0, 0.05])
-#: starts are settled at new parameters in so many steps; one that does not help is tried again over this share of it
-_SETTLED, _SHORTER = 3, 0.3
+_START_STEPS = np.array([10.0, 0.05])
 
 
 def window_duration(records: Sequence[AxisRecord]) -> float:
@@ -62,28 +49,17 @@ def window_duration(records: Sequence[AxisRecord]) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AxisPoint:
-    """Parameters and starts."""
-
-    point: NDArray[np.float64]  #: (p,), scaled
-    moved: NDArray[
-        np.float64
-    ]  #: (w, 2), starts less those of the filtered record, in their standard deviations
-    errors: NDArray[np.float64]  #: (m,) positions, simulated less recorded [m]
-    squares: NDArray[np.float64]  #: (w,) of each window, its start's deviation included [m^2]
-    cost: float  #: half the logarithm of the mean square, starts' included
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AxisExperiment:
-    """Position errors of a model over w windows, one record's after another's."""
+class AxisExperiment(ByDifferences):
+    """Position errors of a model over w windows, one record's after another's; states are position and speed there."""
 
     model: AxisModel
     motions: tuple[AxisMotion, ...]  #: of the records
-    record: NDArray[np.int64]  #: (w,) which of them each window is in
-    firsts: NDArray[np.int64]  #: (w,) the row that it begins at
+    firsts: NDArray[np.int64]  #: (w,) the row that each window begins at
     counts: NDArray[np.int64]  #: (w,) rows that it runs over
     starts: NDArray[np.float64]  #: (w, 2) position and speed there
+    sizes: NDArray[np.float64]  #: (w, 2) their standard deviations: at least of rounding
+    compared: NDArray[np.int64]  #: (m,) which of the positions at rows' ends are compared
+    measured: NDArray[np.float64]  #: (m,) with what [m]
 
     @staticmethod
     def of(model: AxisModel, motions: Sequence[AxisMotion], duration: float) -> AxisExperiment:
@@ -100,81 +76,12 @@ class AxisExperiment:
             motion, record = motions[number], motions[number].record
             filtered = float(motion.position[first]), float(motion.speed[first])
             starts.append(filtered if first else (float(record.position[0]), speed_at_start(record)))
-        which, firsts, counts = np.array(rows, dtype=np.int64).T.copy()
-        return AxisExperiment(
-            model=model,
-            motions=tuple(motions),
-            record=which,
-            firsts=firsts,
-            counts=counts,
-            starts=np.array(starts),
-        )
-
-    @property
-    def block_log(self) -> NDArray[np.int64]:
-        """Which record each window is of (w,)."""
-        return self.record
-
-    @property
-    def dependences(self) -> Sequence[Dependence]:
-        """None: a law with parameters that the record does not determine is not selected."""
-        return ()
-
-    @property
-    def residual_count(self) -> int:
-        """How many positions are compared."""
-        return len(self.window)
-
-    @property
-    def coordinates(self) -> ParameterSpace:
-        """The parameters, within bounds that the largest force, speed and acceleration set."""
-        return self._coordinates
-
-    @cached_property
-    def _coordinates(self) -> ParameterSpace:
-        force, speed, acceleration = (
-            max(float(np.abs(values(one)).max()) for one in self.motions)
-            for values in (lambda one: one.record.force, lambda one: one.speed, lambda one: one.acceleration)
-        )
-        return self.model.space(force=force, speed=speed, acceleration=acceleration)
-
-    @cached_property
-    def _compared(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-        """Which of the positions at rows' ends are compared (m,), with what [m], and the window of each."""
-        places, measured, begin = [], [], 0
-        for number, first, count in zip(self.record, self.firsts, self.counts, strict=True):
-            record = self.motions[number].record
-            every = max(1, round(_COMPARED_EVERY / record.sample_time))
-            steps = np.arange(min(every, count), count + 1, every)
-            places.append(begin + steps - 1)
-            measured.append(record.position[first + steps])
-            begin += count
-        window = np.repeat(np.arange(len(places)), [len(one) for one in places])
-        return np.concatenate(places), np.concatenate(measured), window
-
-    @property
-    def window(self) -> NDArray[np.int64]:
-        """The window of each error (m,)."""
-        return self._compared[2]
-
-    @cached_property
-    def sizes(self) -> NDArray[np.float64]:
-        """Standard deviations of each start (w, 2): of its position, at least of rounding, and of its speed."""
-        of_record = [
-            (max(one.noise, 1e-9 * float(np.ptp(one.record.position))), _START_SPEED * one.usual_speed)
-            for one in self.motions
-        ]
-        return np.array(of_record)[self.record]
+        return _of_windows(model, motions, np.array(rows, dtype=np.int64), np.array(starts))
 
     def part(self, blocks: NDArray[np.int64]) -> AxisExperiment:
         """Return the experiment of some of the windows."""
-        return replace(
-            self,
-            record=self.record[blocks],
-            firsts=self.firsts[blocks],
-            counts=self.counts[blocks],
-            starts=self.starts[blocks],
-        )
+        rows = np.column_stack([self.block_log, self.firsts, self.counts])[blocks]
+        return _of_windows(self.model, self.motions, rows, self.starts[blocks])
 
     def values(self, point: NDArray[np.float64]) -> dict[str, float]:
         """Return parameters by name from scaled ones (p,)."""
@@ -186,97 +93,57 @@ class AxisExperiment:
 
     # the error of a simulation that diverges is infinite; such a step is refused
     @np.errstate(over="ignore", invalid="ignore")
-    def errors(self, values: Values, moved: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
-        """Return simulated less recorded positions (m,), starts `moved` (w, 2) by so many standard deviations."""
-        axis, starts, positions = self.model.axis(values), self.starts + moved * self.sizes, []
+    def errors(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return simulated less recorded positions (m,), starts moved (w, 2) by so many standard deviations."""
+        named = dict(zip(self.model.names, values.tolist(), strict=True))
+        axis, starts, positions = self.model.axis(named), self.starts + states * self.sizes, []
         for number, motion in enumerate(self.motions):
-            own, record, force = self.record == number, motion.record, motion.record.force
-            if delay := values.get("delay"):
+            own, record, force = self.block_log == number, motion.record, motion.record.force
+            if delay := named.get("delay"):
                 force = np.interp(record.t - delay, record.t, force)
             windows = self.firsts[own], self.counts[own], starts[own]
             positions.append(axis.windows(force, record.sample_time, *windows)[:, 0])
-        places, measured, _ = self._compared
-        return np.concatenate(positions)[places] - measured
+        return np.concatenate(positions)[self.compared] - self.measured
 
-    def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the costs (sets,) at points (sets, p), starts as in the filtered record."""
-        return np.array([self._at(point, np.zeros_like(self.starts)).cost for point in points])
 
-    def _at(self, point: NDArray[np.float64], moved: NDArray[np.float64]) -> AxisPoint:
-        return self._with(point, moved, self.errors(self.values(point), moved))
-
-    @np.errstate(over="ignore", invalid="ignore")
-    def _with(
-        self, point: NDArray[np.float64], moved: NDArray[np.float64], errors: NDArray[np.float64]
-    ) -> AxisPoint:
-        squares = np.bincount(self.window, errors**2) + np.sum((self.sizes[:, :1] * moved) ** 2, axis=1)
-        mean = float(squares.sum()) / len(errors)
-        cost = 0.5 * np.log(max(mean, 1e-300)) if np.isfinite(mean) else np.inf
-        return AxisPoint(point=point, moved=moved, errors=errors, squares=squares, cost=float(cost))
-
-    def begin(self, point: NDArray[np.float64], near: AxisPoint | None = None) -> AxisPoint:
-        """Return where a descent begins, with the best starts."""
-        return self._settled(self._at(point, np.zeros_like(self.starts) if near is None else near.moved))
-
-    def _settled(self, at: AxisPoint) -> AxisPoint:
-        """Return the point with the best start of each window, by steps that are shorter where one did not help."""
-        share = np.ones((len(self.starts), 1))
-        for _ in range(_SETTLED if np.isfinite(at.cost) else 0):
-            shift = self._linearized(at, np.zeros((len(at.errors), 0))).shift
-            after = self._at(at.point, at.moved + share * shift)
-            better = after.squares < at.squares
-            moved = np.where(better[:, None], after.moved, at.moved)
-            at = self._with(at.point, moved, np.where(better[self.window], after.errors, at.errors))
-            share = np.where(better[:, None], 1.0, _SHORTER * share)
-        return at
-
-    def advance(self, at: AxisPoint, about: Linearized, step: NDArray[np.float64]) -> AxisPoint:
-        """Return the iterate a step (p,) on, its starts settled anew."""
-        return self._settled(self._at(at.point + step, at.moved + about.shift + about.response @ step))
-
-    def renew(self, at: AxisPoint, *, seed: int) -> AxisPoint:  # noqa: ARG002 (no start has several minima)
-        """Return the same point."""
-        return at
-
-    def linearize(self, at: AxisPoint) -> Linearized:
-        """Return the equations about an iterate."""
-        values, coordinates, columns = self.values(at.point), self.coordinates, []
-        for place, slope in enumerate(coordinates.slopes(at.point)):
-            name, lower, upper = self.model.names[place], coordinates.lower[place], coordinates.upper[place]
-            half = _DIFFERENCE * max(abs(values[name]), _OF_RANGE * (upper - lower))
-            ahead, behind = min(values[name] + half, upper), max(values[name] - half, lower)
-            change = self.errors({**values, name: ahead}, at.moved) - self.errors(
-                {**values, name: behind}, at.moved
-            )
-            columns.append(slope * change / (ahead - behind))
-        return self._linearized(at, np.column_stack(columns))
-
-    def _linearized(self, at: AxisPoint, J: NDArray[np.float64]) -> Linearized:
-        """Return the equations with derivatives J (m, p) by the parameters."""
-        values, weight = self.values(at.point), np.exp(-2.0 * at.cost)
-        changes = [(self.errors(values, at.moved + step) - at.errors) / step.sum() for step in _START_STEPS]
-        S, begins = np.column_stack(changes), np.flatnonzero(np.diff(self.window, prepend=-1))
-
-        def sums(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-            return weight * np.add.reduceat(left[:, :, None] * right[:, None, :], begins, axis=0)
-
-        errors, prior = at.errors[:, None], weight * self.sizes[:, :1] ** 2
-        return Linearized(
-            H=sums(J, J),
-            B=sums(S, J),
-            A=sums(S, S) + prior[..., None] * np.eye(2),
-            g=sums(J, errors)[..., 0],
-            a=sums(S, errors)[..., 0] + prior * at.moved,
-        )
-
-    def equations(self, at: AxisPoint) -> WindowEquations:
-        """Return each window's equations, its start eliminated."""
-        return self.linearize(at).equations
-
-    def mean_squares(self, at: AxisPoint) -> NDArray[np.float64]:
-        """Return the mean square error [m^2] of each window (w,)."""
-        squares = np.bincount(self.window, at.errors**2) / np.bincount(self.window)
-        return np.nan_to_num(squares, nan=np.inf)
+def _of_windows(
+    model: AxisModel, motions: Sequence[AxisMotion], rows: NDArray[np.int64], starts: NDArray[np.float64]
+) -> AxisExperiment:
+    """Return the experiment of windows: record, first row and count (w, 3), and position and speed there (w, 2)."""
+    force, speed, acceleration = (
+        max(float(np.abs(values(one)).max()) for one in motions)
+        for values in (lambda one: one.record.force, lambda one: one.speed, lambda one: one.acceleration)
+    )
+    places, measured, block, begin = [], [], [], 0
+    for window, (number, first, count) in enumerate(rows.tolist()):
+        record = motions[number].record
+        every = max(1, round(_COMPARED_EVERY / record.sample_time))
+        steps = np.arange(min(every, count), count + 1, every)
+        places.append(begin + steps - 1)
+        measured.append(record.position[first + steps])
+        block.append(np.full(len(steps), window))
+        begin += count
+    of_record = [
+        (max(one.noise, 1e-9 * float(np.ptp(one.record.position))), _START_SPEED * one.usual_speed)
+        for one in motions
+    ]
+    sizes = np.array(of_record)[rows[:, 0]]
+    which, firsts, counts = rows.T.copy()
+    return AxisExperiment(
+        parameters=model.parameters(force=force, speed=speed, acceleration=acceleration),
+        block=np.concatenate(block),
+        block_log=which,
+        state_steps=_START_STEPS,
+        state_weight=sizes[:, 0],
+        model=model,
+        motions=tuple(motions),
+        firsts=firsts,
+        counts=counts,
+        starts=starts,
+        sizes=sizes,
+        compared=np.concatenate(places),
+        measured=np.concatenate(measured),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,7 +160,7 @@ class AxisEstimate:
     """A model's parameters, fitted to windows."""
 
     experiment: AxisExperiment
-    end: AxisPoint
+    end: BlockErrors
     values: dict[str, float]  #: by name, SI units
     standard_errors: dict[str, float]  #: by name, clustered by window; NaN for a parameter at a bound
     correlation: NDArray[np.float64]  #: (p, p) of the parameters' errors
@@ -371,18 +238,13 @@ def fit_axis(experiment: AxisExperiment, start: Values) -> AxisEstimate:
         raise InputError(
             "The simulation of the axis diverges over windows of the record; check the unit of the force."
         )
-    found = fit(experiment, point, refused=np.zeros(len(point), dtype=bool), most_steps=_MOST_STEPS)
-    end, equations = found.finished.end, found.finished.equations
-    # an axis passes its slow speeds in a few windows, which a fit follows closely
-    kept = found.estimated & (equations.normal.matrix.diagonal() > 0.0)
-    C = covariance(leverage_corrected(equations.matrices, equations.scores, kept), kept)
-    errors = np.sqrt(C.diagonal()) * experiment.coordinates.slopes(end.point)
+    found = fit(experiment, point)
     return AxisEstimate(
         experiment=experiment,
-        end=end,
-        values=experiment.values(end.point),
-        standard_errors=dict(zip(experiment.model.names, errors.tolist(), strict=True)),
-        correlation=correlation(C),
+        end=found.finished.end,
+        values=experiment.values(found.finished.point),
+        standard_errors=dict(zip(experiment.model.names, found.errors.tolist(), strict=True)),
+        correlation=correlation(found.covariance),
     )
 
 
@@ -400,7 +262,7 @@ def held_out_squares(estimate: AxisEstimate) -> NDArray[np.float64]:
         out = np.concatenate(blocks[fold::_FOLDS])
         kept = np.setdiff1d(np.arange(count), out)
         part, rest = (
-            (experiment.part(rows), replace(estimate.end, moved=estimate.end.moved[rows]))
+            (experiment.part(rows), replace(estimate.end, states=estimate.end.states[rows]))
             for rows in (kept, out)
         )
         begin, free = part[0].begin(estimate.end.point, part[1]), experiment.coordinates.free

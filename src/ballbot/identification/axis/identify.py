@@ -433,7 +433,9 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
 def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
     """Warn if the motion shows that the force acts later or earlier than its rows, by one step of Gauss-Newton."""
     model = replace(fit.model, forces=(*fit.model.forces, "delay"))
-    late = replace(fit.experiment, model=model)
+    late = AxisExperiment.of(
+        model, fit.experiment.motions, window_duration([one.record for one in fit.experiment.motions])
+    )
     point = late.scaled({**fit.values, "delay": 0.0})
     equations = late.equations(replace(fit.end, point=point))
     H, scores = equations.normal.matrix, equations.scores

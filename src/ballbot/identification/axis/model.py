@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.parameter import Parameter, ParameterSpace, Scale
+from ballbot.fitting.parameter import Parameter, Scale
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import NO_TERMS, stribeck_curve
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumbers, Inertia, move
@@ -113,14 +113,14 @@ class AxisModel:
         """Return the axis with these parameters and the known ones."""
         return Axis(values={**self.known, **values}, interpolated=self.interpolated)
 
-    def space(self, *, force: float, speed: float, acceleration: float) -> ParameterSpace:
+    def parameters(self, *, force: float, speed: float, acceleration: float) -> tuple[Parameter, ...]:
         """Return the parameters with the bounds that a record's largest force, speed and acceleration set."""
         sizes = {"kg": force / acceleration, "N s/m": force / speed, "N": force, "m/s": speed}
         named = []
         for parameter in (PARAMETERS[name] for name in self.names):
             size, (lower, upper) = sizes.get(parameter.unit, 1.0), parameter.bounds
             named.append(replace(parameter, bounds=(lower * size, upper * size)))
-        return ParameterSpace(parameters=tuple(named))
+        return tuple(named)
 
 
 class _Numbers(NamedTuple):

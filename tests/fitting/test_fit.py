@@ -1,0 +1,53 @@
+"""The one fit on plain experiments, against closed forms."""
+
+import numpy as np
+
+from ballbot.fitting.experiment import Residuals
+from ballbot.fitting.fit import fit
+from ballbot.fitting.parameter import Limits, Parameter
+
+
+def signed(name: str, bounds: Limits = (-5.0, 5.0)) -> Parameter:
+    return Parameter(name=name, symbol=name, unit="1", scale="signed", bounds=bounds, default=0.0)
+
+
+def line(seed: int, **more: Limits) -> tuple[Residuals, np.ndarray, np.ndarray]:
+    """Return the experiment of a linear model with two parameters, its columns and its values."""
+    random = np.random.default_rng(seed)
+    X = random.normal(size=(400, 2))
+    values = X @ [0.3, -0.8] + 0.1 * random.normal(size=400)
+    made = Residuals(
+        parameters=(signed("a", **more), signed("b")),
+        residuals_of=lambda p: (X @ p - values).reshape(100, 4),
+        block=np.arange(400),
+        block_log=np.zeros(400, dtype=np.int64),
+    )
+    return made, X, values
+
+
+def test_fit_of_a_linear_model_is_the_closed_form_with_the_jackknife_of_its_rows():
+    made, X, values = line(11)
+    found = fit(made, made.coordinates.scaled(np.zeros(2)))
+    np.testing.assert_allclose(found.values, np.linalg.lstsq(X, values, rcond=None)[0], atol=1e-9)
+    plain = np.linalg.inv(X.T @ X) * np.mean((values - X @ found.values) ** 2)
+    # rows are independent; their squares scatter
+    np.testing.assert_allclose(found.covariance, plain, rtol=0.25, atol=0.1 * plain.max())
+
+
+def test_fit_ends_at_a_bound_and_gives_no_error_there():
+    made, X, values = line(12, bounds=(-5.0, 0.2))
+    found = fit(made, made.coordinates.scaled(np.zeros(2)))
+    assert found.at_bound.tolist() == [True, False]
+    assert np.isnan(found.errors[0])
+    np.testing.assert_allclose(
+        found.values[1], X[:, 1] @ (values - 0.2 * X[:, 0]) / (X[:, 1] @ X[:, 1]), atol=1e-6
+    )
+
+
+def test_part_of_an_experiment_is_the_experiment_of_these_blocks():
+    made, X, values = line(13)
+    part = made.part(np.arange(100, 300)).part(np.arange(50, 150))
+    found = fit(part, part.coordinates.scaled(np.zeros(2)))
+    np.testing.assert_allclose(
+        found.values, np.linalg.lstsq(X[150:250], values[150:250], rcond=None)[0], atol=1e-9
+    )
