@@ -12,8 +12,9 @@ from ballbot import Log, Model, Robot, identify, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.log.columns import torque_names
+from ballbot.log.formats import is_foreign
 from ballbot.robot.components import Friction
-from campaigns.foreign_logs import commands, draw
+from campaigns.foreign_logs import STYLES, Habits, columns_of, commands, draw, write
 from campaigns.mapping_corpus import judged
 from campaigns.mapping_recordings import FirmwareDeadBand
 from tests.support.foreign_log_examples import small_robot, swaying_log
@@ -38,6 +39,14 @@ def sensed() -> Log:
             "gyro_z": log["psi_dot"],
         }
     )
+
+
+@pytest.mark.parametrize("names", STYLES)
+@pytest.mark.parametrize("layout", ["comma", "decimal_comma", "json", "mat"])
+def test_no_foreign_log_is_taken_for_ballbots(tmp_path, names, layout):
+    habits = Habits(start=0.0, duration=1.0, names=names, layout=layout)
+    path, _ = write(tmp_path / "log", columns_of(sensed(), habits, small_robot(), dead_band=0.0), habits)
+    assert is_foreign(path)
 
 
 @pytest.mark.sample

@@ -156,7 +156,7 @@ def test_a_log_that_contradicts_the_others_is_named(tmp_path):
 
 def test_damping_of_the_heading_is_not_taken_for_reversed_motors():
     """Feedback that damps a heading that noise drives looks like friction of four motors with the opposite sign."""
-    random, azimuths = np.random.default_rng(4), 0.5 * np.pi * np.arange(4)
+    random, azimuths = np.random.default_rng(4), np.linspace(0.0, 1.5 * np.pi, 4)
     rolling = np.array([np.cos(azimuths), np.sin(azimuths)])
     need, speed = (random.standard_normal((4000, 2)) @ rolling for _ in range(2))
     turning = random.standard_normal((4000, 1))
@@ -168,6 +168,7 @@ def test_damping_of_the_heading_is_not_taken_for_reversed_motors():
         friction=np.stack([sign, speed, sign * np.exp(-np.abs(speed))], axis=-1),
         turning=np.ones((4000, 4)),
         block=np.arange(4000) // 100,
+        azimuths=azimuths,
     )
     found = assign(driving, [1] * 4)
     assert (found.wheels, found.signs) == ((0, 1, 2, 3), (1, 1, 1, 1))

@@ -57,6 +57,7 @@ class Driving:
     friction: Floats  #: (N, n, 3) sign, speed and falling sign of each wheel's speed, filtered
     turning: Floats  #: (N, n) fraction of the filter's time in which the wheel turned for certain
     block: NDArray[np.intp]  #: (N,)
+    azimuths: Floats  #: (n,) of the wheels [rad]
 
 
 def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | None:
@@ -77,6 +78,7 @@ def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | 
         friction=np.moveaxis(found[:, :3], 1, -1),
         turning=np.clip(found[:, 3], 0.0, 1.0),
         block=motion.block,
+        azimuths=np.asarray(robot.wheels.azimuths),
     )
 
 

@@ -42,15 +42,25 @@ def advantage_confidence(z: float) -> float:
     return min(0.5 * math.erfc(-ERRORS_WEIGHT * max(z, -10.0) / math.sqrt(2.0)), MOST)
 
 
-def behind(z: float, log_ratio: float, seconds: float, *, least_ratio: float, each_second: float) -> float:
-    """Return by how much (logarithm of odds) an explanation is less likely than one that is z standard errors better.
+def behind(z: Floats, log_ratio: Floats, seconds: float, *, least_ratio: float, each_second: float) -> Floats:
+    """Return by how much (logarithm of odds) explanations are less likely than one that is z standard errors better.
 
     Either the difference repeats in every block of a second, or it is so large that few blocks are enough: then the
     logarithm of the ratio of what the two leave counts from `least_ratio`, with a weight for each second. These are
     chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence.
     """
-    repeated = ERRORS_WEIGHT * min(max(z, 0.0), 60.0)
-    return max(0.5 * repeated**2, each_second * seconds * max(log_ratio - least_ratio, 0.0))
+    repeated = ERRORS_WEIGHT * np.clip(z, 0.0, 60.0)
+    return np.maximum(0.5 * repeated**2, each_second * seconds * np.maximum(log_ratio - least_ratio, 0.0))
+
+
+def gains_over(score: Floats, left_out: Floats) -> tuple[Floats, Floats]:
+    """Return by how much the best of explanations is better than each (H,), and that in standard errors.
+
+    By the logarithms of what they leave, and those (B, H) with each block of a second left out in turn.
+    """
+    best = int(np.argmin(score))
+    gained, errors = score - score[best], jackknife_error(left_out - left_out[:, best : best + 1])
+    return gained, np.where(errors > 0.0, gained / np.maximum(errors, TINY), 0.0)
 
 
 def correlations(x: Floats, y: Floats) -> Floats:
@@ -60,12 +70,12 @@ def correlations(x: Floats, y: Floats) -> Floats:
     return np.divide(x.T @ y, size, out=np.zeros_like(size), where=size > 1e-12)
 
 
-def jackknife_error(estimates: Floats) -> float:
-    """Return the standard error of an estimate from its values (B,) with each block left out; nan below 3 blocks."""
+def jackknife_error(estimates: Floats) -> Floats:
+    """Return the standard errors of estimates from their values (B, ..), each block left out; nan below 3 blocks."""
     count = len(estimates)
     if count < 3:
-        return math.nan
-    return float(np.sqrt((count - 1) / count * np.square(estimates - estimates.mean()).sum()))
+        return np.full(estimates.shape[1:], math.nan)
+    return np.sqrt((count - 1) / count * np.square(estimates - estimates.mean(axis=0)).sum(axis=0))
 
 
 def vertex_with_error(places: Floats, by_block: Floats) -> tuple[float, float]:
@@ -75,7 +85,7 @@ def vertex_with_error(places: Floats, by_block: Floats) -> tuple[float, float]:
         return _vertex(places, total), math.inf  # it may lie beyond
     used = by_block.sum(axis=0) > 0.0
     each = np.array([_vertex(places, total - one) for one in by_block.T[used]])
-    return _vertex(places, total), jackknife_error(each)
+    return _vertex(places, total), float(jackknife_error(each))
 
 
 def _vertex(places: Floats, values: Floats) -> float:

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ballbot.log.checks.lean import block_sums
 from ballbot.log.columns import FACTORS, Bools, Columns, Floats
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
-from ballbot.log.mapping_search.evidence import correlations
+from ballbot.log.mapping_search.evidence import ERRORS_WEIGHT, correlations
 from ballbot.log.mapping_search.names import InputKind, Roles
 from ballbot.log.mapping_search.placement import HeadingTest, LeanTest, heading_test, lean_test
 from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
@@ -43,6 +44,8 @@ WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
 EVEN_TIMES = 0.01
 #: correlations of a gyro with the rates of the angles from which it is taken, and how far its gain may be off [log]
 GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
+#: [s] at the ends, where a fit is from one side, that do not show the handedness; least standard error of what shows it
+GYRO_EDGE, LEAST_PRODUCT_ERROR = 0.3, 0.2
 #: after so many counts an encoder or counter begins again; and an angle in turns, radians or degrees
 PERIODS = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32)), 360.0)
 TURNS = (1.0, 2.0 * math.pi, 360.0)
@@ -113,6 +116,8 @@ class Gyro:
     signs: tuple[int, ...]
     unit: str
     correlations: tuple[float, ...]  #: with the rates of the angles
+    #: logarithm of the odds that roll, pitch and yaw are of the gyro's handedness (`_shared_handedness`)
+    handedness: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -273,10 +278,13 @@ def _gyro(base: Columned, sampled: Floats, attitude: Floats) -> Gyro | None:
     angles, gyro = np.column_stack([attitude[:, :2], yaw]), base.stacked(base.roles.gyro)
     named, found = base.roles.unit(base.roles.gyro), list[Gyro]()
     for width in WIDTHS:
-        rates = _body_rates(smooth(rows, sampled[kept], angles[kept], width=width))
+        turned = smooth(rows, sampled[kept], angles[kept], width=width)
         turning = smooth(rows, sampled[kept], gyro[kept], width=width).value
-        one = _gyro_fit(turning, rates, named, with_yaw=with_yaw)
-        found += [one] if one else []
+        one = _gyro_fit(turning, _body_rates(turned), named, with_yaw=with_yaw)
+        if one is not None:
+            factors = FACTORS["rad/s"][one.unit] * np.asarray(one.signs)
+            shown = _shared_handedness(turned, turning[:, list(one.order)] * factors, with_yaw=with_yaw)
+            found.append(replace(one, handedness=shown))
     return max(found, key=lambda one: min(one.correlations[:2]), default=None)
 
 
@@ -300,6 +308,29 @@ def _gyro_fit(a: Floats, b: Floats, named: str | None, *, with_yaw: bool) -> Gyr
     if abs(math.log(gain * table[unit])) > GYRO_GAIN:
         return None
     return Gyro(order=order, signs=tuple(signs), unit=unit, correlations=tuple(found))
+
+
+def _shared_handedness(angles: Smooth, turning: Floats, *, with_yaw: bool) -> float:
+    """Return the logarithm of the odds that angles (N, 3) and the gyro (N, 3) [rad/s] along them are right-handed.
+
+    Besides the rates of the angles a gyro has products, to first order of the lean k (-psi_dot pitch, psi_dot roll,
+    -pitch_dot roll), with k = 1. An axis that is reversed in both makes k = -1.
+    """
+    roll, pitch, _ = angles.value.T
+    turn = angles.rate[:, 2] if with_yaw else turning[:, 2]
+    products = np.column_stack([-turn * pitch, turn * roll, -angles.rate[:, 1] * roll])
+    left = turning - angles.rate
+    axes, inside = (3 if with_yaw else 2), slice(round(GYRO_EDGE / INTERVAL), -round(GYRO_EDGE / INTERVAL))
+    left, products = left[inside, :axes], products[inside, :axes]
+    block = np.arange(len(left)) // round(1.0 / INTERVAL)
+    left = left - left.mean(axis=0)
+    along, power = (block_sums((products * one).sum(axis=1), block) for one in (left, products))
+    if len(along) < 3 or not power.any():
+        return 0.0
+    k = float(along.sum() / power.sum())
+    error = float(np.linalg.norm(along - k * power) / power.sum())
+    # over blocks, as any other standard error
+    return 2.0 * k * (ERRORS_WEIGHT / max(error, LEAST_PRODUCT_ERROR)) ** 2
 
 
 def _body_rates(attitude: Smooth) -> Floats:

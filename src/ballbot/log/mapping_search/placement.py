@@ -67,6 +67,7 @@ from ballbot.log.mapping_search.evidence import (
     advantage_confidence,
     behind,
     correlations,
+    gains_over,
     jackknife_error,
     probabilities,
     vertex_with_error,
@@ -111,14 +112,14 @@ SAME_WHEELS, TINY_PROBABILITY = 0.028, 1e-3
 ROLLING = 0.2
 
 
-#: lean and yaw are taken to be of the same handedness with this probability before the log is seen
-SAME_HANDEDNESS, SAME_IF_MIRRORED = 0.95, 0.6
 #: a heading that turns by less than this [rad], and the weight of the standard errors z of its handedness. The odds are
 #: exp(z^2): one alone hardly counts, three decide. Against the truth none of 137 variants of the campaign has more than
 #: one, nor a course robot's log more than a half
 STILL_HEADING, STILL_WEIGHT = 0.02, 0.3
 #: correlation of the wheels' sum and the heading's rate at which their ratio is the wheels' unit
 FOLLOWS = 0.9
+#: logarithm of the odds of the largest confidence
+MOST_ODDS = math.log(MOST / (1.0 - MOST))
 #: a heading by the wheels that turns by less than this [rad]: both directions in which all wheels may count make nearly
 #: the same log, and this is the confidence in either
 TURNING_BY_WHEELS, EQUAL_DIRECTIONS = 0.1, 0.95
@@ -244,7 +245,7 @@ def lean_test(
     gains = [_solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
     rest = driven - turning @ _solve(turning, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
-    phase_error = jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase)))
+    phase_error = float(jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase))))
     same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (1.0, -1.0))
     return LeanTest(
         placements=tuple(placements),
@@ -335,8 +336,10 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
         return 0.0
     repeated = -float(ndtri(stdtr(len(gained) - 1, -abs(clarity(gained)))))
     ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
-    odds = behind(repeated, abs(ratio), len(gained), least_ratio=LEAST_RATIO, each_second=0.5)
-    return math.copysign(math.sqrt(2.0 * odds) / ERRORS_WEIGHT, ratio)
+    odds = behind(
+        np.array(repeated), np.array(abs(ratio)), len(gained), least_ratio=LEAST_RATIO, each_second=0.5
+    )
+    return math.copysign(math.sqrt(2.0 * float(odds)) / ERRORS_WEIGHT, ratio)
 
 
 def _solve(X: Complex, y: Complex, weights: Floats) -> Complex:
@@ -446,21 +449,18 @@ def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats) -> dict[int, 
 
     A placement is behind the best by the jackknife of the best's gain, or by so much that few seconds are enough.
     """
-    best, seconds, n = int(np.argmin(score)), len(blocks) * BLOCK, len(every[0][0])
+    seconds, n = len(blocks) * BLOCK, len(every[0][0])
     own, mirrored = tuple(range(n)), (0, *range(n - 1, 0, -1))
-    orders = len({order for order, _ in every})
+    rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / len({order for order, _ in every})
+    gained, z = gains_over(score, blocks)
+    if seconds < SHORT_TIME:
+        z = np.where(gained < math.log(SHORT_MARGIN), np.minimum(z, 1.0 / ERRORS_WEIGHT), z)
+    rest = behind(z, gained, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
     weights = {}
     for other, (order, signs) in enumerate(every):
-        gained = float(score[other] - score[best])
-        error = jackknife_error(blocks[:, other] - blocks[:, best])
-        z = gained / error if error > 0.0 else 0.0
-        if seconds < SHORT_TIME and gained < math.log(SHORT_MARGIN):
-            z = min(z, 1.0 / ERRORS_WEIGHT)
-        rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / orders
         p = OWN_ORDER if order == own else MIRRORED_ORDER if order == mirrored else rare
         p *= EQUAL_SIGNS if len(set(signs)) == 1 else (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1)
-        rest = behind(z, gained, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
-        weights[other] = PRIOR_POWER * math.log(p) - rest
+        weights[other] = PRIOR_POWER * math.log(p) - float(rest[other])
     return probabilities(weights)
 
 
@@ -567,23 +567,27 @@ class SensorFrame:
     handedness: float = 1.0  #: confidence that no other axis of the IMU is reversed
 
 
-def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None) -> SensorFrame:
-    """Return the frame that the tests speak for; the robot's own if there is no lean to test."""
+def frame_of(
+    robot: Robot, tested: LeanTest | None, heading: HeadingTest | None, gyro_shows: float = 0.0
+) -> SensorFrame:
+    """Return the frame that the tests speak for; the robot's own if there is no lean to test.
+
+    `gyro_shows` is the logarithm of the odds that the gyro shows lean and yaw of one handedness by.
+    """
     count = robot.wheel_count
     own = tuple(range(1, count + 1))
     if tested is None:
         return SensorFrame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
     best, beta = tested.placements[0], robot.wheels.azimuths
-    same = 0.0 if heading is None else tested.handedness
-    # numbered in the direction opposite to the robot's
-    mirrored = count > 2 and best.positions == (1, *range(count, 1, -1))
-    prior = SAME_IF_MIRRORED if mirrored else SAME_HANDEDNESS
     weight = STILL_WEIGHT if tested.headings < STILL_HEADING else 1.0
-    shown = min((weight * same) ** 2, math.log(MOST / (1.0 - MOST)))
-    odds = prior / (1.0 - prior) * math.exp(math.copysign(shown, same))
-    same = odds / (1.0 + odds)
+    shown = (
+        0.0
+        if heading is None
+        else math.copysign((weight * tested.handedness) ** 2, tested.handedness) + gyro_shows
+    )
+    same = 1.0 / (1.0 + math.exp(-max(min(shown, MOST_ODDS), -MOST_ODDS)))
     positions, phase, axes = best.positions, best.phase, (1, 1, 1)
-    if same < 0.5:
+    if same < 1.0 - CONFIDENT:  # one handedness is usual, and is taken if the log leaves it open
         reflected = tuple((1 - place) % count + 1 for place in positions)
         if best.positions == own or reflected != own:
             axes = (1, 1, -1)
