@@ -1,6 +1,6 @@
-"""What brings the precise controller's accuracy: a factorial of five differences from the nominal gain, on the twin.
+"""The precise controller's accuracy on three courses, and what brings it: a factorial of five differences, on the twin.
 
-.venv/bin/python -m campaigns.evidence factors
+.venv/bin/python -m campaigns.evidence choice factors
 
 Every combination of `FACTORS` runs the square with every seed, so that the effect of each is known whatever else the
 controller has. The friction is identified from two logs of the nominal twin, as in the demo. Results are kept in
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -27,16 +28,19 @@ from ballbot.control.presets import (
     design_integral_gain,
     precise_controller,
 )
+from ballbot.control.references import Reference, circle, figure_eight, square
 from ballbot.fitting.sweep import identity
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.workflows.controller_choice import SQUARE, compensated_robot
-from ballbot.workflows.grid import Condition, GridRun, TwinRobot
-from ballbot.workflows.statistics import Estimate, Paired, median_with_interval
+from ballbot.workflows.controller_choice import SQUARE, candidates, compensated_robot
+from ballbot.workflows.grid import Condition, Grid, GridRun, TwinRobot, run_grid
+from ballbot.workflows.metrics import Score
+from ballbot.workflows.statistics import Estimate, MedianEstimate, Paired, median_with_interval
 from campaigns.compensation import identified
 from campaigns.section import Section, compared
 
 ALTEN = Robot.load("alten")
+PLANT = TwinRobot(robot=ALTEN, scenario=Scenario.nominal(ALTEN), known=ALTEN)
 SEEDS = tuple(range(600, 603))
 KEPT = Path(__file__).parents[1] / "build" / "controller_factors"
 #: weights of the integrals beside the soft gain's, as large beside its weights of x, y and psi as the stiff gain's are;
@@ -108,13 +112,12 @@ def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
     """Run every cell with every seed, or take the results from file."""
     robot = compensated_robot(identified(ALTEN))
     controllers = {cell: controller_of(robot, cell) for cell in CELLS}
-    plant = TwinRobot(robot=ALTEN, scenario=Scenario.nominal(ALTEN), known=ALTEN)
     runs = [
         GridRun(
             candidate=str(cell),
             controller=controllers[cell],
             condition=Condition(
-                plant=plant,
+                plant=PLANT,
                 reference=SQUARE.reference_spec.reference,
                 duration=SQUARE.duration,
                 seed=seed,
@@ -126,12 +129,11 @@ def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
     made_from = identity({str(cell): [controller_text(one)] for cell, one in controllers.items()}, {})
     files = {f"{one.candidate} {one.condition.seed}": one for one in runs}
     found = compared(KEPT, files, made_from=made_from, stage="comparing controllers", processes=processes)
-    return {
-        cell: np.array(
-            [one.peak_position_error if one.ended is None else np.nan for one in found.of(str(cell))]
-        )
-        for cell in CELLS
-    }
+    return {cell: _peaks(found.of(str(cell))) for cell in CELLS}
+
+
+def _peaks(scores: Sequence[Score]) -> NDArray[np.float64]:
+    return np.array([one.peak_position_error if one.ended is None else np.nan for one in scores])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,12 +172,7 @@ def strongest_interaction(peaks: Peaks, factor: str) -> str:
 
 def campaign() -> Section:
     """Run all cells and return the section of docs/generated/evidence.md."""
-    return section(run_cells(SEEDS))
-
-
-def section(peaks: Peaks) -> Section:
-    """Return the section of the page."""
-    rows = []
+    peaks, rows = run_cells(SEEDS), []
     for cell in CELLS:
         if cell.compensation:
             continue
@@ -191,14 +188,13 @@ def section(peaks: Peaks) -> Section:
                 f"{fell[0]} and {fell[1]}",
             ]
         )
-    count = len(peaks[CELLS[0]])
     return Section(
         title="Where the precise controller's gain comes from",
         before="The 0.5 m square on the nominal twin, not on a robot: every combination of five differences between "
         "the nominal controller and the precise one, friction identified from two of its logs, on-board sensors only, "
-        f"{count} seeds, the same for all. Median peak error of the true position once settled [mm], without and with "
-        "full compensation, and their ratio seed by seed (geometric mean and 95 % interval over the seeds). The stiff "
-        "gain has its lean and torque limits, the Kalman filter its narrow speed band.",
+        f"{len(SEEDS)} seeds, the same for all. Median peak error of the true position once settled [mm], without and "
+        "with full compensation, and their ratio seed by seed (geometric mean and 95 % interval over the seeds). The "
+        "stiff gain has its lean and torque limits, the Kalman filter its narrow speed band.",
         columns=["gain", "state", "shaping", "observer", "without", "with", "without / with", "falls"],
         rows=rows,
         after=_effects_table(peaks),
@@ -234,3 +230,53 @@ def _ratio(found: Estimate) -> str:
 def _millimetres(peaks: NDArray[np.float64]) -> str:
     found = median_with_interval(peaks)
     return f"{1e3 * found.median:.1f}" if found.runs else "–"
+
+
+#: of the study's targets: each a reference, and how long it is followed [s]
+COURSES: Mapping[str, tuple[Reference, float]] = {
+    "square": (square(), 32.0),
+    "circle": (circle(), 40.0),
+    "figure eight": (figure_eight(), 46.0),
+}
+COURSE_SEEDS = tuple(range(600, 620))
+
+
+def _reference(course: str) -> Reference:
+    return COURSES[course][0]
+
+
+def choice() -> Section:
+    """Run two candidates of `study`, none and precise, on three courses, 20 seeds each."""
+    known = candidates(identified(ALTEN), sample_time=0.005)
+    conditions = [
+        Condition(
+            plant=PLANT, reference=partial(_reference, course), duration=duration, seed=seed, course=course
+        )
+        for course, (_, duration) in COURSES.items()
+        for seed in COURSE_SEEDS
+    ]
+    found = run_grid(
+        Grid(controllers={name: known[name] for name in ("none", "precise")}, conditions=conditions)
+    )
+    rows = []
+    for course in COURSES:
+        scores = [found.of(name, course) for name in ("none", "precise")]
+        none, precise = map(_peaks, scores)
+        falls = [sum(one.ended is not None for one in runs) for runs in scores]
+        medians = [_interval(median_with_interval(peaks), 1e3) for peaks in (none, precise)]
+        ratio = _interval(Paired(none, precise).median_ratio)
+        worst = f"{1e3 * max(precise):.1f}"
+        rows.append([course, *medians, worst, ratio, f"{falls[0]} and {falls[1]} of {len(COURSE_SEEDS)}"])
+    return Section(
+        title="The precise controller and the soft gain on three courses",
+        before="The precise controller and the nominal gain without compensation on the nominal twin, "
+        f"{len(COURSE_SEEDS)} seeds, friction identified from two of its logs, on-board sensors only. Peak error of "
+        "the true position once settled [mm]: median over the seeds with its 95 % interval, and the ratio seed by "
+        "seed.",
+        columns=["course", "none", "precise", "precise, worst", "none / precise", "falls"],
+        rows=rows,
+    )
+
+
+def _interval(of: MedianEstimate, unit: float = 1.0) -> str:
+    return f"{unit * of.median:.1f} ({unit * of.low:.1f} to {unit * of.high:.1f})"

@@ -22,7 +22,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import square
 from ballbot.estimation import named_estimator
-from ballbot.report import demo_runs
+from ballbot.report import demo
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.metrics import score
 
@@ -41,9 +41,9 @@ def runs_file(runs: Mapping[str, Log]) -> bytes:
     """Return the content of the file with these runs, each with its true states."""
     arrays: dict[str, NDArray[np.int32]] = {}
     for run, log in runs.items():
-        for name, step in demo_runs.steps().items():
+        for name, step in demo.steps().items():
             whole = np.rint(log[name] / step).astype(np.int64)
-            arrays[f"{demo_runs.KEYS[run]} {name}"] = np.diff(whole, prepend=0).astype(np.int32)
+            arrays[f"{demo.KEYS[run]} {name}"] = np.diff(whole, prepend=0).astype(np.int32)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     return buffer.getvalue()
@@ -51,14 +51,14 @@ def runs_file(runs: Mapping[str, Log]) -> bytes:
 
 def main() -> None:
     """Record both runs and write the file."""
-    robot = Robot.load(demo_runs.ROBOT)
+    robot = Robot.load(demo.ROBOT)
     soft = recorded(robot, nominal_controller(robot))
     found = ballbot.identify(robot, soft.without_truth()).robot
     precise = recorded(robot, precise_controller(found))
-    path = Path(demo_runs.__file__).with_name("demo_runs.npz")
-    path.write_bytes(runs_file({demo_runs.SOFT: soft, demo_runs.PRECISE: precise}))
+    path = Path(demo.__file__).with_name("demo_runs.npz")
+    path.write_bytes(runs_file({demo.SOFT: soft, demo.PRECISE: precise}))
     print(f"{path}: {path.stat().st_size} bytes")
-    for name, log in ((demo_runs.SOFT, soft), (demo_runs.PRECISE, precise)):
+    for name, log in ((demo.SOFT, soft), (demo.PRECISE, precise)):
         found_score = score(log)
         print(f"{name}: at most {1000.0 * found_score.peak_position_error:.1f} mm off once settled")
 

@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ballbot.control.controller import Controller
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import figure_eight, square
 from ballbot.estimation import named_estimator
-from ballbot.identification import Identification, identify
+from ballbot.identification import Identification
 from ballbot.log import Log
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_body, scaled_friction
@@ -41,6 +39,7 @@ from ballbot.workflows.controller_choice import (
     choose_controller,
     draw_plants,
 )
+from campaigns.compensation import identified
 from campaigns.section import finished, kept
 
 #: the folder of what is finished, within build
@@ -248,16 +247,8 @@ def studied() -> Studied:
     return kept(KEPT, "study.pickle", _study)
 
 
-def _study_logs() -> list[Log]:
-    controller = nominal_controller(ROBOT)
-    return [
-        simulate(Twin(ROBOT), controller, reference, duration=48.0, seed=seed).without_truth()
-        for seed, reference in ((1, square(side=0.5, period=32.0)), (2, figure_eight()))
-    ]
-
-
 def _study() -> Studied:
-    found = identify(ROBOT, _study_logs(), seed=0)
+    found = identified(ROBOT)
     made = candidates(found, sample_time=SAMPLE_TIME)
     controllers = {name: made[name] for name in CONTROLLERS}
     plants = draw_plants(found, scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)

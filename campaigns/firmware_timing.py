@@ -35,13 +35,6 @@ from tests.support.compiled_firmware import Firmware, library
 _SAMPLES = 400  # of each estimator
 _UPDATES = 40  # of each of ten lanes of a controller
 _PERIOD = 1e-3  # [s]
-#: largest share of the time that a function is to take at 1 kHz
-_AIMS = {
-    "Kalman filter": 0.30,
-    "law: nominal, none, 3 wheels": 0.05,
-    "law: nominal, partial, 3 wheels": 0.05,
-    "law: precise, 3 wheels": 0.05,
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,10 +214,6 @@ def campaign() -> Section:
     """Return the table."""
     whole = image()
     found = timings(samples=_SAMPLES, count=_UPDATES)
-    worst = {one.name: max(run.cycles for run in one.runs) for one in found}
-    within = "; ".join(
-        f"{name} within {share:.0%} up to {share * CLOCK / worst[name]:,.0f}" for name, share in _AIMS.items()
-    )
     return Section(
         title="The firmware on the processor",
         before="The estimators and controllers of the firmware on an emulated Cortex-M4F, compiled by Clang with -O2: "
@@ -237,6 +226,5 @@ def campaign() -> Section:
             "flash, B", "RAM, B", "stack, B",
         ],
         rows=[one.cells() for one in found],
-        after=f"Samples a second up to which the aims for 1,000 are met: {within}. The whole library takes "
-        f"{whole.flash:,} bytes of flash and {whole.ram} bytes of variables.",
+        after=f"The whole library takes {whole.flash:,} bytes of flash and {whole.ram} bytes of variables.",
     )  # fmt: skip

@@ -18,7 +18,7 @@ from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
 from ballbot.workflows.metrics import position_error, rms_torque_change, settled
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, RobustDesign, robust_design
-from campaigns.compensation import identified_robot
+from campaigns.compensation import identified
 from campaigns.section import Section
 
 EFFORT = Effort(robots=200, generations=15, population=10, fresh=500)
@@ -36,7 +36,7 @@ RUN, SETTLE = 32.0, 6.0
 
 def campaign() -> Section:
     """Search, compare, and return the section of docs/generated/evidence.md."""
-    robot = identified_robot(Robot.load("alten"))
+    robot = identified(Robot.load("alten")).robot
     began = perf_counter()
     found = robust_design(
         robot,

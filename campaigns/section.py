@@ -11,14 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 import ballbot
 from ballbot.errors import InputError
-from ballbot.files import read_sealed, write_sealed, write_text
+from ballbot.files import read_bytes, read_json, write_bytes, write_text
 from ballbot.fitting.sweep import ALL_CORES, Processes, RunFolder, Workers, identity
 from ballbot.progress import Progress, ignore_progress
 from ballbot.report.style import drawn
@@ -85,8 +85,8 @@ def finished(
     folder: RunFolder[Made, Made] = RunFolder(
         path=BUILD / name,
         made_from=identity({}, {"code": sources_of(*packages)} if packages else {}),
-        write=lambda path, made: write_sealed(path, pickle.dumps(made)),
-        read=lambda path: cast("Made", pickle.loads(read_sealed(path))) if path.exists() else None,
+        write=lambda path, made: write_bytes(path, pickle.dumps(made)),
+        read=lambda path: cast("Made", pickle.loads(read_bytes(path))) if path.exists() else None,
     )
 
     def report(now: Progress) -> None:
@@ -126,12 +126,12 @@ def _scored(run: GridRun) -> Score:
 
 
 def _write_score(path: Path, made: Score) -> None:
-    write_sealed(path, json.dumps(asdict(made)).encode())
+    write_text(path, json.dumps(asdict(made)))
 
 
 def _read_score(path: Path) -> Score | None:
     try:
-        return Score(**json.loads(read_sealed(path)))
+        return Score(**cast("dict[str, Any]", read_json(path)))
     except InputError:  # not there, or not whole
         return None
 

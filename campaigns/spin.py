@@ -16,7 +16,7 @@ import numpy as np
 
 from ballbot.processes import worker_pool
 from ballbot.vision.seam import basketball_seam, tennis_seam
-from ballbot.vision.spin import Setup, measure_spin
+from ballbot.vision.spin import measure_spin
 from ballbot.vision.video import open_video
 from campaigns.section import Section
 from tests.support.ball_video import (
@@ -115,7 +115,7 @@ def score(kind: Kind, *, seed: int, duration: float | None = None) -> Score:
         rate = kind.scene.camera.frame_rate
         write_video(path, render(kind.scene, motion, duration=length), frame_rate=rate, codec=kind.codec)
         started = process_time()
-        spin = measure_spin(open_video(path), Setup(seam=kind.scene.seam))
+        spin = measure_spin(open_video(path), seam=kind.scene.seam)
         seconds = process_time() - started
     true = motion.omega_at(spin.t)
     known = spin.known

@@ -104,7 +104,7 @@ def try_commands(python: Path, folder: Path) -> None:
     ballbot("new mine --from rezero")
     ballbot("completion bash")
     ballbot("demo --no-browser --out demo")
-    assert {"demo.html", "demo_result.js"} <= {path.name for path in (work / "demo").iterdir()}
+    assert {"demo.html", "report.html"} <= {path.name for path in (work / "demo").iterdir()}
     ballbot("design alten --out designed")
     ballbot("export designed/controller.toml --robot alten --out firmware")
     assert any((work / "firmware").rglob("*.c"))

@@ -13,15 +13,11 @@ from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import nominal_controller
 from ballbot.findings import Finding, note, warning
-from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.sweep import digest
-from ballbot.identification.agreement import StageEstimate
 from ballbot.identification.driveline import DrivelineFit
-from ballbot.identification.upside_down import UpsideDown
-from ballbot.identification.verdict import Verdict
-from ballbot.identification.windows import Span
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
+from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.summary import HEIGHT, WIDTH, Summary, first_texts
 from ballbot.twin.scenario import Scenario
@@ -29,7 +25,7 @@ from ballbot.twin.scenario_file import EXAMPLES, scenario_of
 from ballbot.workflows.controller_design import design_controller
 from ballbot.workflows.limits import LimitBounds, Plane, RobotLimits
 from ballbot.workflows.recovery_region import Region
-from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, leaning
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.screen import assert_fits_a_screen
 
@@ -40,26 +36,6 @@ LQR = LqrDesign(
     cost=np.eye(10),
     sample_time=5e-3,
 )
-
-
-def upside_down() -> UpsideDown:
-    errors = np.array([0.1, 0.2, 0.3])
-    spans = (Span(log=0, start=0.0, end=1.0),)
-    return UpsideDown(
-        robot=alten(FRICTION),
-        verdict=Verdict(gain=Gain(share=0.9, lower=0.88, upper=0.92), windows=1, reasons=()),
-        estimate=StageEstimate(
-            source="the logs upside down",
-            labels=("b1", "b2", "b3", "c1", "c2", "c3", "s1", "s2", "s3", "v_s"),
-            values=np.array([0.01, 0.02, 0.03, *[0.1] * 3, *[0.05] * 3, 0.6]),
-            covariance=np.diag([*[0.001**2] * 3, *[0.01**2] * 3, *[np.nan] * 3, 0.01]),
-        ),
-        held_out={"found": errors, "none": 10.0 * errors},
-        fit_windows=spans,
-        held_out_windows=spans,
-        window=1.0,
-        findings=tuple(warning("bound", f"Warning {number}.") for number in range(5)),
-    )
 
 
 def driveline() -> DrivelineFit:
@@ -89,26 +65,9 @@ def limits() -> RobotLimits:
 
 
 def batch() -> ClosedLoopBatch:
-    never = np.inf
-    return ClosedLoopBatch(
-        t=np.array([0.0, 0.5]),
-        states=np.full((4, 2, 10), 0.1),
-        finals=np.full((4, 10), 0.1),
-        torques=np.ones((4, 2, 3)),
-        seen=np.full((4, 2, 10), 0.1),
-        commanded=np.ones((4, 2, 3)),
-        wheel_angles=np.zeros((4, 2, 3)),
-        wheel_speeds=np.zeros((4, 2, 3)),
-        gyro=np.zeros((4, 2, 3)),
-        references=np.zeros((2, 10)),
-        sample_time=0.5,
-        fallen_leans=np.array([0.6]),
-        ended=np.array([never, 0.5, 0.75, 0.25]),
-        settled=np.array([0.8, never, never, never]),
-        lifted=np.array([False, False, False, True]),
-        slipped=np.zeros(4, dtype=bool),
-        torque_change=np.linspace(0.0, 1.0, 4),
-    )
+    """Return three robots of which one falls."""
+    starts = np.array([leaning(lean) for lean in (0.0, 0.01, 0.9)])
+    return simulate_batch(alten(FRICTION), "nominal", "hold", duration=0.5, initial_states=starts)
 
 
 def scenario_with_everything() -> Scenario:
@@ -131,7 +90,6 @@ RESULTS = {
     "gain": lambda: LQR,
     "gain with integral": lambda: replace(LQR, integral_gain=GAIN[:, :3]),
     "controller design": lambda: design_controller(alten(FRICTION)),
-    "upside down": upside_down,
     "driveline": driveline,
     "limits": limits,
 }
@@ -145,7 +103,7 @@ def test_result_fits_a_screen(name):
 @pytest.mark.parametrize(
     "name",
     [
-        "robot", "log", "controller", "gain with integral", "upside down", "driveline", "limits",
+        "robot", "log", "controller", "gain with integral", "driveline", "limits",
     ],
 )  # fmt: skip
 def test_plot_returns_a_figure_that_a_notebook_shows(name):

@@ -121,7 +121,7 @@ def copy_pages(app: Sphinx, error: Exception | None) -> None:
 
 def replay_of_the_demo() -> str:
     """Return the page with the runs that ship with Ballbot."""
-    from ballbot.report.demo_runs import read_runs, robot_of_runs
+    from ballbot.report.demo import read_runs, robot_of_runs
     from ballbot.viewer.page import replay_page
 
     return replay_page(read_runs(), robot_of_runs(), title="One robot, two controllers, the same square")

@@ -23,15 +23,9 @@ def missing_package(what: str, package: str, *, extra: str) -> InputError:
     return InputError(f"{what} needs {package}; install it with: pip install 'ballbot[{extra}]'.")
 
 
-def nearest(
-    word: str,
-    choices: Iterable[str],
-    *,
-    count: int = 1,  # the most that are returned
-    likeness: float = 0.6,  # least likeness of a choice, from 0 to 1 (the ratio of `difflib`)
-) -> list[str]:
-    """Return the choices that are most like a misspelt word, the best first."""
-    return get_close_matches(word, list(choices), n=count, cutoff=likeness)
+def nearest(word: str, choices: Iterable[str], *, likeness: float = 0.6) -> list[str]:
+    """Return the choice that is most like a misspelt word, at least so like it (the ratio of `difflib`), or none."""
+    return get_close_matches(word, list(choices), n=1, cutoff=likeness)
 
 
 def either(words: Iterable[str]) -> str:
@@ -51,13 +45,8 @@ def suggest(
     choices: Iterable[str],  # what it could be
     *,
     otherwise: str,  # introduction of the list of all choices if none is near, such as "the names are"
-    # count and likeness: as for `nearest`
-    count: int = 1,
-    likeness: float = 0.6,
 ) -> str:
     """Return the end of a sentence on an unknown word: did you mean 'square'?"""
     choices = list(choices)
-    near = nearest(word, choices, count=count, likeness=likeness)
-    if near:
-        return f"did you mean {either(map(repr, near))}?"
-    return f"{otherwise} {', '.join(choices)}."
+    near = nearest(word, choices)
+    return f"did you mean {near[0]!r}?" if near else f"{otherwise} {', '.join(choices)}."

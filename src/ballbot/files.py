@@ -174,7 +174,6 @@ def _short(words: object) -> str:
 
 #: so much of a file's name is in the name of the part of it that is not yet whole; names have limits
 _PARTIAL_NAME = 40
-_SEAL_LENGTH = len("\nsha256 ") + 64
 
 
 def check_file(
@@ -241,30 +240,6 @@ def write_text(path: str | Path, text: str) -> None:
     What is not Unicode, as a file's name may hold, becomes \udcff: text that does not stop a report from being written.
     """
     write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
-
-
-def write_sealed(path: str | Path, data: bytes) -> None:
-    """Write a file of work that is gone on with, whole or not at all, with a checksum after it; see `read_sealed`."""
-    write_bytes(path, data + _seal(data))
-
-
-def read_sealed(path: str | Path) -> bytes:
-    """Return the data that `write_sealed` wrote; InputError if it cannot be read, is damaged or was edited."""
-    try:
-        found = check_file(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {_reason(error)}.") from None
-    data = found[:-_SEAL_LENGTH]
-    if found[-_SEAL_LENGTH:] != _seal(data):
-        raise InputError(
-            f"{path} is damaged, was edited or comes from another version of Ballbot; delete it to start "
-            "again."
-        )
-    return data
-
-
-def _seal(data: bytes) -> bytes:
-    return b"\nsha256 " + hashlib.sha256(data).hexdigest().encode()
 
 
 def sha256_of(path: Path) -> str:

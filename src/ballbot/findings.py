@@ -31,7 +31,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "between-logs": "how far the estimate from another log may be",
         "chatter": "the wheels oscillate within the play of the gears",
         "closed-loop": "which model predicts the closed loop better",
-        "coarse": "a lean or its rate comes in coarse steps",
         "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
         "constant": "a column never changes",
         "correlated": "parameters that the data cannot separate",
@@ -202,7 +201,7 @@ def check_codes(
     codes = tuple(dict.fromkeys(accept))
     for code in codes:
         if code not in CODES:
-            hint = suggest(code, listed, otherwise="the codes are", count=3, likeness=0.5)
+            hint = suggest(code, listed, otherwise="the codes are")
             raise InputError(f"There is no finding with the code {code!r} to accept; {hint}")
     return codes
 

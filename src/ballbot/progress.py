@@ -7,9 +7,12 @@ is not guessed.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from html import escape
 from time import monotonic
+from typing import Any
 
 from ballbot.printable import printable_line
 
@@ -95,3 +98,52 @@ def as_clock(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+class NotebookProgress:
+    """A progress callback that shows work as one line of a notebook's cell, and does nothing elsewhere.
+
+    Nothing is shown before work has taken a second. No package is needed: a notebook has IPython.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float] = monotonic,  # gives the time [s]; another one is for tests
+    ) -> None:
+        self._clock, self._pace = clock, Pace(clock)
+        self._cell: int | None = None  # whose line is shown
+        self._line: Any = None  # its place in the cell's output
+        self._due = 0.0  # when the next line is [s]
+
+    def __call__(self, progress: Progress) -> None:
+        """Show how far work has come, if it is time to."""
+        shell = running_notebook()
+        if shell is None:
+            return
+        now = self._clock()
+        if shell.execution_count != self._cell:
+            self._cell, self._line, self._due = shell.execution_count, None, now + 1.0
+        self._pace.note(progress)
+        if now < self._due and (self._line is None or progress.share < 1.0):
+            return
+        self._due = now + 0.2
+        text = printable_line(progress_line(progress, self._pace.left()))
+        bar = f'<progress max="1" value="{progress.share:.4f}"></progress> {escape(text)}'
+        shown = {"text/plain": text, "text/html": bar}
+        if self._line is None:
+            from IPython.display import display  # pyright: ignore[reportMissingImports]
+
+            self._line = display(shown, raw=True, display_id=True)
+        else:
+            self._line.update(shown, raw=True)
+
+
+def running_notebook() -> Any:
+    """Return the shell of the notebook that this process works for; None if it works for none."""
+    ipython = sys.modules.get("IPython")  # a notebook has imported it
+    shell = ipython.get_ipython() if ipython is not None else None
+    return shell if shell is not None and hasattr(shell, "kernel") else None  # a terminal has no kernel
+
+
+#: of everything that reports to nobody else
+in_notebook = NotebookProgress()

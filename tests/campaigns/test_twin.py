@@ -1,5 +1,6 @@
 """What the thesis observed, on the twin: samples of `campaigns.twin_observed`."""
 
+import numpy as np
 import pytest
 
 from ballbot.twin import Scenario
@@ -25,8 +26,7 @@ def test_play_causes_impulses() -> None:
     played, without = (
         twin_observed.impulses(closed_loop(Run(scenario=one, duration=16.0))) for one in PLAY.values()
     )
-    assert played.largest > 4 * without.largest
-    assert played.kurtosis > 4 * without.kurtosis
+    assert (np.array(played) > 4 * np.array(without)).all()
 
 
 @pytest.mark.sample

@@ -72,17 +72,6 @@ def test_wiring_passes_and_writes_what_it_measured(tmp_path):
     assert "The wiring is right." in (tmp_path / "wiring" / "report.html").read_text(encoding="utf-8")
 
 
-def test_controller_is_sent(tmp_path, capsys):
-    write_controller(
-        nominal_controller(Robot.load("alten"), compensation="none"), tmp_path / "controller.toml"
-    )
-    words = ["run", "send", "--emulated", "--controller", str(tmp_path / "controller.toml")]
-    assert main(words) == 0
-    assert "is on the robot already" in capsys.readouterr().out
-    assert main([*words, "--lean", "0.3"]) == 0
-    assert "was sent" in capsys.readouterr().out
-
-
 @contextmanager
 def balancing(folder):
     """Hold a process that balances an emulated robot, from when its recording grows."""

@@ -61,11 +61,3 @@ def test_part_of_a_log_is_shown(capsys):
     assert main(words) == 0
     assert '"rows":26' in Path("replay.html").read_text(encoding="utf-8")  # 0.495 s at 50 Hz
     assert "no row from" in refused(capsys, "log.csv", "--robot", "alten", "--start", "9", "--save", "r.html")
-
-
-@pytest.mark.usefixtures("folder")
-def test_video_needs_ffmpeg(capsys, monkeypatch):
-    monkeypatch.setenv("PATH", "")
-    words = ("log.csv", "--robot", "alten", "--video", "replay.mp4")
-    assert "A video needs ffmpeg" in refused(capsys, *words)
-    assert not Path("replay.mp4").exists()

@@ -35,8 +35,8 @@ def designed_gain() -> np.ndarray:
 
 def compensating(share: float, parts: Parts = Parts()) -> Controller:  # noqa: B008 (frozen)
     """Return a controller that compensates that share of the robot's friction."""
-    believed = ROBOT.replace(friction=scaled_friction(FRICTION, share))
-    return Controller(believed, designed_gain(), compensation="full", parts=parts)
+    assumed = ROBOT.replace(friction=scaled_friction(FRICTION, share))
+    return Controller(assumed, designed_gain(), compensation="full", parts=parts)
 
 
 def spin_after(controller: Controller, spin: float) -> float:

@@ -322,20 +322,6 @@ def test_reset_restores_the_initial_state() -> None:
     np.testing.assert_allclose(fresh.update(run.readings[-1])[:2], [1.0, 2.0], atol=0.1)
 
 
-def test_four_wheels_reach_the_same_accuracy() -> None:
-    azimuths = tuple(np.pi / 4 + np.pi / 2 * np.arange(4))
-    robot = ALTEN.replace(wheels=replace(ALTEN.wheels, azimuths=azimuths), friction=Friction.none(4))
-    kalman = KalmanFilter(robot, sample_time=H)
-    state = np.zeros(10)
-    for _ in range(20):
-        state = kalman.update(
-            Reading(
-                wheel_angles=np.zeros(4), wheel_speeds=np.zeros(4), gyro=np.zeros(3), attitude=np.zeros(3)
-            )
-        )
-    np.testing.assert_allclose(state, 0.0, atol=1e-9)
-
-
 def test_invalid_filter_parameters_are_refused() -> None:
     with pytest.raises(InputError, match="above 0 s"):
         KalmanFilter(ALTEN, sample_time=0.0)

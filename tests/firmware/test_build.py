@@ -1,6 +1,5 @@
 """Compiled files are kept in the user's cache folder, by a digest of all that they follow from."""
 
-import os
 import sys
 
 import pytest
@@ -38,7 +37,7 @@ def test_same_parts_are_built_once(folder):
 
 
 @pytest.mark.parametrize(
-    "parts", [["clang", b"int x;"], ["gcc", b"int y;"], ["gccint", b" x;"], ["gcc"], ["gcc", b"int x;", b""]]
+    "parts", [["clang", b"int x;"], ["gcc", b"int y;"], ["gccint", b" x;"], ["gcc", b"int x;", b""]]
 )
 @pytest.mark.usefixtures("folder")
 def test_other_parts_are_another_build(parts):
@@ -47,16 +46,8 @@ def test_other_parts_are_another_build(parts):
     assert builder.times == 2
 
 
-@pytest.mark.parametrize("obstacle", ["a file in its place", "a folder without rights"])
-def test_folder_that_cannot_be_written_is_no_error(folder, obstacle):
-    if obstacle == "a file in its place":
-        folder.parent.write_text("")
-    else:
-        folder.mkdir(parents=True)
-        folder.chmod(0o500)
-        if os.access(folder, os.W_OK):
-            pytest.skip("this user may write everywhere")
-    builder = Builder()
-    found = kept_build("robot.so", ["gcc"], builder)
+def test_folder_that_cannot_be_written_is_no_error(folder):
+    folder.parent.write_text("")  # a file in its place
+    found = kept_build("robot.so", ["gcc"], Builder())
     assert found.read_text() == "build 1"
     assert folder not in found.parents

@@ -66,9 +66,6 @@ CASES: tuple[Case, ...] = (
     _command("record_square", f"record nominal --robot {_ROBOT} --duration 16 --seed 1", sampled=True),
     _command("record_eight", "record nominal --reference figure_eight --duration 40 --seed 2"),
     _command("record_scenario", "record files/scenario.toml --duration 1 --estimator kalman", sampled=True),
-    _command(
-        "record_seeds", f"record nominal --duration 1 --seeds 1-2 --robot {_ROBOT} --compensation partial"
-    ),
     _command("record_sweep", "record nominal --experiment driveline_sweep --duration 63"),
     _command("record_upside_down", "record nominal --experiment upside_down --duration 40"),
     _command("twin_export", "twin export alten --out twin_export/twin.xml", sampled=True),

@@ -29,7 +29,7 @@ from ballbot.identification.swing import (
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.workflows.robot_check import check_swing
-from tests.support.vision_examples import pendulum, sensor_noise, swing_video
+from tests.support.vision_examples import pendulum, sensor_noise
 
 #: of Appendix III: m g r / I
 STIFFNESS = 17.076 * 9.81 * 0.393 / 4.37
@@ -148,22 +148,6 @@ def test_recording_before_and_after_the_swing_is_left_out() -> None:
     assert fit.frequency == pytest.approx(np.sqrt(STIFFNESS), abs=1.5 * fit.frequency_half_width)
     assert 3.0 < fit.swing.t[0] < 3.0 + 2.0 * np.pi / np.sqrt(STIFFNESS)
     assert fit.swing.t[-1] < t[-1] - 10.0
-
-
-@pytest.mark.sample
-def test_swing_angle_is_measured_in_video(tmp_path: Path) -> None:
-    pytest.importorskip("cv2")
-    from ballbot.vision.swing import swing_in_video
-
-    truth = swung(duration=9.0, h=0.05, amplitude=0.3)
-    path = tmp_path / "swing.avi"
-    swing_video(path, truth.angle, rate=20.0)
-    swing = swing_in_video(path)
-    error = swing.values - np.interp(swing.t, truth.t, truth.angle)
-    # a pixel at the body's end, 180 pixels from the pivot, is 6 mrad; a hundred corners find a tenth of it
-    assert float(np.std(error)) < 6e-4
-    fit = fit_swing(swing)
-    assert fit.frequency == pytest.approx(np.sqrt(STIFFNESS), rel=3e-4)
 
 
 def test_gyro_about_any_axis_is_read(robot: Robot) -> None:

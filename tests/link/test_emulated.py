@@ -40,13 +40,13 @@ def emulated(*, capabilities: int = 0, robot: Robot = ROBOT, seed: int = 0) -> E
     )
 
 
-def connected(robot: EmulatedRobot) -> Session:
+def connected(robot) -> Session:
     session = Session(robot, clock=robot.clock)
     session.connect()
     return session
 
 
-def balancing(robot: EmulatedRobot, **options) -> Session:
+def balancing(robot, **options) -> Session:
     """Return a session with a robot that is armed."""
     session = connected(robot)
     assert session.self_test() is SelfTestOutcome.PASSED

@@ -38,7 +38,7 @@ from ballbot.link.messages import (
 )
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError
-from tests.link.test_emulated import H, emulated, parameters
+from tests.link.test_emulated import H, balancing, connected, emulated, parameters
 from tests.support.faulty_transport import Faults, FaultyTransport
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
@@ -122,7 +122,7 @@ class Recording:
     """An emulated robot whose motors and sent bytes are kept."""
 
     def __init__(self, robot: EmulatedRobot) -> None:
-        self.robot = robot
+        self.robot, self.clock = robot, robot.clock
         self.motors: list[tuple] = []
         self.sent: list[bytes] = []
         self.taken: list[bytes] = []
@@ -179,7 +179,7 @@ def any_command(random: np.random.Generator) -> Message:
 def drive(link: FaultyTransport, robot: Recording, *, seed: int) -> None:
     """Connect, test, arm and balance as far as the faults let it, then fall silent."""
     random = np.random.default_rng(seed)
-    session = Session(link, clock=robot.robot.clock)
+    session = Session(link, clock=robot.clock)
     for _ in range(3):
         try:
             session.connect()
@@ -208,7 +208,7 @@ def test_frame_that_fails_a_layer_is_not_acted_on_and_the_end_is_safe(kind, seed
     for k, data in enumerate(robot.taken):
         # an answer to what comes now is sent in this sample
         sessions = answered_sessions(robot.sent[k])
-        active = k > 0 and is_active(robot, k - 1)
+        active = k > 0 and bool(robot.motors[k - 1][1])
         for frame in model.accepted(data, active=active, sessions=sessions):
             other.write(frame)
         other.read(0.0)
@@ -222,17 +222,11 @@ def test_frame_that_fails_a_layer_is_not_acted_on_and_the_end_is_safe(kind, seed
     assert not armed
     assert not any(torques)
     # a new host: the counts are those of the model, and nothing moves until it arms
-    session = Session(robot, clock=robot.robot.clock)
-    session.connect()
+    session = connected(robot)
     assert session.state is None or not session.state.armed
     counts = session.ask_counts()
     assert counts.refused.tolist() == model.counts.refused
     assert counts.accepted == model.counts.accepted + 2  # the handshake and the question itself
-
-
-def is_active(robot: Recording, sample: int) -> bool:
-    """Return whether the robot's motors were enabled after a sample."""
-    return bool(robot.motors[sample][1])
 
 
 SILENT_FOR = 0.05  # [s] that the robot waits for a valid frame
@@ -241,10 +235,7 @@ SILENT_FOR = 0.05  # [s] that the robot waits for a valid frame
 @pytest.mark.parametrize("place", list(ControllerPlace))
 def test_silence_stops_the_robot_within_50_ms_latched(place):
     robot = Recording(emulated())
-    session = Session(robot, clock=robot.robot.clock)
-    session.connect()
-    assert session.self_test() is SelfTestOutcome.PASSED
-    assert session.arm(lambda: True, controller=place) is Result.OK
+    session = balancing(robot, controller=place)
     for _ in range(30):
         session.poll(H)
         if place is ControllerPlace.HOST:
@@ -274,7 +265,7 @@ class FirstLost:
     """A transport that loses the first answer to each kind of command, from a time on."""
 
     def __init__(self, robot: Recording) -> None:
-        self.robot, self.seen, self._part = robot, set(), b""
+        self.robot, self.clock, self.seen, self._part = robot, robot.clock, set(), b""
 
     def read(self, timeout: float) -> bytes:
         *whole, self._part = (self._part + self.robot.read(timeout)).split(b"\0")
@@ -297,10 +288,7 @@ class FirstLost:
 
 def test_command_whose_answer_is_lost_is_sent_again():
     robot = Recording(emulated())
-    session = Session(FirstLost(robot), clock=robot.robot.clock)
-    session.connect()
-    assert session.self_test() is SelfTestOutcome.PASSED
-    assert session.arm(lambda: True) is Result.OK
+    session = balancing(FirstLost(robot))
     session.poll(H)
     assert session.state.armed
     session.disarm()
@@ -312,14 +300,14 @@ def test_command_whose_answer_is_lost_is_sent_again():
 def test_host_says_that_the_robot_is_silent_and_stops_sending():
     robot = Recording(emulated())
     link = FaultyTransport(robot, Faults(), seed=0)
-    session = Session(link, clock=robot.robot.clock)
+    session = Session(link, clock=robot.clock)
     session.connect()
     session.poll(H)
     link.dead = True
-    began = robot.robot.clock()
+    began = robot.clock()
     with pytest.raises(LinkError, match=r"silent for \d+ ms"):
         session.poll(1.0)
-    assert robot.robot.clock() - began <= 0.05 + 2 * 0.01  # a wait may last 10 ms
+    assert robot.clock() - began <= 0.05 + 2 * 0.01  # a wait may last 10 ms
     for act in (
         lambda: session.poll(),
         lambda: session.send(Keep()),
@@ -331,10 +319,7 @@ def test_host_says_that_the_robot_is_silent_and_stops_sending():
 
 def test_moving_robot_is_not_taken_over_by_another_host():
     robot = Recording(emulated())
-    first = Session(robot, clock=robot.robot.clock)
-    first.connect()
-    first.self_test()
-    assert first.arm(lambda: True) is Result.OK
+    first = balancing(robot)
     hello = Hello(firmware=firmware_words(), messages=message_words(), state_every=1)
     robot.write(encode(hello, session=4711, sequence=9))
     robot.write(encode(Disarm(), session=4711, sequence=10))
@@ -347,10 +332,7 @@ def test_moving_robot_is_not_taken_over_by_another_host():
 def test_repeated_arming_is_not_arming():
     """All frames of a run that armed the robot, sent again to the same robot switched on anew, do not arm it."""
     robot = Recording(emulated())
-    session = Session(robot, clock=robot.robot.clock)
-    session.connect()
-    session.self_test()
-    assert session.arm(lambda: True) is Result.OK
+    balancing(robot)
     other = Recording(emulated())
     other.read(0.0)  # its clock is a sample further: another session, another number of arming
     for data in robot.taken:
@@ -362,7 +344,7 @@ def test_repeated_arming_is_not_arming():
 @pytest.mark.parametrize("wrong", ["firmware_words", "message_words"])
 def test_firmware_of_another_version_gets_no_session(wrong, monkeypatch):
     robot = Recording(emulated())
-    session = Session(robot, clock=robot.robot.clock)
+    session = Session(robot, clock=robot.clock)
     monkeypatch.setattr(f"ballbot.link.session.{wrong}", lambda: np.ones(8, np.int32))
     with pytest.raises(LinkError, match="another version; export it again"):
         session.connect()
@@ -373,8 +355,7 @@ def test_firmware_of_another_version_gets_no_session(wrong, monkeypatch):
 @pytest.mark.parametrize("late", [9.9, 10.1])
 def test_confirmation_is_good_for_ten_seconds(late):
     robot = Recording(emulated())
-    session = Session(robot, clock=robot.robot.clock)
-    session.connect()
+    session = connected(robot)
     session.self_test()
 
     def think() -> bool:

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 
 import ballbot
@@ -53,12 +52,6 @@ def test_an_error_in_a_log_stops_a_command_with_one_sentence_and_no_folder(
     assert not out.exists()
 
 
-def test_an_unknown_code_is_refused(tmp_path, bad_file, capsys):
-    words = ["identify", "alten", str(bad_file), "--out", str(tmp_path / "out"), "--accept", "sgin"]
-    assert main(words) == 2
-    assert "did you mean" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_validate_goes_on_and_shows_what_was_accepted(tmp_path, bad_file, capsys):
@@ -100,17 +93,3 @@ def test_logs_that_are_checked_are_not_checked_again(monkeypatch, good):
     assert len(calls) == 1
     checked_logs(alten(), CheckedLogs.simulated(good))
     assert len(calls) == 1
-
-
-def test_a_log_without_a_robot_is_checked_for_what_needs_none(good):
-    swapped = good.with_columns({"theta_dot": np.degrees(good["theta_dot"])})
-    with pytest.raises(InputError, match="degrees"):
-        checked_logs(None, swapped)
-
-
-def test_compensation_without_friction_is_reported_as_ineffective(tmp_path, capsys):
-    words = ["simulate", "alten", "--reference", "hold", "--duration", "1", "--out", str(tmp_path / "out")]
-    assert main([*words, "--compensation", "full"]) == 0
-    printed = capsys.readouterr().out
-    assert "full compensation does nothing, because the robot alten has no friction" in printed
-    assert "Run: The robot balances for 1.0 s and leans by " in printed

@@ -116,22 +116,6 @@ def test_torques_and_speeds_beyond_the_limits_of_the_robot_are_reported():
     assert {"torque-limit", "speed-limit"} <= set(kinds(log, robot=ALTEN))
 
 
-def test_misspelt_column_gets_a_note_with_the_nearest_name():
-    log = CLEAN.with_columns({"thetadot": CLEAN["theta_dot"], "battery": CLEAN.t})
-    sentence = only(log, "unknown").text
-    assert "thetadot (did you mean theta_dot?)" in sentence
-    assert "battery" in sentence
-
-
-def test_wheels_of_the_states_agree_with_rigid_motion():
-    found = wheel_agreement(ROLLING, ALTEN)
-    assert found is not None
-    assert found.order == (1, 2, 3)
-    assert found.signs == (1, 1, 1)
-    # 1e-4: the oracle's finite rotations over 10 ms
-    np.testing.assert_allclose(found.gains, 1.0, atol=1e-4)
-
-
 @given(st.permutations([0, 1, 2]), st.tuples(*[st.sampled_from([1, -1])] * 3), st.floats(0.95, 1.05))
 @settings(deadline=None, max_examples=12)
 def test_the_mapping_that_the_wheel_check_proposes_is_the_true_one(order, signs, gain):

@@ -41,14 +41,9 @@ def test_a_copy_is_no_second_log(copy) -> None:
     log, other = run(1), run(2)
     with pytest.raises(InputError, match=r"second is of the same run as first: \d+ of its rows are the same"):
         refuse_copies({"first": log, "other": other, "second": copy(log)})
-    assert logs_among({"other": other, "copy": copy(log)}, fingerprint(log)) in (["copy"], [])
-
-
-def test_the_log_that_was_fitted_is_known_by_its_fingerprint() -> None:
-    log = run(1)
-    logs = {"same": changed(log, slice(None), later=5.0), "shifted": changed(log, slice(None), shift=1e-7)}
-    assert logs_among(logs | {"other": run(2)}, fingerprint(log)) == ["same", "shifted"]
-    assert logs_among(logs, ()) == []
+    assert logs_among({"other": other, "same": changed(log, slice(None), later=5.0)}, fingerprint(log)) == [
+        "same"
+    ]
 
 
 @pytest.mark.parametrize("decimals", [3, 6])

@@ -30,9 +30,3 @@ def test_runs_that_jitter_are_parted_where_time_starts_again():
     # of jitter next to the start, a few rows go with the other run
     assert abs(first - 1200) < 15
     assert end == len(t)
-
-
-def test_a_time_that_is_missing_ends_a_run():
-    t = EVEN.copy()
-    t[500] = np.nan
-    assert longest_run(t) == (501, len(t))

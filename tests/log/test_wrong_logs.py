@@ -99,10 +99,6 @@ def shifted(log: Log, offset: float, *names: str) -> Log:
     return log.with_columns({name: log[name] + offset for name in names})
 
 
-def rounded(log: Log, step: float, *names: str) -> Log:
-    return log.with_columns({name: step * np.round(log[name] / step) for name in names})
-
-
 def turned_imu(log: Log, angle: float) -> Log:
     """Return the log of an IMU that is mounted turned by an angle [degrees] about the vertical; the gyro left out."""
     turn = np.exp(1j * np.radians(angle))
@@ -148,11 +144,15 @@ WRONG_LOGS = [
     ("degrees", "theta is in degrees", lambda log: scaled(log, DEGREES, *LEAN)),
     ("degrees", "theta_dot is in degrees", lambda log: scaled(log, DEGREES, *LEAN_RATES)),
     ("lean-offset", "IMU is mounted at an angle", lambda log: shifted(log, np.radians(5.0), "theta")),
-    ("coarse", "theta comes in steps", lambda log: rounded(log, np.radians(2.0), *LEAN)),
     ("constant", "theta is 0 throughout", lambda log: constant(log, 0.0, "theta")),
     ("sign", "psi and psi_dot have opposite signs", lambda log: scaled(log, -1.0, "psi")),
     ("sign", "gyro_x", lambda log: scaled(log, -1.0, *GYRO)),
     ("swapped", "gyro_x and gyro_y are swapped", lambda log: exchanged(log, ("gyro_x", "gyro_y"))),
+    (
+        "heading-sign",
+        "psi has the opposite sign, with its rate",
+        lambda log: scaled(log, -1.0, "psi", "psi_dot", "gyro_z"),
+    ),
     ("ball-axes", "x and y are swapped, with", lambda log: exchanged(log, ("x", "y"), ("x_dot", "y_dot"))),
     ("scale", "x is in mm, not in m", lambda log: scaled(log, 1000.0, "x", "y")),
     ("lean-scale", "wheel radius, ball radius, gear ratio", lambda log: scaled(log, 1.25, *PLACE)),

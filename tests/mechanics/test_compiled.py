@@ -46,7 +46,7 @@ def run(program: str, cache: Path) -> tuple[str, int]:
     return done.stdout, done.stderr.count("compiles")
 
 
-@pytest.mark.slow
+@pytest.mark.sample  # compiles the closed loop anew
 def test_code_just_compiled_and_code_read_from_disk_give_the_same_bits(tmp_path):
     first = run(BATCH, tmp_path)
     assert first[1] == 1

@@ -1,4 +1,4 @@
-"""The convex step proven: its minimiser against its conditions and Clarabel's, friction's work, break-away, rest."""
+"""The convex step: its minimiser against Clarabel's and its conditions, friction's work, break-away, rest."""
 
 from __future__ import annotations
 
@@ -23,40 +23,31 @@ from tests.support.convex_problems import (
     Kind,
     distance,
     objective,
-    proven_distance,
     random_problem,
     solve_conic,
-    with_minimiser,
 )
 
-#: asked of the minimiser, |nu - minimiser| / |nu_free|; 3e-11 was the worst bound of 3,000 problems
+#: of an objective, over that at rest
 TOLERANCE = 1e-10
 
-each_shape = pytest.mark.parametrize(
-    ("wheel_count", "pivoting"),
-    # what four wheels need takes 5 s to compile
-    [(3, False), (3, True), *(pytest.param(4, one, marks=pytest.mark.slow) for one in (False, True))],
-)
 shapes = st.tuples(st.sampled_from([3, 4]), st.booleans())
 
 
 # --- the minimiser ---------------------------------------------------------------------------------
 
 
-@each_shape
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_minimiser_meets_its_conditions_and_is_no_worse_than_clarabel_s(
-    wheel_count: int, pivoting: bool, kind: Kind
-) -> None:
-    rng = np.random.default_rng(41)
-    for _ in range(8):
-        problem = random_problem(rng, wheel_count=wheel_count, pivoting=pivoting, kind=kind)
-        nu, conic = minimise(*problem), solve_conic(problem)
-        assert proven_distance(problem, nu) < (1e-6 if kind == "almost held" else TOLERANCE)
-        # Clarabel's answer is nowhere lower, but for the kinks: there a contact's speed of nearly zero costs its
-        # friction, which is of first order in it (1.2e-11 was the most of 900 problems)
-        rest = objective(problem, np.zeros_like(nu))
-        assert objective(problem, nu) <= objective(problem, conic) + TOLERANCE * rest
+@given(shapes, st.integers(0, 2**32 - 1), st.sampled_from(KINDS))
+@settings(max_examples=80, deadline=None)
+def test_the_minimiser_is_no_worse_than_clarabel_s(shape: tuple[int, bool], seed: int, kind: Kind) -> None:
+    """Clarabel's answer is nowhere lower, but for the kinks.
+
+    There a contact's speed of nearly zero costs its friction, which is of first order in it (1.2e-11 of 900 problems).
+    """
+    rng = np.random.default_rng(seed)
+    problem = random_problem(rng, wheel_count=shape[0], pivoting=shape[1], kind=kind)
+    nu = minimise(*problem)
+    rest = objective(problem, np.zeros_like(nu))
+    assert objective(problem, nu) <= objective(problem, solve_conic(problem)) + TOLERANCE * rest
 
 
 @given(shapes, st.integers(0, 2**32 - 1))
@@ -77,15 +68,6 @@ def test_the_minimiser_of_friction_by_direction_is_clarabel_s(shape: tuple[int, 
     # and both directions matter: the symmetric law of the forward limits ends elsewhere, unless all is at rest
     if nu.any():
         assert distance(problem, minimise(*problem), nu) > 1e-9 or (problem.C @ nu >= -1e-12).all()
-
-
-@given(shapes, st.integers(0, 2**32 - 1))
-@settings(max_examples=80, deadline=None)
-def test_the_minimiser_that_a_problem_was_made_around_is_found(shape: tuple[int, bool], seed: int) -> None:
-    """Contacts stick at random, many with a force exactly at the limit."""
-    rng = np.random.default_rng(seed)
-    problem, nu = with_minimiser(rng, wheel_count=shape[0], pivoting=shape[1])
-    assert distance(problem, minimise(*problem), nu) < TOLERANCE
 
 
 @given(shapes, st.integers(0, 2**32 - 1), st.sampled_from(KINDS))

@@ -60,16 +60,6 @@ def test_ball_to_wheel_matrix_prints_as_the_thesis_does():
 
 
 @given(robots())
-def test_directions_of_a_wheel_are_an_orthonormal_frame(robot: Robot):
-    n, t, a = contact_directions(robot.wheels), rolling_directions(robot.wheels), axles(robot.wheels)
-    frames = np.stack([n, t, a], axis=-1)
-    identity = np.broadcast_to(np.eye(3), frames.shape)
-    np.testing.assert_allclose(frames.mT @ frames, identity, atol=ROUNDING)
-    np.testing.assert_allclose(np.linalg.det(frames), 1.0, atol=ROUNDING)
-    np.testing.assert_allclose(np.arccos(n[:, 2]), robot.wheels.tilt, atol=1e-12)
-
-
-@given(robots())
 def test_torques_and_speeds_are_dual(robot: Robot):
     """Power does not care how it is counted: what maps torques one way maps speeds the other, transposed."""
     T = transforms(robot)
@@ -128,16 +118,6 @@ def test_body_rates_are_those_of_the_turning_body(theta: float, phi: float, psi:
     w = np.array([w_cross[2, 1], w_cross[0, 2], w_cross[1, 0]])
     # truncation h^2 |Phi_dot|^3 / 6 and rounding eps / h: below 1e-7
     np.testing.assert_allclose(body_rates_matrix(theta, phi, psi) @ Phi_dot, w, atol=1e-7)
-
-
-@given(st.integers(1, 4), st.integers(1, 4))
-def test_angles_of_any_shapes_broadcast(rows: int, columns: int):
-    rng = np.random.default_rng(rows * 10 + columns)
-    theta, phi, psi = rng.normal(size=(rows, 1)), rng.normal(size=columns), 0.4
-    for function in (rotation, body_rates_matrix):
-        whole = function(theta, phi, psi)
-        assert whole.shape == (rows, columns, 3, 3)
-        np.testing.assert_array_equal(whole[-1, 0], function(theta[-1, 0], phi[0], psi))
 
 
 def test_the_wheels_loads_carry_the_robot():

@@ -1,68 +1,26 @@
-"""A block of robots in short loops over lanes against one robot's step in one piece, and robots among others."""
+"""Robots side by side in lanes: each moves as it does alone, and what is no number stays in its lane."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numba import njit
 
-from ballbot import Model, Robot
-from ballbot.mechanics.engine.compiled import FAST
+from ballbot import Model
 from ballbot.mechanics.engine.lanes import (
     LANES,
-    MARGIN,
-    MAX_PARAMETERS,
-    ROWS,
-    STATE,
-    STEP,
-    TORQUE,
-    TRIAL,
-    load,
 )
-from ballbot.mechanics.engine.run import Lanes, code_of, load_state, load_torques, simulate_lanes
-from ballbot.mechanics.engine.smooth import begin_steps, smooth_block
-from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, row_size, selector
-from ballbot.robot import Wheels
-from ballbot.robot.friction_law import MOST_PARAMETERS
-from benchmarks.operations import runge_kutta_step
-from tests.support.control_examples import FRICTION, alten
-
-
-@njit(error_model="numpy", fastmath=FAST)
-def _in_one_piece(selected, work, lane):
-    """The step of one robot, in one piece."""
-    P, state, u = (
-        load(selected, work, lane),
-        load_state(selected, work, lane),
-        load_torques(selected, work, lane),
-    )
-    return runge_kutta_step(selected, P, state, u, work[STEP * LANES + lane])
-
-
-@njit
-def _in_a_block(selected, work, width):
-    begin_steps(selected, work, width)
-    smooth_block(selected, work, width)
-
-
-FOUR = Wheels(
-    radius=0.063,
-    inertia=1e-3,
-    tilt=np.pi / 4,
-    azimuths=tuple(np.pi / 2 * np.arange(4)),
-    rollers=Robot.load("alten").wheels.rollers,
-)
+from ballbot.mechanics.engine.run import Lanes, code_of, simulate_lanes
+from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE
+from tests.support.control_examples import FRICTION, alten, four_wheeled
 
 
 def kind_of_model(kind: str) -> Model:
     """Return a model of that kind with friction on every contact."""
-    robot = Robot.load("alten").replace(friction=FRICTION)
     if kind == "four wheels":
-        four = {name: (*getattr(FRICTION, name), 0.01) for name in ("viscous", "coulomb", "stribeck")}
-        return Model(robot.replace(wheels=FOUR, friction=replace(FRICTION, **four)))
+        return Model(four_wheeled(friction=True))
     if kind == "thesis":
-        return Model(robot, formulation="thesis")
-    return Model(robot, pivoting=0.02 if kind == "pivoting" else None)
+        return Model(alten(FRICTION), formulation="thesis")
+    return Model(alten(FRICTION), pivoting=0.02 if kind == "pivoting" else None)
 
 
 #: each other kind compiles forms of its own
@@ -86,30 +44,6 @@ def rows_like(model: Model, count: int, rng: np.random.Generator) -> np.ndarray:
     rows[:, first] *= rng.uniform(0.5, 2.0, (count, len(first)))
     rows[:, 2] *= rng.uniform(1.0, 1.2, count)
     return rows
-
-
-@pytest.mark.slow
-@kinds
-def test_the_stages_of_a_block_are_the_step_in_one_piece(kind: str) -> None:
-    rng = np.random.default_rng(5)
-    model = kind_of_model(kind)
-    size, n = 5 + model.velocity_count, model.robot.wheel_count
-    work = np.zeros(ROWS * LANES)
-    lanes = work.reshape(ROWS, LANES)
-    lanes[: len(model.packed)] = rows_like(model, LANES, rng).T
-    lanes[STATE : STATE + size] = random_states(LANES, size, rng).T
-    lanes[STATE + 5 : STATE + size, :4] = 0.0  # at rest: no trial of theirs counts
-    lanes[TORQUE : TORQUE + n] = rng.normal(size=(n, LANES))
-    lanes[STEP] = 1e-3
-    _in_a_block(model.selected, work, LANES)
-    counted = set()
-    for lane in range(LANES):
-        end, margin = _in_one_piece(model.selected, work, lane)
-        # the same operations, summed in another order: rounding, relative to each state's largest number
-        assert np.abs(lanes[TRIAL : TRIAL + size, lane] - end).max() < 1e-14 * np.abs(end).max()
-        assert (lanes[MARGIN, lane] > 0.0) == (margin > 0.0)
-        counted.add(bool(margin > 0.0))
-    assert counted == {True, False}
 
 
 @kinds
@@ -153,10 +87,6 @@ def test_nan_in_one_lane_is_flagged_and_leaves_other_lanes_unchanged(bad: float)
     assert not np.isfinite(batch.states[0, -1]).all()
     assert (batch.states[1] == 0.0).all()
     assert list(batch.ended < 4) == [True, False]
-
-
-def test_the_largest_robot_fills_the_rows_of_a_lane() -> None:
-    assert row_size(selector("exact", 4)) + 4 * MOST_PARAMETERS == MAX_PARAMETERS
 
 
 def test_robots_of_different_kinds_have_code_of_their_own() -> None:

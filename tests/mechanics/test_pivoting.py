@@ -1,9 +1,8 @@
-"""The ball that pivots: its sixth velocity against engines, what holds it, where it breaks away, and runs with it."""
+"""The ball that pivots: what holds it, where it breaks away, and runs with it; its equations: test_engines."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -16,63 +15,14 @@ from ballbot import InputError, Model, Robot, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import change_pose, hold
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.model_plant import ModelPlant, lift_off, sinking_and_speeds
-from tests.mechanics.test_engines import ENGINES, TOLERANCE, each_engine, each_kind, relative_difference
-from tests.support.constraint_elimination import NO_PIVOT, constrained, robot_acceleration
+from ballbot.simulation.model_plant import ModelPlant
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
-from tests.support.freed_mechanism import reflected_inertia, rolling_motion
-from tests.support.symbolic_oracle import random_robot, random_state
+from tests.support.freed_mechanism import reflected_inertia
 
-pytestmark = pytest.mark.slow  # the pivoting model's engines take long to compile
-
-STATES = 200
+pytestmark = pytest.mark.sample  # no other test compiles the pivoting model's engines
 
 #: more than any wheel of these robots can exert on the ball [N m]
 HIGH = 1e3
-
-
-def spinning_states(
-    rng: np.random.Generator, wheel_count: int, count: int
-) -> tuple[NDArray, NDArray, NDArray]:
-    """Return q (count, 5), q_dot (count, 6) with the ball's spin to 3 rad/s, and u (count, n)."""
-    states = [random_state(rng, wheel_count) for _ in range(count)]
-    q, q_dot, u = (np.array(part) for part in zip(*states, strict=True))
-    return q, np.column_stack([q_dot, rng.uniform(-3, 3, count)]), u
-
-
-def robots(kind: str, rng: np.random.Generator) -> list[Robot]:
-    return [alten()] if kind == "alten" else [random_robot(rng, int(kind)) for _ in range(20)]
-
-
-@each_engine
-@each_kind
-def test_accelerations_mass_and_energy_equal_the_engine_s(engine: str, kind: str) -> None:
-    """The freed mechanism, held by all constraints but the one that keeps the ball from pivoting."""
-    pytest.importorskip(engine, reason=f"{engine} is not installed")
-    rng = np.random.default_rng(31)
-    some = robots(kind, rng)
-    for robot in some:
-        q, q_dot, u = spinning_states(rng, robot.wheel_count, STATES // len(some))
-        motion, model = rolling_motion(robot, q, q_dot, seed=1), Model(robot, pivoting=0.0)
-        freed = import_module(ENGINES[engine]).freed(robot, motion)
-        solution = constrained(robot, motion, freed, u, released=(NO_PIVOT,))
-        expected = np.column_stack(
-            [robot_acceleration(q, q_dot, solution.accelerations), solution.accelerations[:, 5]]
-        )
-        assert relative_difference(model.acceleration(q, q_dot, u), expected) < TOLERANCE
-
-        weight = (robot.ball.mass + robot.body.mass) * robot.gravity
-        upward = model.normal_force(q, q_dot, u)
-        assert_allclose(solution.floor_force[:, 2], upward, rtol=0, atol=TOLERANCE * weight)
-
-        units = [np.broadcast_to(unit, q_dot.shape) for unit in np.eye(6)]
-        S = np.stack([rolling_motion(robot, q, unit, 0).velocities for unit in units], axis=2)
-        reduced = np.einsum("kia,kij,kjb->kab", S, freed.mass_matrix, S)
-        assert_allclose(model.mass_matrix(q), reduced, rtol=0, atol=TOLERANCE * np.abs(reduced).max())
-        nu = motion.velocities
-        assert_allclose(model.wheel_speed(q, q_dot), nu[:, 12:], rtol=0, atol=TOLERANCE * 100)
-        kinetic = np.einsum("ki,kij,kj->k", nu, freed.mass_matrix, nu) / 2
-        assert_allclose(model.energy(q, q_dot) - model.energy(q, np.zeros(6)), kinetic, rtol=TOLERANCE * 10)
 
 
 # --- held: the five-DOF model comes back -----------------------------------------------------------
@@ -87,13 +37,7 @@ def driven(model: Model, state: NDArray, torques: NDArray) -> NDArray[np.float64
     return np.array(states)
 
 
-@pytest.mark.parametrize(
-    "robot",
-    [
-        pytest.param(alten(FRICTION), id="3"),
-        pytest.param(four_wheeled(friction=True), id="4", marks=pytest.mark.sample),
-    ],
-)
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["3", "4"])
 def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     """Through smooth motion and stick-slip alike the spin is zero to the bit and all else equal to rounding."""
     rng = np.random.default_rng(33)
@@ -226,7 +170,6 @@ def test_a_plant_carries_the_spin_and_its_wheels_see_it() -> None:
     assert np.abs(measured.wheel_speeds - without).max() > 0.1
 
 
-@pytest.mark.sample  # compiles the closed loop of a pivoting ball, for this test alone
 def test_a_batch_runs_the_pivoting_model_as_the_plant_does() -> None:
     robot = alten(FRICTION)
     model, controller = Model(robot, pivoting=0.03), nominal_controller(robot, compensation="full")
@@ -236,17 +179,6 @@ def test_a_batch_runs_the_pivoting_model_as_the_plant_does() -> None:
     assert_allclose(batch.states[0], log.states, atol=1e-9)
     plain = simulate_batch(Model(robot), controller, reference, duration=1.0, initial_states=start)
     assert np.abs(plain.states - batch.states).max() > 1e-3
-
-
-def test_a_run_ends_where_a_spinning_robot_would_lift_off() -> None:
-    """What the plant watches is the floor's force, which the engines confirm: m_r l (lift_off - sinking)."""
-    rng = np.random.default_rng(35)
-    model = Model(alten(), pivoting=0.0)
-    body = model.robot.body
-    for q, q_dot, u in zip(*spinning_states(rng, 3, 20), strict=True):
-        sinking, _ = sinking_and_speeds(model.selected, model.packed, np.concatenate([q, q_dot]), u)
-        force = body.mass * body.center_of_mass * (lift_off(model.robot) - sinking)
-        assert force == pytest.approx(model.normal_force(q, q_dot, u), rel=1e-10, abs=1e-9)
 
 
 def test_pivoting_model_refuses_unsupported_options() -> None:

@@ -25,7 +25,7 @@ from ballbot.twin.driveline import Driveline
 from ballbot.twin.engine import Engine
 from ballbot.twin.mjcf import twin_mjcf
 from ballbot.twin.scenario_file import scenario_text
-from tests.support.friction_law_examples import FRICTION, dry, robot_by_law, toothed
+from tests.support.friction_law_examples import FRICTION, dry, robot_by_law
 
 STATE = np.array([0.0, 0.0, 0.02, 0.01, 0.3, 0.3, -0.1, 0.2, 0.1, 0.6])
 TORQUES = np.array([0.3, -0.2, 0.25])
@@ -99,6 +99,7 @@ def test_wheels_hold_up_to_the_law_s_break_away_torque(share):
     assert (end == 0.0).all() == (share < 1.0)
 
 
+@pytest.mark.sample  # compiles the closed loop under the law
 def test_batch_of_lanes_that_stick_and_move_is_as_one_robot_alone():
     robot = robot_by_law()
     controller = nominal_controller(robot, compensation="full")
@@ -153,7 +154,7 @@ def test_table_is_the_law_within_its_error_and_a_law_with_a_step_is_refused():
     ("law", "parameters", "words"),
     [
         (lambda w, load: w, (), "they must be speed, load"),
-        (lambda speed, load, roughness: roughness, (), "not described by a parameter"),
+        (lambda speed, load, roughness: roughness, (), "each described or one of"),
         (
             lambda speed, load, quadratic: speed**2 * quadratic,
             (LawParameter(name="quadratic", symbol="q", meaning="other", usual=(0.0, 1.0), default=0.0),),
@@ -190,20 +191,7 @@ def test_robots_that_contradict_their_law_are_refused():
         assert words in str(refusal.value)
 
 
-def test_classical_law_written_by_a_user_is_the_classical_one():
-    def exponential(speed, load, coulomb, stribeck, stribeck_speed, stribeck_exponent):
-        return coulomb + stribeck * np.exp(-((speed / stribeck_speed) ** stribeck_exponent))
-
-    register_friction_law(exponential)
-    classical = replace(FRICTION, law="classical", own=(), stribeck_exponent=1.3)
-    ends = [
-        Model(Robot.load("alten").replace(friction=one)).advance(STATE, TORQUES, 0.3)
-        for one in (classical, replace(classical, law="exponential"))
-    ]
-    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-12)
-
-
-@pytest.mark.slow
+@pytest.mark.sample
 def test_loop_with_gear_play_and_sensors_runs_under_the_law():
     robot = robot_by_law()
     run = simulate_batch(
@@ -214,7 +202,6 @@ def test_loop_with_gear_play_and_sensors_runs_under_the_law():
         imperfections=Imperfections(backlash=np.radians(1.0)),
     )
     assert np.abs(run.states[0, :, 2:4]).max() < 0.1
-    assert toothed(0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0) == 2.0
 
 
 def test_twin_has_the_friction_of_the_law_and_a_scenario_file_refuses_it():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +10,8 @@ import pytest
 from ballbot.cli.main import main
 from ballbot.fitting.run import Run
 from ballbot.log import Log
-from ballbot.report import demo, demo_runs
+from ballbot.report import demo
+from ballbot.report.page import render
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.metrics import position_error
@@ -22,27 +22,27 @@ from tests.support.report_pages import LARGEST_PAGE
 
 @pytest.fixture(scope="module")
 def runs() -> dict[str, Log]:
-    return demo_runs.read_runs()
+    return demo.read_runs()
 
 
 def test_soft_gain_wanders_and_precise_controller_stays(runs):
     errors = {name: position_error(log) for name, log in runs.items()}
     # settled on the first 8 s, in which the reference does not move: the last 2 s before the first corner
-    settled = (runs[demo_runs.SOFT].t > 6.0) & (runs[demo_runs.SOFT].t < 7.9)
-    assert errors[demo_runs.SOFT][settled].min() > 0.1
-    assert errors[demo_runs.PRECISE][settled].max() < 0.01
+    settled = (runs[demo.SOFT].t > 6.0) & (runs[demo.SOFT].t < 7.9)
+    assert errors[demo.SOFT][settled].min() > 0.1
+    assert errors[demo.PRECISE][settled].max() < 0.01
 
 
 def test_file_holds_a_run_within_half_a_step():
-    robot = Robot.load(demo_runs.ROBOT)
+    robot = Robot.load(demo.ROBOT)
     log = with_wheels(smooth_log(rows=500), robot)
     names = ("x", "y", "theta", "phi", "psi")
     more = {f"true_{name}": log[name] for name in names} | {
         f"ref_{name}": 0 * log.t for name in ("x", "y", "psi")
     }
     log = log.with_columns(more)
-    content = runs_file({demo_runs.SOFT: log, demo_runs.PRECISE: log})
-    found = demo_runs.runs_of(content)[demo_runs.PRECISE]
+    content = runs_file({demo.SOFT: log, demo.PRECISE: log})
+    found = demo.runs_of(content)[demo.PRECISE]
     for name in ("u1", "theta", "psi_dot", "true_x"):
         assert np.abs(found[name] - log[name]).max() <= 0.5e-3
     step = np.diff(np.unique(found["wheel1_dot"])).min()
@@ -51,46 +51,24 @@ def test_file_holds_a_run_within_half_a_step():
 
 @pytest.mark.sample
 def test_friction_found_is_near_the_simulated_robots_and_has_a_report(runs, tmp_path):
-    found = demo.identified(runs[demo_runs.SOFT], Run())
-    true = Scenario.nominal(Robot.load(demo_runs.ROBOT)).friction.coulomb
-    # 20 s of log and play of 1 degree: rollers and play change what the wheels feel by some tenths
-    np.testing.assert_allclose(found.robot.friction.coulomb, true, rtol=0.4)
-    state = demo.state_found(found)
-    assert state.share is None
-    assert [row[0] for row in state.rows] == ["wheel 1", "wheel 2", "wheel 3"]
-    assert all(float(row[1]) > 0.0 and float(row[3]) > 0.0 for row in state.rows)
-    demo.write_report(found, runs[demo_runs.SOFT], tmp_path)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert len(page) < LARGEST_PAGE
+    found = demo.friction_report(runs[demo.SOFT], Run())
+    render(found, tmp_path)
+    assert len((tmp_path / "report.html").read_text(encoding="utf-8")) < LARGEST_PAGE
     results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
-    assert results["parameters"]["c"] == list(found.robot.friction.coulomb)
+    true = Scenario.nominal(Robot.load(demo.ROBOT)).friction.coulomb
+    # 20 s of log and play of 1 degree: rollers and play change what the wheels feel by some tenths
+    np.testing.assert_allclose(results["parameters"]["c"], true, rtol=0.4)
 
 
-def test_page_is_there_before_anything_is_compiled(tmp_path, monkeypatch, capsys):
+def test_page_is_there_before_the_friction_is_identified(tmp_path, monkeypatch, capsys):
     seen = {}
 
     def stop(*_: object) -> None:
         seen["page"] = (tmp_path / "demo.html").read_text(encoding="utf-8")
-        seen["beside"] = (tmp_path / "demo_result.js").read_text(encoding="utf-8")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(demo, "identified", stop)
+    monkeypatch.setattr("ballbot.cli.demo.friction_report", stop)
     assert main(["demo", "--no-browser", "--out", str(tmp_path)]) == 130
-    assert demo_runs.PRECISE in seen["page"]
+    assert demo.PRECISE in seen["page"]
     assert "up to 373 mm off, the precise controller 6.4 mm" in seen["page"]  # as campaigns.demo_runs prints
-    assert '"share": 0.0' in seen["beside"]
-    assert "stopped" in (tmp_path / "demo_result.js").read_text(encoding="utf-8")
     assert "demo.html" in capsys.readouterr().out
-
-
-def test_page_reads_on_until_the_report_is_written(tmp_path, monkeypatch):
-    beside, seen = tmp_path / "demo_result.js", []
-    monkeypatch.setattr(demo, "identified", lambda *_: SimpleNamespace(robot=Robot.load("kugle")))
-    monkeypatch.setattr(demo, "state_found", lambda _: demo.ResultState(heading="found"))
-    monkeypatch.setattr(demo, "write_report", lambda *_: seen.append(beside.read_text(encoding="utf-8")))
-    assert main(["demo", "--no-browser", "--out", str(tmp_path)]) == 0
-    assert "found" in seen[0]
-    assert '"share": 1.0' in seen[0]
-    last = beside.read_text(encoding="utf-8")
-    assert "report.html" in last
-    assert '"share": null' in last

@@ -52,12 +52,8 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         "robot-wheels",
         "Did you mean wheels.tilt 0.785 rad (44.98 deg)?",
     ),
-    "gear ratio": ({"drive__gear_ratio": 1e4}, "robot-drive", "1e+04 motor turns for a wheel turn"),
-    "gear ratio inverse": (
-        {"drive__gear_ratio": 1 / 27.6},
-        "robot-drive",
-        "0.0362 motor turns for a wheel turn",
-    ),
+    "gear ratio": ({"drive__gear_ratio": 1e4}, "robot-drive", "drive.gear_ratio 1e+04 (usual: 1 to 200)"),
+    "gear ratio inverse": ({"drive__gear_ratio": 1 / 27.6}, "robot-drive", "drive.gear_ratio 0.03623"),
     "centre of mass in mm": (
         {"body__center_of_mass": 0.000393},
         "robot-body",
@@ -106,11 +102,6 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         "robot-friction",
         "Did you mean friction.coulomb [0.11, 0.09, 0.12] N m?",
     ),
-    "floor of sand": (
-        {"friction__rolling": 0.7},
-        "robot-friction",
-        "brakes as a floor that rises by 0.7 in 1",
-    ),
     "rollers in cm": (
         {"wheels__rollers": replace(ALTEN.wheels.rollers, row_spacing=0.4)},
         "robot-wheels",
@@ -141,6 +132,7 @@ UNUSUAL: dict[str, tuple[dict[str, object], str]] = {
         {"body__inertia": (0.193, 4.37, 4.37, 0, 0, 0), "body__inertia_about": "center_of_mass"},
         "check that xx, yy and zz are in their order",
     ),
+    "floor of sand": ({"friction__rolling": 0.7}, "friction.rolling 0.7 (usual: 0 to 0.05)"),
     "play of 10 degrees": ({"drive__backlash": 10 * DEGREE}, "10 deg at the wheel"),
 }
 

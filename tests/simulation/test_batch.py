@@ -101,29 +101,27 @@ def test_lanes_end_as_runs_do():
         np.testing.assert_array_equal(frozen, np.broadcast_to(batch.finals[lane], frozen.shape))
 
 
-def test_inconsistent_batches_are_refused():
-    model = Model(alten())
-    controller = nominal_controller(model.robot)
-    with pytest.raises(InputError, match="3 initial states, 2 models, 1 controllers"):
-        simulate_batch([model] * 2, controller, hold(), duration=1.0, initial_states=np.zeros((3, 10)))
-    two = [Imperfections(), Imperfections(delay=1)]
-    with pytest.raises(InputError, match="2 imperfections"):
-        simulate_batch(
-            model, controller, hold(), duration=1.0, initial_states=np.zeros((3, 10)), imperfections=two
-        )
-    for other in (Model(alten(), "thesis"), Model(alten(), step=2e-3), Model(alten(), pivoting=0.01)):
-        with pytest.raises(InputError, match="models are of 2 kinds"):
-            simulate_batch([model, other], controller, hold(), duration=1.0)
-    with pytest.raises(InputError, match="sequence of models is empty"):
-        simulate_batch([], controller, hold(), duration=1.0)
-    slow = Controller(model.robot, controller.gain, sample_time=0.01)
-    with pytest.raises(InputError, match="sample times"):
-        simulate_batch(model, [controller, slow], hold(), duration=1.0)
-    with pytest.raises(InputError, match="wheels"):
-        simulate_batch(model, nominal_controller(four_wheeled(friction=False)), hold(), duration=1.0)
-    with pytest.raises(InputError, match=r"theta = 0\.1.*A r"):
-        simulate_batch(model, controller, lambda _: leaning(0.1), duration=1.0)
-    with pytest.raises(InputError, match="not finite"):
-        simulate_batch(model, controller, lambda _: np.full(10, np.nan), duration=1.0)
-    with pytest.raises(InputError, match="10 numbers"):
-        simulate_batch(model, controller, lambda _: np.zeros(3), duration=1.0)
+THREE = {"initial_states": np.zeros((3, 10))}
+ALTEN, NOMINAL = Model(alten()), nominal_controller(alten())
+
+
+@pytest.mark.parametrize(
+    ("models", "controllers", "reference", "more", "words"),
+    [
+        ([ALTEN] * 2, NOMINAL, hold(), THREE, "3 initial states, 2 models, 1 controllers"),
+        (ALTEN, NOMINAL, hold(), THREE | {"imperfections": [Imperfections()] * 2}, "2 imperfections"),
+        *(
+            ([ALTEN, other], NOMINAL, hold(), {}, "models are of 2 kinds")
+            for other in (Model(alten(), "thesis"), Model(alten(), step=2e-3), Model(alten(), pivoting=0.01))
+        ),
+        ([], NOMINAL, hold(), {}, "sequence of models is empty"),
+        (ALTEN, [NOMINAL, Controller(alten(), NOMINAL.gain, sample_time=0.01)], hold(), {}, "sample times"),
+        (ALTEN, nominal_controller(four_wheeled(friction=False)), hold(), {}, "wheels"),
+        (ALTEN, NOMINAL, lambda _: leaning(0.1), {}, r"theta = 0\.1.*A r"),
+        (ALTEN, NOMINAL, lambda _: np.full(10, np.nan), {}, "not finite"),
+        (ALTEN, NOMINAL, lambda _: np.zeros(3), {}, "10 numbers"),
+    ],
+)
+def test_inconsistent_batches_are_refused(models, controllers, reference, more, words):
+    with pytest.raises(InputError, match=words):
+        simulate_batch(models, controllers, reference, duration=1.0, **more)

@@ -7,11 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from ballbot import Controller, InputError, Log, Model, simulate, simulate_batch
+from ballbot import Controller, InputError, Log, Model, Robot, simulate, simulate_batch
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import circle
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.geometry import contact_directions, rolling_directions, transforms
+from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.imperfections import Imperfections, Push, RollerContacts, Supply
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
@@ -25,18 +26,25 @@ FAULTS = SensorFaults(gyro_bias=0.002, gyro_bias_walk=1e-4, lean_error=0.003, la
 PLAY = np.radians(1.0)
 
 
+def ran(
+    controller: Controller | None,
+    imperfections: Imperfections | list[Imperfections],
+    *,
+    robot: Robot = ROBOT,
+    duration: float = SENSORS.sample_time,
+    starts: NDArray[np.float64] = START,
+) -> ClosedLoopBatch:
+    """Return a batch of a robot around a circle, of one sample if no duration is given; None leaves its motors off."""
+    one = controller or Controller(robot, np.zeros((3, 10)))
+    return simulate_batch(
+        Model(robot), one, circle(), duration=duration, initial_states=starts, imperfections=imperfections
+    )
+
+
 def assert_one_by_one(controller: Controller, imperfections: Imperfections, duration: float) -> None:
     """Check that a lane's log is that of the plant that is called one sample at a time."""
-    model = Model(controller.robot)
-    batch = simulate_batch(
-        model,
-        controller,
-        circle(),
-        duration=duration,
-        initial_states=START,
-        imperfections=imperfections,
-    )
-    plant = SensedPlant(model, imperfections, estimator=controller.estimator)
+    batch = ran(controller, imperfections, robot=controller.robot, duration=duration)
+    plant = SensedPlant(Model(controller.robot), imperfections, estimator=controller.estimator)
     log = simulate(
         plant, controller, circle(), duration=duration, initial_state=START, seed=imperfections.seed
     )
@@ -51,42 +59,24 @@ def assert_same(one: Log, other: Log, *, atol: float) -> None:
         np.testing.assert_allclose(one[name], other[name], atol=atol, err_msg=name)
 
 
+#: so weak that it limits the torques
+WEAK = Supply(winding_resistance=20.0, internal_resistance=5.0)
+NOISY = Imperfections(sensors=SENSORS, torque_noise=0.01, delay=1, sensor_faults=FAULTS)
+
+
 @pytest.mark.parametrize(
     ("imperfections", "estimator"),
     [
-        pytest.param(
-            Imperfections(sensors=SENSORS, speed_window=3), "onboard", id="speeds over three samples"
-        ),
-        pytest.param(
-            Imperfections(
-                sensors=SENSORS, torque_noise=0.01, delay=1, slope=(0.02, -0.01), sensor_faults=FAULTS
-            ),
-            "kalman",
-            id="Kalman filter, delay, slope and faults of the AHRS",
-        ),
-        pytest.param(
-            Imperfections(
-                sensors=SENSORS,
-                # so weak that it limits the torques
-                supply=Supply(winding_resistance=20.0, internal_resistance=5.0),
-                imbalance=(0.05, -0.02),
-                slope=(0.0, 0.01),
-            ),
-            "onboard",
-            id="battery and a body off its axis",
-        ),
-        pytest.param(
-            Imperfections(
-                sensors=SENSORS,
-                torque_noise=0.01,
-                delay=1,
-                backlash=PLAY,
-                slope=(0.01, 0.0),
-                sensor_faults=FAULTS,
-            ),
-            "kalman",
-            id="all with play",
-        ),
+        (Imperfections(sensors=SENSORS, speed_window=3), "onboard"),
+        (replace(NOISY, slope=(0.02, -0.01)), "kalman"),
+        (Imperfections(sensors=SENSORS, supply=WEAK, imbalance=(0.05, -0.02), slope=(0.0, 0.01)), "onboard"),
+        (replace(NOISY, backlash=PLAY, slope=(0.01, 0.0)), "kalman"),
+    ],
+    ids=[
+        "speeds over three samples",
+        "late, sloping, faulty AHRS",
+        "battery, body off its axis",
+        "all with play",
     ],
 )
 def test_a_lane_is_the_plant_one_sample_at_a_time(imperfections, estimator):
@@ -140,7 +130,7 @@ IMPERFECTIONS = {
     "jitter": {"jitter": 0.001},
     "torque noise": {"torque_noise": 0.05},
     "lag": {"lag": 0.002},
-    "supply": {"supply": Supply(winding_resistance=20.0, internal_resistance=5.0)},
+    "supply": {"supply": WEAK},
     "rollers": {"contacts": RollerContacts(rollers=ROBOT.wheels.rollers, give=2e-6, grip=1.0, creep=3e4)},
     "load dependence": {"load_dependence": 0.5},
     "slope": {"slope": (0.02, -0.01)},
@@ -164,14 +154,7 @@ def test_an_imperfection_that_is_off_leaves_the_loop_without_it(name, backlash):
     having = replace(without, **IMPERFECTIONS[name])
 
     def states(borne: list[Imperfections]) -> NDArray[np.float64]:
-        return simulate_batch(
-            Model(ROBOT),
-            precise_controller(ROBOT),
-            circle(),
-            duration=0.2,
-            initial_states=START,
-            imperfections=borne,
-        ).states
+        return ran(precise_controller(ROBOT), borne, duration=0.2).states
 
     # the number of lanes is the same: vector code and the scalar code for those that remain round differently
     beside, alone = states([without, *[having] * 14, without]), states([without] * 16)
@@ -179,44 +162,10 @@ def test_an_imperfection_that_is_off_leaves_the_loop_without_it(name, backlash):
     assert not np.array_equal(beside[7], alone[7])
 
 
-def test_lanes_do_not_notice_each_other():
-    """Seeds, robots and controllers of one lane, whatever runs beside it: a robot that falls, or a state of NaN."""
-    precise, none = precise_controller(ROBOT), Controller(ROBOT, np.zeros((3, 10)), estimator="kalman")
-    imperfections = Imperfections(sensors=SENSORS, torque_noise=0.01, backlash=PLAY, fallen_lean=0.6)
-    # in the same lanes: vector code and the scalar code for the remaining lanes round differently
-    alike = simulate_batch(
-        Model(ROBOT),
-        precise,
-        circle(),
-        duration=0.5,
-        initial_states=START,
-        imperfections=[replace(imperfections, seed=7)] * 12,
-    )
-    beside = simulate_batch(
-        Model(ROBOT),
-        [none, precise, precise] * 4,
-        circle(),
-        duration=0.5,
-        initial_states=START,
-        imperfections=[replace(imperfections, seed=seed) for seed in (1, 7, 2) * 4],
-    )
-    np.testing.assert_array_equal(beside.states[1], alike.states[1])
-    np.testing.assert_array_equal(beside.states[10], alike.states[10])
-    assert not np.array_equal(beside.states[2], alike.states[2])
-
-
 def test_a_push_changes_the_velocities_by_its_impulse():
     """Against `ModelPlant.push`: 0.05 s at 12 N along x, 0.4 m above the ball's centre, is 0.6 N s and 0.24 N m s."""
-    controller = Controller(ROBOT, np.zeros((3, 10)))
     push = Push(time=0.0, duration=0.005, force=(12.0, 0.0, 0.0), height=0.4)
-    batch = simulate_batch(
-        Model(ROBOT),
-        controller,
-        circle(),
-        duration=0.005,
-        initial_states=np.zeros(10),
-        imperfections=Imperfections(pushes=(push,)),
-    )
+    batch = ran(None, Imperfections(pushes=(push,)), starts=np.zeros(10))
     plant = ModelPlant(Model(ROBOT))
     plant.reset()
     plant.push([12.0 * 0.005, 0.0, 0.0, 0.4 * 12.0 * 0.005, 0.0])  # upright, phi turns the top forward
@@ -227,68 +176,37 @@ def test_a_push_changes_the_velocities_by_its_impulse():
 def test_a_lag_is_the_first_order_filter_of_the_torques():
     """A robot that cannot move shows its torques' mean by its speed: the filter's mean over the first sample."""
     controller = nominal_controller(alten())
-    batch = [
-        simulate_batch(
-            Model(alten()),
-            controller,
-            circle(),
-            duration=0.005,
-            initial_states=START,
-            imperfections=Imperfections(lag=lag),
-        ).finals[0]
-        for lag in (0.0, 1e-9, 0.002)
-    ]
-    still = simulate_batch(
-        Model(alten()),
-        Controller(alten(), np.zeros((3, 10))),
-        circle(),
-        duration=0.005,
-        initial_states=START,
-        imperfections=Imperfections(),
-    ).finals[0]
+    batch = [ran(controller, Imperfections(lag=lag), robot=alten()).finals[0] for lag in (0.0, 1e-9, 0.002)]
+    still = ran(None, Imperfections(), robot=alten()).finals[0]
     np.testing.assert_allclose(batch[1], batch[0], atol=1e-9)
     share = (batch[2] - still)[7:9] / (batch[0] - still)[7:9]
     # mean of 1 - exp(-t/2 ms) over 5 ms; the motion within the sample changes it by some 1e-3
     np.testing.assert_allclose(share, 1.0 - 0.4 * (1.0 - np.exp(-2.5)), atol=0.01)
 
 
-def test_what_a_batch_cannot_run_is_refused():
-    controller = precise_controller(ROBOT)
-    slow = Imperfections(sensors=replace(SENSORS, sample_time=0.01))
-    with pytest.raises(InputError, match=r"every 0\.01 s and the controllers every 0\.005 s"):
-        simulate_batch(Model(ROBOT), controller, circle(), duration=1.0, imperfections=slow)
-    with pytest.raises(InputError, match="all lanes of a batch have play or none"):
-        simulate_batch(
+@pytest.mark.parametrize(
+    ("model", "imperfections", "words"),
+    [
+        (
             Model(ROBOT),
-            controller,
-            circle(),
-            duration=1.0,
-            imperfections=[Imperfections(backlash=PLAY), Imperfections()],
-        )
-    with pytest.raises(InputError, match="'thesis'"):
-        simulate_batch(
-            Model(ROBOT, "thesis"),
-            controller,
-            circle(),
-            duration=1.0,
-            imperfections=Imperfections(sensors=SENSORS),
-        )
+            Imperfections(sensors=replace(SENSORS, sample_time=0.01)),
+            r"every 0\.01 s and the controllers",
+        ),
+        (
+            Model(ROBOT),
+            [Imperfections(backlash=PLAY), Imperfections()],
+            "all lanes of a batch have play or none",
+        ),
+        (Model(ROBOT, "thesis"), Imperfections(sensors=SENSORS), "'thesis'"),
+    ],
+)
+def test_what_a_batch_cannot_run_is_refused(model, imperfections, words):
+    with pytest.raises(InputError, match=words):
+        simulate_batch(model, precise_controller(ROBOT), circle(), duration=1.0, imperfections=imperfections)
 
 
 #: rollers of two rings on contacts that hardly give way
 ROLLERS = RollerContacts(rollers=ROBOT.wheels.rollers, give=1e-9, grip=1.0, creep=3e4)
-
-
-def one_sample(robot, imperfections, *, start=None, robots=1):
-    """Return the states after a sample without torques."""
-    return simulate_batch(
-        Model(robot),
-        Controller(robot, np.zeros((3, 10))),
-        circle(),
-        duration=0.005,
-        initial_states=np.tile(np.zeros(10) if start is None else start, (robots, 1)),
-        imperfections=imperfections,
-    ).finals
 
 
 def torques_behind(robot, change):
@@ -302,7 +220,10 @@ def test_rollers_turn_a_wheel_by_the_force_of_the_robot_on_them():
     """Torques of wheels at random angles, against the distance at which an ellipse and the ball touch."""
     robot = alten()
     rollers, r_w, r_b = robot.wheels.rollers, robot.wheels.radius, robot.ball.radius
-    found = torques_behind(robot, one_sample(robot, Imperfections(contacts=ROLLERS), robots=400)[:, 5:])
+    found = torques_behind(
+        robot,
+        ran(None, Imperfections(contacts=ROLLERS), robot=robot, starts=np.zeros((400, 10))).finals[:, 5:],
+    )
 
     phase = np.linspace(-1.3, 1.3, 40_001)
     ellipse = np.stack([np.sqrt(r_w * rollers.radius) * np.sin(phase), rollers.radius * np.cos(phase)])
@@ -328,13 +249,8 @@ def test_the_rings_of_rollers_touch_the_ball_off_the_wheels_middle():
     robot = alten()
     turning = np.zeros(10)
     turning[9] = 1.0
-    batch = simulate_batch(
-        Model(robot),
-        Controller(robot, np.zeros((3, 10))),
-        circle(),
-        duration=0.01,
-        initial_states=np.tile(turning, (40, 1)),
-        imperfections=Imperfections(contacts=ROLLERS),
+    batch = ran(
+        None, Imperfections(contacts=ROLLERS), robot=robot, duration=0.01, starts=np.tile(turning, (40, 1))
     )
     rollers, tilt = robot.wheels.rollers, robot.wheels.tilt
     off = 0.5 * rollers.row_spacing / (robot.ball.radius + rollers.radius) * np.array([-1.0, 1.0])
@@ -352,10 +268,11 @@ def test_rollers_of_both_rings_brake_a_turning_ball():
     turning = np.zeros(10)
     turning[9] = 1.0
     softest = RollerContacts(rollers=robot.wheels.rollers, give=1.0, grip=0.0, creep=1e9)
+    starts = np.tile(turning, (400, 1))
     braked, free = (
-        one_sample(robot, Imperfections(contacts=replace(softest, grip=grip)), start=turning, robots=400)[
-            :, 5:
-        ].mean(axis=0)
+        ran(None, Imperfections(contacts=replace(softest, grip=grip)), robot=robot, starts=starts)
+        .finals[:, 5:]
+        .mean(axis=0)
         for grip in (0.4, 0.0)
     )
     ball, wheels = robot.ball.radius, robot.wheels
@@ -372,7 +289,8 @@ def test_friction_follows_the_force_on_the_wheels():
     tipping = np.zeros(10)
     tipping[7], tipping[8] = 1.5, -1.2
     plain, follows = (
-        one_sample(ROBOT, Imperfections(load_dependence=share), start=tipping)[:, 5:] for share in (0.0, 0.5)
+        ran(None, Imperfections(load_dependence=share), starts=tipping[None]).finals[:, 5:]
+        for share in (0.0, 0.5)
     )
     model, friction, mass = Model(ROBOT), ROBOT.friction, ROBOT.body.mass
     speeds = model.wheel_speed(np.zeros(5), tipping[5:])

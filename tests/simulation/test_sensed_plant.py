@@ -329,7 +329,7 @@ def test_a_run_ends_at_the_scenarios_lean():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"delay": -1}, "delay is -1 samples"),
+        ({"delay": -1}, "delay is -1; it cannot be negative"),
         ({"torque_noise": -0.1}, "torque_noise"),
         ({"backlash": -1e-3}, "backlash"),
         ({"slope": (0.3, 0.0)}, r"slope of the floor is 0\.3"),

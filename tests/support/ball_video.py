@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from ballbot.errors import InputError
 from ballbot.vision.seam import Seam, cell_directions, octahedral, thesis_seam
 from ballbot.vision.view import View
 
@@ -59,20 +59,9 @@ def motion_of(t: NDArray[np.float64], omega: NDArray[np.float64], *, start: Rota
 
 
 def wandering(*, duration: float, peak: float, seed: int, fastest: float = 1.0, rows: int = 1000) -> Motion:
-    """Return a motion about all three axes by sums of sines, whose speed peaks at a value.
+    """Return a motion about all three axes by sums of sines up to `fastest` [Hz], whose speed peaks at `peak` [rad/s].
 
-    Parameters
-    ----------
-    duration : float
-        [s]
-    peak : float
-        Largest length of the angular velocity [rad/s].
-    seed : int
-        Of the sines and of the orientation at the start.
-    fastest : float
-        Highest frequency [Hz].
-    rows : int
-        A second.
+    It lasts `duration` [s] in `rows` a second; the seed is that of the sines and of the first orientation.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(-0.1, duration + 0.1, 1.0 / rows)
@@ -339,40 +328,13 @@ LOSSLESS, MPEG4, MOTION_JPEG = "HFYU", "mp4v", "MJPG"
 
 def write_video(
     path: str | Path, frames: Iterable[NDArray[np.uint8]], *, frame_rate: float, codec: str = LOSSLESS
-) -> int:
-    """Write frames (height, width, 3) as a video, whole or not at all, and return how many they were.
-
-    Parameters
-    ----------
-    path : str or Path
-        .avi for HFYU and MJPG, .mp4 for mp4v.
-    frames : iterable of ndarray
-    frame_rate : float
-        [Hz]
-    codec : str
-        A fourcc.
-
-    Raises
-    ------
-    InputError
-        If OpenCV cannot write such a file.
-    """
-    path = Path(path)
-    partial = path.with_name(f".{path.stem}.part{path.suffix}")
-    count = 0
-    try:
-        writer: cv2.VideoWriter | None = None
-        for frame in frames:
-            if writer is None:
-                size = (frame.shape[1], frame.shape[0])
-                writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*codec), frame_rate, size)
-                if not writer.isOpened():
-                    raise InputError(f"{path} cannot be written with the codec {codec}.")
-            writer.write(frame)
-            count += 1
-        if writer is not None:
-            writer.release()
-            partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-    return count
+) -> None:
+    """Write frames (height, width, 3) as a video: .mp4 for mp4v, else .avi."""
+    frames = iter(frames)
+    first = next(frames)
+    height, width, _ = first.shape
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), frame_rate, (width, height))
+    assert writer.isOpened(), f"{path} cannot be written with the codec {codec}"
+    for frame in chain([first], frames):
+        writer.write(frame)
+    writer.release()

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from ballbot.viewer import browser
-from ballbot.viewer.browser import Browser
+from tests.support import chromium
+from tests.support.chromium import Browser
 
 
-class Tab(browser.Tab):
+class Tab(chromium.Tab):
     """One page."""
 
     def run(self, expression: str) -> Any:
@@ -74,9 +74,9 @@ def keep(picture: bytes, name: str) -> None:
 @contextmanager
 def headless_browser(profile: Path) -> Iterator[Browser]:
     """Run Chromium with a profile folder of its own; skip without one."""
-    if browser.installed_browser() is None:
+    if chromium.installed_browser() is None:
         pytest.skip("no Chromium: apt-get install chromium")
-    with browser.headless_browser(profile) as running:
+    with chromium.headless_browser(profile) as running:
         yield running
 
 

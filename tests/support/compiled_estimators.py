@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from ballbot import Robot
 from ballbot.control.records import fill_record, schema_of
 from ballbot.estimation.interface import EstimatorName, Reading
-from ballbot.estimation.kalman import KalmanFilter
-from ballbot.estimation.kalman_model import STATES
 from ballbot.firmware.build import compile_sources
 from ballbot.firmware.estimators import (
     READING,
@@ -96,36 +94,6 @@ class Compiled:
 
 #: greatest relative rounding error of one operation in single precision
 ROUNDOFF = 2.0**-24
-#: roundings that an element of the covariance goes through in a sample of `kalman.c`, at most: twice six products and
-#: six sums in F P F^T, and for each of the six numbers five of both in q, a gain, a product and a difference
-ROUNDINGS = 2 * 12 + 6 * 13
-
-
-class Rounded(KalmanFilter):
-    """Python's filter with errors as large as those that single precision can make; how far it strays is a bound.
-
-    In each sample every element of the covariance changes by up to `ROUNDINGS` times
-    `ROUNDOFF` of both standard deviations, at random. Every state changes by up to as much of the step that it made: a
-    state is a compensated sum, so that only its step is rounded.
-    """
-
-    def __init__(self, robot: Robot, *, sample_time: float = H, seed: int = 1) -> None:
-        super().__init__(robot, sample_time=sample_time)
-        self._random = np.random.default_rng(seed)
-
-    def update(self, reading: Reading) -> NDArray[np.float64]:
-        """Take one sample and return the state (10,)."""
-        before, started = self._x.copy(), self._angles is not None
-        state = super().update(reading)
-        if not started:
-            return state
-        P = self._P
-        deviation = np.sqrt(np.diagonal(P))
-        errors = np.triu(self._random.uniform(-1.0, 1.0, P.shape))
-        errors = ROUNDINGS * ROUNDOFF * (errors + np.triu(errors, 1).T) * np.outer(deviation, deviation)
-        self._P = P + errors
-        self._x += ROUNDINGS * ROUNDOFF * self._random.uniform(-1.0, 1.0, STATES) * np.abs(self._x - before)
-        return self._state()
 
 
 def covariance_in(memory: NDArray[np.void]) -> NDArray[np.float64]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import ctypes
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,22 +24,9 @@ from ballbot.firmware.records import STATE, SelfTestOutcome
 
 @dataclass(frozen=True)
 class Library:
-    """The compiled library, of which every function takes rows of records."""
+    """The compiled library."""
 
     functions: ctypes.CDLL
-
-    @classmethod
-    def open(cls, path: Path) -> Library:
-        """Return the library in a file."""
-        return cls.of(ctypes.CDLL(str(path)))
-
-    @classmethod
-    def of(cls, functions: ctypes.CDLL) -> Library:
-        """Return a library that is loaded."""
-        pointer, whole = ctypes.c_void_p, ctypes.c_int32
-        functions.ballbot_control_law.argtypes = (pointer, pointer, whole, pointer, pointer, pointer)
-        functions.ballbot_control_law.restype = whole
-        return cls(functions)
 
     def control_law(
         self,
@@ -52,36 +38,16 @@ class Library:
     ) -> NDArray[np.int32]:
         """Call the control law once for each row, as `ballbot.control.law.control_law`.
 
-        Parameters
-        ----------
-        law : structured array (1,)
-            Of `LAW` in single precision.
-        memory : structured array (N,)
-            Of `MEMORY` in single precision; changed.
-        measured, reference : arrays (N, 10)
-        torques : array (N, n)
-            Overwritten [N m].
-
-        Returns
-        -------
-        array (N,)
-            `ALLOWED`, or the place at which a reference is refused.
+        `law` (1,) is of `LAW`, `memory` (N,) of `MEMORY` and changed; measured and reference are (N, 10), torques
+        (N, n) [N m] is overwritten. Returns `ALLOWED`, or the place at which a reference is refused (N,).
         """
         arrays = (memory, measured, reference, torques)
         assert all(one.flags.c_contiguous and one.itemsize * one.size for one in (law, *arrays))
-        call, numbers = self.functions.ballbot_control_law, law.ctypes.data
-        memories, states, references, answers = (one.ctypes.data for one in arrays)
-        size, width = memory.itemsize, torques.shape[1]
+        call, numbers = self.functions.ballbot_control_law, ctypes.c_void_p(law.ctypes.data)
         results = np.full(len(memory), ALLOWED, dtype=np.int32)
         for k in range(len(memory)):
-            results[k] = call(
-                numbers,
-                memories + k * size,
-                width,
-                states + 40 * k,
-                references + 40 * k,
-                answers + 4 * width * k,
-            )
+            m, x, r, u = (ctypes.c_void_p(one[k : k + 1].ctypes.data) for one in arrays)
+            results[k] = call(numbers, m, torques.shape[1], x, r, u)
         return results
 
 
@@ -111,28 +77,17 @@ def _typed(functions: ctypes.CDLL) -> ctypes.CDLL:
 
 @cache
 def library() -> Library:
-    """Return the library, compiled by the first of this computer's compilers unless that is kept.
-
-    Raises
-    ------
-    InputError
-        If this computer has no C compiler, or the compiler refuses the sources.
-    """
-    return Library.of(shared_library("library", source_files()))
+    """Return the library, compiled by the first of this computer's compilers unless that is kept."""
+    return Library(shared_library("library", source_files()))
 
 
 class Firmware:
-    """The firmware of one robot, running on this computer; it starts disarmed.
-
-    Parameters
-    ----------
-    parameters : structured array (1,)
-        Of `ballbot.firmware.records.PARAMETERS` in single precision.
+    """The firmware of one robot, running on this computer, by its parameters (1,) of `PARAMETERS`; it starts disarmed.
 
     Raises
     ------
     InputError
-        If there is no compiler, or the parameters are not those of the library.
+        If the parameters are not those of the library.
     """
 
     def __init__(self, parameters: NDArray[np.void]) -> None:
@@ -172,16 +127,9 @@ class Firmware:
     def update(
         self, reading: NDArray[np.void], time: int, reference: NDArray[np.float64] | None
     ) -> NDArray[np.float32]:
-        """Take one sample and return the torques (n,) [N m].
+        """Take one sample, a reading (1,) of `READING` at a time [us]; return the torques (n,) [N m].
 
-        Parameters
-        ----------
-        reading : structured array (1,)
-            Of `ballbot.firmware.records.READING` in single precision.
-        time : int
-            [us]
-        reference : array (10,), optional
-            The last one holds if it is not given.
+        The last reference (10,) holds if none is given.
         """
         wanted = None if reference is None else np.ascontiguousarray(reference, dtype=np.float32)
         self._functions.ballbot_update(

@@ -1,22 +1,12 @@
-"""Random problems of the convex step, and two ways to judge an answer.
+"""Random problems of the convex step, and Clarabel's answer.
 
 The step (`ballbot.mechanics.stick_slip`) is
 
     nu+ = argmin 1/2 (nu - nu_free)^T M (nu - nu_free) + h sum_i g_i |C_i nu| + h rho |nu_xy|
 
-and its minimiser is where friction lambda_i in [-g_i, g_i], r in the disc of radius rho, takes the velocity nu_free to:
-
-    M (nu_free - nu) = h (C^T lambda + P^T r),   lambda_i = g_i sign(C_i nu) and r = rho nu_xy / |nu_xy| where moving
-
 Clarabel (P. J. Goulart, Y. Chen, Clarabel: an interior-point solver for conic programs with quadratic objectives, 2024)
 solves the step as a second-order cone program. It ends at a duality gap, here 1e-13 of the objective, which bounds the
-square of the distance to the minimiser: its velocities are good to 1e-9, or 1e-6 at times. `proven_distance` is
-sharper: if friction forces within their limits and against the motion leave a residual e,
-
-    M (nu_free - nu) = h (C^T lambda + P^T r) + h e        =>        |nu - minimiser| <= |h M^-1 e|
-
-in the norm of the kinetic energy, because the step is a projection in that norm (a proximal map) and so increases no
-distance.
+square of the distance to the minimiser: its velocities are good to 1e-9, or 1e-6 at times.
 """
 
 from __future__ import annotations
@@ -27,7 +17,6 @@ import clarabel
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.optimize import lsq_linear
 
 from ballbot import Model
 from tests.support.control_examples import alten, four_wheeled
@@ -90,41 +79,6 @@ def matrices(
     return M, np.vstack([C, np.eye(6)[5]]) if pivoting else C
 
 
-def with_minimiser(
-    rng: np.random.Generator, *, wheel_count: int, pivoting: bool
-) -> tuple[Problem, NDArray[np.float64]]:
-    """Return a problem made around its minimiser: random contacts stick, half of the time at exactly their limit."""
-    M, C = matrices(rng, wheel_count=wheel_count, pivoting=pivoting)
-    limits, rolling, h = rng.uniform(0.01, 0.3, len(C)), rng.uniform(0.1, 3), 10.0 ** rng.uniform(-4, -1)
-    sticks, disc_sticks = rng.random(len(C)) < rng.uniform(0, 1), rng.random() < 0.4
-    held = np.vstack([C[sticks], np.eye(len(M))[: 2 if disc_sticks else 0]])
-    nu = _without(rng.normal(size=len(M)) * 10.0 ** rng.uniform(-6, 0), held)
-
-    tiny = 1e-12 * np.abs(nu).max()
-    forces = limits * np.where(np.abs(C @ nu) > tiny, np.sign(C @ nu), _shares(rng, len(C)))
-    rolls = np.hypot(*nu[:2]) > tiny
-    heading = nu[:2] if rolls else rng.normal(size=2)
-    floor = rolling * heading / np.hypot(*heading) * (1.0 if rolls else _shares(rng, 1)[0])
-    push = C.T @ forces
-    push[:2] += floor
-    return Problem(M, nu + h * np.linalg.solve(M, push), C, limits, rolling, h), nu
-
-
-def _shares(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Return shares of a limit (count,), half of them exactly 1 or -1."""
-    return np.where(rng.random(count) < 0.5, rng.uniform(-1, 1, count), rng.choice([-1.0, 1.0], count))
-
-
-def _without(nu: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return nu with what the rows see taken out; zero where they see all."""
-    if len(rows) == 0:
-        return nu
-    _, s, Vt = np.linalg.svd(rows)
-    rank = int(np.sum(s > 1e-9 * s[0]))
-    null = Vt[rank:]
-    return null.T @ (null @ nu)
-
-
 def distance(problem: Problem, nu: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     """Return |nu - other| / |nu_free| in the norm of the kinetic energy, sqrt(nu^T M nu)."""
     d, free = nu - other, problem.free
@@ -185,43 +139,3 @@ def _settings() -> clarabel.DefaultSettings:
     # asked for less, it breaks down in some problems of a hundred
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
     return settings
-
-
-def proven_distance(problem: Problem, nu: NDArray[np.float64]) -> float:
-    """Return what |nu - minimiser| / |nu_free| is at most, in the norm of the kinetic energy.
-
-    The best bound of those by the forces in which the slowest contacts stick, none to all of them. Where the ball
-    creeps, it is no better than the direction of the creep, which rounding turns.
-    """
-    size = np.abs(problem.free)
-    usual = np.append(np.abs(problem.C) @ size, size.sum()) + 1e-300
-    slowest = np.argsort(np.append(np.abs(problem.C @ nu), np.hypot(*nu[:2])) / usual)
-    return min(_distance(problem, nu, slowest[:count]) for count in range(len(slowest) + 1))
-
-
-def _distance(problem: Problem, nu: NDArray[np.float64], sticking: NDArray[np.intp]) -> float:
-    """Return the bound by the forces in which some contacts stick, the ball as the last.
-
-    What sticks still moves by rounding; to stop it takes the velocities 'still' away from here, and e with them.
-    """
-    M, free, C, limits, rolling, h = problem
-    slides = np.ones(len(C) + 1, dtype=bool)
-    slides[sticking] = False
-    wheels, ball = slides[:-1], slides[-1]
-    force = M @ (free - nu) / h - C[wheels].T @ (limits * np.sign(C @ nu))[wheels]
-    if ball:
-        force[:2] -= rolling * nu[:2] / max(float(np.hypot(*nu[:2])), 1e-300)
-    rows = np.vstack([C[~wheels], np.eye(len(free))[: 0 if ball else 2]])
-    bounds = np.append(limits[~wheels], [rolling] * (0 if ball else 2))
-    root = np.linalg.inv(np.linalg.cholesky(M))
-    holds = bounds > 0.0
-    if holds.any():
-        within = (-bounds[holds], bounds[holds])
-        with np.errstate(divide="ignore", invalid="ignore"):  # of a force that is at its limit already
-            held = lsq_linear(root @ rows[holds].T, root @ force, within, method="bvls", tol=1e-15).x
-        if not ball and rolling > 0.0:
-            held[-2:] *= min(1.0, rolling / max(float(np.hypot(*held[-2:])), 1e-300))
-        force = force - rows[holds].T @ held
-    still = np.linalg.pinv(rows) @ (rows @ nu) if len(rows) else np.zeros_like(nu)
-    size = np.sqrt(max(float(free @ M @ free), 1e-300))
-    return float((h * np.linalg.norm(root @ force) + 2.0 * np.sqrt(still @ M @ still)) / size)

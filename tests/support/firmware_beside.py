@@ -36,7 +36,7 @@ class _Tap:
 class _Beside:
     """The firmware as a plant's controller; `torques` are Python's differences from it."""
 
-    def __init__(self, controller: Controller, tap: _Tap, *, same_memory: bool) -> None:
+    def __init__(self, controller: Controller, tap: _Tap) -> None:
         self.controller, self.sample_time, self.estimator = (
             controller,
             controller.sample_time,
@@ -46,7 +46,7 @@ class _Beside:
         self.firmware = Firmware(parameter_record(controller, limits))
         self.firmware.skip_self_test()
         self.torques: list[NDArray[np.float64]] = []
-        self._tap, self._same_memory = tap, same_memory
+        self._tap = tap
 
     def reset(self) -> None:
         self.controller.reset()
@@ -54,27 +54,21 @@ class _Beside:
 
     def update(self, t: float, state: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
         wanted = np.asarray(reference, dtype=np.float32).astype(np.float64)  # the shaping differentiates it
-        memory = self.firmware.state["memory"].copy()
         record = reading_record(self._tap.reading, robot=self.controller.robot)
         torques = self.firmware.update(record, round(1e6 * t), wanted).astype(np.float64)
-        if self._same_memory:
-            self.controller.memory[:] = memory
         self.torques.append(torques - self.controller.update(t, state, wanted))
         return torques
 
 
-def torques_beside(
-    controller: Controller, *, duration: float, same_memory: bool = False
-) -> NDArray[np.float64]:
+def torques_beside(controller: Controller, *, duration: float) -> NDArray[np.float64]:
     """Return by how much Python's torques differ from the firmware's in each sample (N,), over the torque limit.
 
-    On a circle, with noise, encoder counts and play; with `same_memory` Python's law takes its memory from the
-    firmware.
+    On a circle, with noise, encoder counts and play.
     """
     tap = _Tap(controller)
     imperfections = Imperfections(sensors=controller.robot.sensors, backlash=0.017)
     plant = SensedPlant(Model(controller.robot), imperfections, estimator=tap)
-    loop = _Beside(controller, tap, same_memory=same_memory)
+    loop = _Beside(controller, tap)
     log = simulate(plant, loop, circle(radius=0.5, period=8.0), duration=duration, seed=1)
     assert not log.ended
     assert loop.firmware.stop is None

@@ -8,16 +8,15 @@ the symbols here and nowhere else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.errors import InputError
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
 
@@ -59,38 +58,25 @@ class Corrections:
 
 
 def corrections_of(formulation: Formulation) -> Corrections:
-    """Return what the named formulation corrects: everything ("exact") or nothing ("thesis").
-
-    Raises
-    ------
-    InputError
-        If the name is neither of the two.
-    """
-    named: dict[str, bool] = {"exact": True, "thesis": False}
-    if formulation not in named:
-        raise InputError(
-            f"There is no formulation {formulation!r}; the formulations are 'exact' and 'thesis'"
-        )
-    return Corrections(**dict.fromkeys([one.name for one in fields(Corrections)], named[formulation]))
+    """Return what the named formulation corrects: everything ("exact") or nothing ("thesis")."""
+    return Corrections(**dict.fromkeys([one.name for one in fields(Corrections)], formulation == "exact"))
 
 
 #: the parameters that are one number, SI units and radians
-_SCALARS: Mapping[str, Callable[[Robot], float]] = MappingProxyType(
-    {
-        "r_b": lambda robot: robot.ball.radius,
-        "m_b": lambda robot: robot.ball.mass,
-        "j_b": lambda robot: robot.ball.inertia,
-        "l": lambda robot: robot.body.center_of_mass,
-        "m_r": lambda robot: robot.body.mass,
-        "r_w": lambda robot: robot.wheels.radius,
-        "j_w": lambda robot: robot.wheels.inertia,
-        "alpha": lambda robot: robot.wheels.tilt,
-        "n": lambda robot: robot.drive.gear_ratio,
-        "j_m": lambda robot: robot.drive.motor_inertia,
-        "j_g": lambda robot: robot.drive.gear_inertia,
-        "g": lambda robot: robot.gravity,
-    }
-)
+_SCALARS: dict[str, Callable[[Robot], float]] = {
+    "r_b": lambda robot: robot.ball.radius,
+    "m_b": lambda robot: robot.ball.mass,
+    "j_b": lambda robot: robot.ball.inertia,
+    "l": lambda robot: robot.body.center_of_mass,
+    "m_r": lambda robot: robot.body.mass,
+    "r_w": lambda robot: robot.wheels.radius,
+    "j_w": lambda robot: robot.wheels.inertia,
+    "alpha": lambda robot: robot.wheels.tilt,
+    "n": lambda robot: robot.drive.gear_ratio,
+    "j_m": lambda robot: robot.drive.motor_inertia,
+    "j_g": lambda robot: robot.drive.gear_inertia,
+    "g": lambda robot: robot.gravity,
+}
 #: rows and columns of a symmetric matrix's upper half
 _UPPER = tuple((i, j) for i in range(3) for j in range(i, 3))
 
@@ -192,60 +178,13 @@ class Motion:
     encoder_speed: sp.Matrix  #: (n, 1) relative to the body
 
 
-@dataclass(frozen=True, kw_only=True)
-class Derivation:
-    """Result of Appendix II: M(q) q_ddot + bias(q, q_dot) = Q(q, q_dot, u); energies and wheel speeds."""
-
-    symbols: Symbols
-    kinetic_energy: sp.Expr  #: T [J]
-    potential_energy: sp.Expr  #: V [J]
-    wheel_speed: sp.Matrix  #: (n, 1) what motor and friction act on [rad/s]
-    mass_matrix: sp.Matrix  #: M (5, 5), in q_dot (Euler angles' rates)
-    bias: sp.Matrix  #: (5, 1) Coriolis, centrifugal and gravity
-    generalized_force: sp.Matrix  #: Q (5, 1), by torques and viscous friction
-
-
-def derive(wheel_count: int, corrections: Corrections) -> Derivation:
-    """Derive the equations of motion of a robot with that many wheels, all parameters as symbols.
-
-    Takes about a second. The set-valued friction is not in it; viscous friction b is, subtracted from the
-    torque as section 3.4 of the thesis does.
-    """
-    s = symbols(wheel_count)
-    R = body_rotation(s)
-    T = transforms(s)
-    motion = velocities(s, R, T, corrections)
-    kinetic = (
-        kinetic_energy_ball(s, motion)
-        + kinetic_energy_body(s, motion, T, corrections)
-        + kinetic_energy_wheels(s, motion, corrections)
-    )
-    potential = potential_energy(s, R)
-    mass_matrix, bias = lagrange(s, kinetic - potential)
-    if corrections.nonholonomic_wheels:
-        bias -= nonholonomic_terms(s, motion, corrections)
-    wheel_speed = motion.encoder_speed if corrections.counter_torque else motion.wheel_spin
-    torque = sp.Matrix(s.u) - sp.diag(*s.b) * wheel_speed
-    return Derivation(
-        symbols=s,
-        kinetic_energy=kinetic,
-        potential_energy=potential,
-        wheel_speed=wheel_speed,
-        mass_matrix=mass_matrix,
-        bias=bias,
-        generalized_force=generalized_force(s, R, T, motion, torque, corrections),
-    )
-
-
 # --- positions and rotations: (II.1) to (II.9) ----------------------------------------------------
 
 
-def positions(s: Symbols, R: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix, sp.Matrix]:
-    """Return (II.2) r_1, the ball, (II.3) r_2, the body's centre of mass, and (II.4) Phi_12."""
-    x, y, theta, phi, psi = s.q
-    r_1 = sp.Matrix([x, y, 0])
-    r_2 = r_1 + R * sp.Matrix([0, 0, s.l])
-    return r_1, r_2, sp.Matrix([theta, phi, psi])
+def positions(s: Symbols, R: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
+    """Return (II.2) r_1, the ball, and (II.3) r_2, the body's centre of mass."""
+    r_1 = sp.Matrix([s.q[0], s.q[1], 0])
+    return r_1, r_1 + R * sp.Matrix([0, 0, s.l])
 
 
 def rotation_x(angle: sp.Expr) -> sp.Matrix:
@@ -325,7 +264,7 @@ def _speed_from_rotation(levers: Sequence[sp.Matrix], directions: Sequence[sp.Ma
 
 def velocities(s: Symbols, R: sp.Matrix, T: SymbolicTransforms, corrections: Corrections) -> Motion:
     """Return the velocities of ball, body and wheels."""
-    r_1, r_2, _ = positions(s, R)
+    r_1, r_2 = positions(s, R)
     v_g = _time_derivative(s, r_1)
     Omega_ball = T.T_obg * v_g
     Omega_body, turned_back = body_angular_velocity(s, R, corrections)
@@ -404,7 +343,7 @@ def kinetic_energy_wheels(s: Symbols, motion: Motion, corrections: Corrections) 
 
 def potential_energy(s: Symbols, R: sp.Matrix) -> sp.Expr:
     """Return (II.21) V_ball + (II.26) V_body; zero with the body's centre of mass as high as the ball's."""
-    r_1, r_2, _ = positions(s, R)
+    r_1, r_2 = positions(s, R)
     up = sp.Matrix([0, 0, 1])
     return s.m_b * s.g * _dot(r_1, up) + s.m_r * s.g * _dot(r_2, up)
 
@@ -425,7 +364,7 @@ def generalized_force(
     (II.30) prints dr_1/dq for Phi_12q; what it must be is how the body's rotation moves with q,
     dOmega_body/dq_dot, which is the derivative of Phi_12 where Omega_body is as (II.24) prints it.
     """
-    r_1, _, _ = positions(s, R)
+    r_1, _ = positions(s, R)
     r_1q = r_1.extract([0, 1], [0]).jacobian(s.q).T  # (II.29); the ground pushes along x and y
     Phi_12q = motion.Omega_body.jacobian(s.q_dot).T
     F_g = T.T_fgb * R * T.T_tbw * torque  # (II.31)
@@ -460,15 +399,6 @@ def nonholonomic_terms(s: Symbols, motion: Motion, corrections: Corrections) -> 
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Functions:
-    """A derivation's expressions as functions of (q, q_dot, u, parameters)."""
-
-    dynamics: Callable  #: -> M, bias, Q
-    energies: Callable  #: -> T, V
-    wheel_speed: Callable
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Equations:
     """A robot's equations of motion M(q) q_ddot + bias(q, q_dot) = Q(q, q_dot, u), one state at a time.
 
@@ -479,81 +409,63 @@ class Equations:
     robot: Robot
     corrections: Corrections
 
-    def mass_matrix(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Return M (5, 5)."""
-        return self._dynamics(q, np.zeros(5), np.zeros(self.robot.wheel_count))[0]
-
-    def bias(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
-        """Return the Coriolis, centrifugal and gravity terms (5,) on the left of Lagrange's equation."""
-        return self._dynamics(q, q_dot, np.zeros(self.robot.wheel_count))[1]
-
-    def generalized_force(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
-        """Return Q (5,) [N, N m] of the torques less viscous friction."""
-        return self._dynamics(q, q_dot, u)[2]
+    def dynamics(
+        self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return M (5, 5), the Coriolis, centrifugal and gravity terms (5,) on its side, and Q (5,)."""
+        M, bias, Q = self._evaluated(0, q, q_dot, u)
+        return np.asarray(M, dtype=float), np.asarray(bias, float).ravel(), np.asarray(Q, float).ravel()
 
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
         """Return q_ddot (5,) in float64."""
-        M, bias, Q = self._dynamics(q, q_dot, u)
-        return np.asarray(np.linalg.solve(M, Q - bias), dtype=np.float64)
+        M, bias, Q = self.dynamics(q, q_dot, u)
+        return np.linalg.solve(M, Q - bias)
+
+    def energy(self, q: ArrayLike, q_dot: ArrayLike) -> float:
+        """Return T + V [J], V zero with the body's centre of mass as high as the ball's centre."""
+        return float(self._evaluated(1, q, q_dot, np.zeros(self.robot.wheel_count)))
 
     def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
         """Return the speed (n,) [rad/s] that torque and friction act on.
 
         "exact": what an encoder sees, relative to the body; "thesis": (II.16), absolute.
         """
-        speed = self._functions.wheel_speed(*self._arguments(q, q_dot))
-        return np.asarray(speed, dtype=float).ravel()
+        return np.ravel(self._evaluated(2, q, q_dot, np.zeros(self.robot.wheel_count)))
 
-    def kinetic_energy(self, q: ArrayLike, q_dot: ArrayLike) -> float:
-        """Return T [J]."""
-        return float(self._functions.energies(*self._arguments(q, q_dot))[0])
-
-    def potential_energy(self, q: ArrayLike) -> float:
-        """Return V [J], zero with the body's centre of mass as high as the ball's centre."""
-        return float(self._functions.energies(*self._arguments(q, np.zeros(5)))[1])
-
-    def energy(self, q: ArrayLike, q_dot: ArrayLike) -> float:
-        """Return T + V [J]."""
-        return self.kinetic_energy(q, q_dot) + self.potential_energy(q)
-
-    @property
-    def _functions(self) -> _Functions:
-        return _functions(self.robot.wheel_count, self.corrections)
-
-    def _arguments(self, q: ArrayLike, q_dot: ArrayLike) -> tuple[ArrayLike, ArrayLike, NDArray, list[float]]:
-        return q, q_dot, np.zeros(self.robot.wheel_count), parameter_numbers(self.robot)
-
-    def _dynamics(
-        self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        M, bias, Q = self._functions.dynamics(q, q_dot, u, parameter_numbers(self.robot))
-        return np.asarray(M, dtype=float), np.asarray(bias, float).ravel(), np.asarray(Q, float).ravel()
+    def _evaluated(self, place: int, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> Any:
+        function = _functions(self.robot.wheel_count, self.corrections)[place]
+        return function(q, q_dot, u, parameter_numbers(self.robot))
 
 
 def equations(robot: Robot, formulation: Formulation | Corrections = "exact") -> Equations:
-    """Return the robot's equations of motion as derived by SymPy.
-
-    The first use for a number of wheels and a formulation derives them (some two seconds) and is remembered,
-    whatever the robot's parameters.
-
-    Parameters
-    ----------
-    robot
-        With three or four wheels, at any azimuth and tilt.
-    formulation
-        "exact", "thesis", or any mixture of the corrections between the two.
-    """
+    """Return the equations of a robot of three or four wheels: "exact", "thesis", or any mixture of the corrections."""
     corrections = formulation if isinstance(formulation, Corrections) else corrections_of(formulation)
     return Equations(robot=robot, corrections=corrections)
 
 
-@lru_cache(maxsize=32)
-def _functions(wheel_count: int, corrections: Corrections) -> _Functions:
-    d = derive(wheel_count, corrections)
-    s = d.symbols
-    arguments = [list(s.q), list(s.q_dot), list(s.u), parameter_symbols(s)]
-    return _Functions(
-        dynamics=sp.lambdify(arguments, (d.mass_matrix, d.bias, d.generalized_force), "numpy", cse=True),
-        energies=sp.lambdify(arguments, (d.kinetic_energy, d.potential_energy), "numpy", cse=True),
-        wheel_speed=sp.lambdify(arguments, d.wheel_speed, "numpy", cse=True),
+@lru_cache(maxsize=32)  # some two seconds each, whatever the robot's parameters
+def _functions(wheel_count: int, corrections: Corrections) -> tuple[Callable[..., Any], ...]:
+    """Derive the equations; return (M, bias, Q), the energy and the wheel speed as functions of q, q_dot, u, numbers.
+
+    The set-valued friction is not in it; viscous friction b is, subtracted from the torque as section 3.4 of the
+    thesis does.
+    """
+    s = symbols(wheel_count)
+    R = body_rotation(s)
+    T = transforms(s)
+    motion = velocities(s, R, T, corrections)
+    kinetic = (
+        kinetic_energy_ball(s, motion)
+        + kinetic_energy_body(s, motion, T, corrections)
+        + kinetic_energy_wheels(s, motion, corrections)
     )
+    potential = potential_energy(s, R)
+    mass_matrix, bias = lagrange(s, kinetic - potential)
+    if corrections.nonholonomic_wheels:
+        bias -= nonholonomic_terms(s, motion, corrections)
+    wheel_speed = motion.encoder_speed if corrections.counter_torque else motion.wheel_spin
+    torque = sp.Matrix(s.u) - sp.diag(*s.b) * wheel_speed
+    force = generalized_force(s, R, T, motion, torque, corrections)
+    arguments = [list(s.q), list(s.q_dot), list(s.u), parameter_symbols(s)]
+    wanted = ((mass_matrix, bias, force), kinetic + potential, wheel_speed)
+    return tuple(sp.lambdify(arguments, one, "numpy", cse=True) for one in wanted)

@@ -9,18 +9,9 @@ from ballbot import Controller, Model, Robot, simulate
 from ballbot.control import references
 from ballbot.control.presets import nominal_controller
 from ballbot.log import STATE_NAMES, Log
-from ballbot.robot import Friction
 from ballbot.robot.components import scaled_body
+from tests.support.control_examples import FRICTION
 
-#: about that of a real robot of the thesis's kind
-FRICTION = Friction(
-    viscous=(0.014, 0.016, 0.013),
-    coulomb=(0.11, 0.09, 0.12),
-    stribeck=(0.05, 0.04, 0.06),
-    stribeck_speed=0.6,
-    stribeck_exponent=1.1,
-    rolling=0.007,
-)
 #: of x y theta phi psi and their rates, as of an IMU and of encoders [m, rad, m/s, rad/s]
 NOISE = np.array([1e-5, 1e-5, 1.7e-3, 1.7e-3, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3])
 

@@ -38,7 +38,6 @@ ORDER: tuple[str | tuple[str, ...], ...] = (
         "tests/validation/test_model",
     ),
     "tests/mechanics/test_friction_law.py",
-    "tests/mechanics/test_pivoting.py",
     "tests/fitting/test_between_logs.py",
     "tests/fitting/test_cluster.py",
     "tests/identification/test_driveline.py",

@@ -67,32 +67,5 @@ def noisy_validation() -> Validation:
 
 @cache
 def wheel_log(*, duration: float = 40.0) -> Log:
-    """Return a noisy log of the known robot around a square, with encoders, its torques as they were commanded."""
-    model, controller = Model(true_robot()), Controller(true_robot(), gain())
-    reference, h = square(period=16.0), controller.sample_time
-    state, angle = np.zeros(10), np.zeros(3)
-    state[2:5] = 0.01, -0.015, 0.05
-    rows = []
-    for k in range(round(duration / h)):
-        u = controller.update(k * h, state, reference(k * h))
-        speed = model.wheel_speed(state[:5], state[5:])
-        rows.append(np.concatenate([[k * h], state, u, angle, speed, reference(k * h)[[0, 1, 4]]]))
-        state = model.advance(state, u, h)
-        angle = angle + h * 0.5 * (speed + model.wheel_speed(state[:5], state[5:]))
-    names = (
-        "t",
-        *STATE_NAMES,
-        *_three("u{}"),
-        *_three("wheel{}"),
-        *_three("wheel{}_dot"),
-        "ref_x",
-        "ref_y",
-        "ref_psi",
-    )
-    log = Log(dict(zip(names, np.array(rows).T, strict=True)))
-    noise = np.random.default_rng(9).normal(size=(len(log), 10)) * NOISE
-    return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})
-
-
-def _three(name: str) -> list[str]:
-    return [name.format(wheel) for wheel in (1, 2, 3)]
+    """Return a noisy log of the known robot around a square, with encoders."""
+    return with_noise(perfect_log(duration))

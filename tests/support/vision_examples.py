@@ -89,31 +89,3 @@ def sensor_noise(count: int, *, deviation: float, seed: int, memory: float = 0.0
     """Return noise (count,) N(0, deviation), each value `memory` times the one before and something new."""
     white = np.random.default_rng(seed).standard_normal(count)
     return deviation * np.asarray(lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white))
-
-
-def swing_video(
-    path: Path, angles: NDArray[np.float64], *, rate: float, noise: float = 6.0, seed: int = 0
-) -> None:
-    """Write a film of a hanging body with a printed pattern that swings before a wall with a pattern of its own."""
-    import cv2
-
-    random = np.random.default_rng(seed)
-    width, height, pivot = 240, 240, (120.0, 20.0)
-    # coarse grains: uniform between dark and bright
-    wall = cv2.resize(random.uniform(60, 200, (40, 40)).astype(np.float32), (width, height))
-    grains = cv2.resize(
-        random.uniform(0, 255, (40, 16)).astype(np.float32), (64, 160), interpolation=cv2.INTER_NEAREST
-    )
-    body = np.zeros((height, width), np.float32)
-    mask = np.zeros((height, width), np.float32)
-    body[40:200, 88:152], mask[40:200, 88:152] = grains, 1.0
-    # grain of the sensor, N(0, noise): a few pictures of it are enough
-    grain = noise * random.standard_normal((8, height, width)).astype(np.float32)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate, (width, height))
-    for k, angle in enumerate(angles):
-        turn = cv2.getRotationMatrix2D(pivot, float(np.degrees(angle)), 1.0)
-        cover = cv2.warpAffine(mask, turn, (width, height))
-        picture = wall * (1.0 - cover) + cv2.warpAffine(body, turn, (width, height)) * cover
-        picture = np.clip(picture + grain[k % len(grain)], 0, 255).astype(np.uint8)
-        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
-    writer.release()

@@ -13,10 +13,9 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
 from ballbot.thesis.reproduce import mistakes
-from campaigns.published import page
-from campaigns.published.printed import unstable_poles
+from campaigns import published
+from campaigns.published import unstable_poles
 from tests.support.lagrangian import corrections_of, equations
-from tests.support.paths import ROOT
 from tests.support.symbolic_oracle import random_state
 
 ALTEN = Robot.load("alten")
@@ -41,8 +40,8 @@ def test_a_preset_is_a_robot_that_falls_and_can_be_held(name: str, wheels: int) 
 
 def test_cmus_own_planar_equations_are_ours_without_the_wheels_inertia() -> None:
     cmu = Robot.load("cmu")
-    ours = unstable_poles(Model(page.without_wheel_inertia(cmu)).linearize())
-    assert ours == pytest.approx((page.planar_pole(cmu),) * 2, rel=1e-12)
+    ours = unstable_poles(Model(published.without_wheel_inertia(cmu)).linearize())
+    assert ours == pytest.approx((published.planar_pole(cmu),) * 2, rel=1e-12)
 
 
 # --- the thesis -----------------------------------------------------------------------------------
@@ -57,10 +56,10 @@ def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian() -> None:
     )
     rng = np.random.default_rng(16)
     for _ in range(20):
-        q, q_dot, _ = random_state(rng, 3)
+        q, q_dot, u = random_state(rng, 3)
         force = mistakes.nonholonomic_force(ALTEN, q, q_dot)
         # central differences at 1e-5: truncation and rounding are 1e-10 of numbers up to 0.1
-        wanted = first.bias(q, q_dot) - second.bias(q, q_dot)
+        wanted = first.dynamics(q, q_dot, u)[1] - second.dynamics(q, q_dot, u)[1]
         np.testing.assert_allclose(force, wanted, rtol=0.0, atol=1e-9)
 
 
@@ -72,8 +71,8 @@ NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 @pytest.mark.slow  # derives Rezero's equations
 def test_the_page_in_docs_is_what_the_command_computes() -> None:
     """Words exactly; numbers to 1 %, as processors differ in their last digits."""
-    committed = (ROOT / "docs" / "generated" / "published_models.md").read_text(encoding="utf-8")
-    made = page.published_page()
+    committed = published.PAGE.read_text(encoding="utf-8")
+    made = published.published_page()
     assert NUMBER.sub("\0", made) == NUMBER.sub("\0", committed)
     numbers, computed = ([float(one) for one in NUMBER.findall(text)] for text in (committed, made))
     assert computed == pytest.approx(numbers, rel=1e-2, abs=5e-4)

@@ -1,4 +1,4 @@
-"""Kugle's published matrices and gain: what comes out, and by which convention.
+"""Kugle's and Rezero's published matrices and gains: what comes out, and by which convention.
 
 The page's numbers are compared as a whole (test_published.py).
 """
@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ballbot.control.lqr import lqr
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from campaigns.published import kugle
-from campaigns.published.printed import SourceModel
+from campaigns import published
+from campaigns.published import SourceModel
 
 KUGLE = Robot.load("kugle")
 
@@ -35,13 +36,13 @@ def test_the_preset_counts_the_inertia_once() -> None:
     # the CAD's own inertia about the centre of mass, and 1.7e-4 for the 3.2 mm to the side
     assert central[0, 0] == pytest.approx(1.29465, abs=2e-4)
     assert central[1, 1] == pytest.approx(1.30640, abs=2e-4)
-    doubled = kugle.inertia_counted_twice(KUGLE).body.inertia_about_ball_center()
+    doubled = published.inertia_counted_twice(KUGLE).body.inertia_about_ball_center()
     assert doubled[0, 0] - KUGLE.body.inertia_about_ball_center()[0, 0] == pytest.approx(ml2)
 
 
 def test_authors_matrices_come_out(shared_data: Path) -> None:
     A, B, _ = matrices(shared_data)
-    ours = kugle.in_quaternion(Model(kugle.as_modelled(KUGLE)))
+    ours = published.in_quaternion(Model(published.kugle_as_modelled(KUGLE)))
     places = [6, 7, 9, 10, 11]  # accelerations of x y q2 q3 q4; q1's are zero
     assert ours.A[5:, 2:5] == pytest.approx(A[np.ix_(places, [3, 4, 5])], abs=5.1e-5)
     assert ours.B[5:] == pytest.approx(B[places], abs=5.1e-5)
@@ -52,6 +53,25 @@ def test_authors_gain_follows_from_their_matrices(shared_data: Path) -> None:
     own = np.zeros((6, 6))
     own[:3, 3:] = 0.5 * np.eye(3)
     own[3:, :3] = 2.0 * A[9:, 3:6]
-    designed = kugle.balance_lqr(SourceModel(A=own, B=np.vstack([np.zeros((3, 3)), 2.0 * B[9:]])))
+    model = SourceModel(A=own, B=np.vstack([np.zeros((3, 3)), 2.0 * B[9:]]))
+    # weights of q2 q3 q4 and of the body's rates, and of each torque (GainComputation_UsingLinearizedMatrices)
+    designed = lqr(model, (1000.0, 1000.0, 1.0, 0.1, 0.1, 0.01), (0.05,) * 3)
     # two Riccati solvers agree to 1e-12 of the largest entry; 3e-13 was seen
     assert np.abs(designed.gain - gain).max() < 1e-12 * np.abs(gain).max()
+
+
+def test_kugles_printed_matrices_come_out_and_rezeros_within_a_percent() -> None:
+    assert all(one.comes_out for one in published.kugle_entries(KUGLE))
+    rezero = published.rezero_entries(Robot.load("rezero"))
+    assert max(abs(one.difference) for one in rezero) < 0.012
+    assert all(one.comes_out for one in rezero if one.name.startswith("theta_z"))
+
+
+@pytest.mark.slow  # derives Rezero's equations
+def test_rezeros_printed_gain_comes_out() -> None:
+    robot = Robot.load("rezero")
+    model = published.in_rezero_state(published.rezero_as_modelled(robot), robot)
+    weights = (100.0, 100.0, 40.0, 20.0, 20.0, 50.0, 50.0, 20.0, 10.0, 10.0)
+    printed = (22.34, 0.0, -0.36, 0.36, 0.0, 4.63, 0.0, -0.29, 0.53, 0.0)
+    # its digits are cut off, and its matrices are 1 % off
+    np.testing.assert_allclose(lqr(model, weights, (100.0,) * 3).gain[0], printed, rtol=5e-3, atol=0.01)

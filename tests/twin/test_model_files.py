@@ -1,8 +1,8 @@
-"""Robots as MJCF and URDF: MuJoCo finds their masses, they read back, and foreign ones are safe to read."""
+"""Robots as MJCF read back, and models of others in MJCF or URDF are safe to read."""
 
 import math
+from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -14,59 +14,10 @@ from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME
 from ballbot.robot.parameters import value_of
 from ballbot.robot.robot import with_values
-from ballbot.twin.model_files import LARGEST_MODEL, read_model, robot_urdf
-from ballbot.twin.parts import wheel_frames
+from ballbot.twin import Scenario, twin_mjcf
+from ballbot.twin.model_files import LARGEST_MODEL, read_model
 
 ALTEN = Robot.load("alten")
-
-
-@pytest.mark.parametrize("name", ["alten", "cmu"])
-def test_a_robot_is_recognized_in_its_exported_twin(tmp_path, name):
-    """Each wheel of the twin has a second hinge, its gear's play."""
-    robot, path = Robot.load(name), tmp_path / "twin.xml"
-    assert main(["twin", "export", name, "--out", str(path)]) == 0
-    read = read_model(path, like=robot).robot
-    assert read.wheel_count == robot.wheel_count
-    assert read.body.mass == pytest.approx(robot.body.mass)
-    assert read.body.center_of_mass == pytest.approx(robot.body.center_of_mass)
-    assert read.wheels.tilt == pytest.approx(robot.wheels.tilt)
-    assert read.wheels.azimuths == pytest.approx(robot.wheels.azimuths)
-    assert read.ball.radius == pytest.approx(robot.ball.radius)
-
-
-def test_mujoco_finds_the_masses_and_wheels_in_urdf():
-    text = robot_urdf(ALTEN)
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    first = model.joint("body").dofadr[0]
-    # of a free joint: three translations, then three rotations about the frame's origin, the ball's centre
-    inertia = mass[first + 3 : first + 6, first + 3 : first + 6]
-    np.testing.assert_allclose(mass[first, first], ALTEN.body.mass, rtol=1e-12)
-    np.testing.assert_allclose(
-        inertia, ALTEN.body.inertia_about_ball_center(), atol=1e-9
-    )  # 4.37: rounding of sums
-    assert np.isclose(model.body("ball").mass[0], ALTEN.ball.mass)
-    for i, frame in enumerate(wheel_frames(ALTEN), start=1):
-        joint = model.joint(f"wheel_{i}")
-        np.testing.assert_allclose(data.xaxis[joint.id], frame[:, 2], atol=1e-12)
-        place = joint.dofadr[0]
-        np.testing.assert_allclose(mass[place, place], ALTEN.wheels.inertia, rtol=1e-9)
-    ball = model.body("ball").id
-    pairs = model.geom_bodyid[data.contact.geom]
-    assert (pairs == ball).any(axis=1).all()  # no roller touches another part
-    rollers = ALTEN.wheel_count * ALTEN.wheels.rollers.rows * ALTEN.wheels.rollers.per_row
-    touching = [k for k in range(model.ngeom) if model.geom_conaffinity[k] and model.geom_bodyid[k]]
-    assert len(touching) == rollers + 1  # and the ball's own
-    reach = ALTEN.ball.radius + ALTEN.wheels.radius
-    lowest = [
-        np.linalg.norm(data.geom_xpos[k] - data.body("ball").xpos)
-        for k in touching
-        if model.geom_bodyid[k] != model.body("ball").id
-    ]
-    assert abs(min(lowest) - (ALTEN.ball.radius + ALTEN.wheels.rollers.radius)) < 1e-4 * reach
 
 
 @st.composite
@@ -87,13 +38,14 @@ def robots(draw):
     return with_values(ALTEN, changes)
 
 
-def test_every_number_that_urdf_states_is_recognized(tmp_path):
-    path = tmp_path / "robot.urdf"
+def test_every_number_that_a_model_states_is_recognized(tmp_path):
+    path = tmp_path / "robot.xml"
 
     @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(robot=robots())
     def check(robot):
-        path.write_text(robot_urdf(robot))
+        scenario = replace(Scenario.ideal(robot), friction=robot.friction)
+        path.write_text(twin_mjcf(robot, scenario))
         read = read_model(path, like=ALTEN)
         assert {"ball.radius", "body.inertia.xx", "wheels.rollers.radius", "friction.viscous"} <= {
             *read.stated
@@ -101,6 +53,10 @@ def test_every_number_that_urdf_states_is_recognized(tmp_path):
         for name in read.stated:
             if name == "friction.coulomb":
                 wanted = np.add(robot.friction.coulomb, robot.friction.stribeck)
+            elif name == "drive.motor_inertia":
+                wanted = robot.drive.motor_inertia + robot.drive.gear_inertia
+            elif name == "drive.gear_inertia":
+                wanted = 0.0
             else:
                 wanted = value_of(robot, BY_NAME[name])
             found = value_of(read.robot, BY_NAME[name])
@@ -182,8 +138,8 @@ def test_an_oversized_model_is_refused_before_reading(tmp_path):
         read_model(path, like=ALTEN)
 
 
-def test_a_robot_goes_to_urdf_and_back_by_commands(tmp_path, capsys):
-    model, robot = tmp_path / "a.urdf", tmp_path / "b.toml"
+def test_a_robot_goes_to_mjcf_and_back_by_commands(tmp_path, capsys):
+    model, robot = tmp_path / "a.xml", tmp_path / "b.toml"
     assert main(["twin", "export", "cmu", "--out", str(model)]) == 0
     assert main(["new", "second", "--from", str(model), "--like", "cmu", "--out", str(robot)]) == 0
     read, cmu = Robot.load(str(robot)), Robot.load("cmu")
@@ -195,7 +151,7 @@ def test_a_robot_goes_to_urdf_and_back_by_commands(tmp_path, capsys):
     for words, place in (
         (("check", str(model)), f"ballbot new NAME --from {model}"),
         (("new", str(model)), f"ballbot twin export ROBOT --out {model}"),
-        (("twin", "export", "cmu", "--scenario", "ideal", "--out", str(model)), "leave out --scenario"),
+        (("twin", "export", "cmu", "--out", "a.urdf"), "must end in .xml"),
     ):
         assert main([*words]) == 2
         assert place in capsys.readouterr().err

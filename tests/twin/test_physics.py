@@ -1,6 +1,5 @@
 """The twin's parts against laws written down without it."""
 
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import mujoco
@@ -14,17 +13,11 @@ from ballbot.mechanics.geometry import quaternion_of, rotation, transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.twin import Scenario, Twin, twin_mjcf
-from ballbot.twin.driveline import Driveline
 from ballbot.twin.engine import Engine, attitude_of, body_rate
 from ballbot.twin.faults import Softness
 from ballbot.twin.parts import split_robot
 from ballbot.twin.recording import twin_findings
-from tests.support.twin_examples import lone_ball
-
-
-@pytest.fixture(scope="module")
-def alten() -> Robot:
-    return Robot.load("alten")
+from tests.support.twin_examples import ALTEN, lone_ball, wheels_in_the_air
 
 
 def mass_matrix(engine: Engine) -> NDArray[np.float64]:
@@ -35,14 +28,14 @@ def mass_matrix(engine: Engine) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("scenario", Scenario.names())
-def test_locked_twin_has_the_robot_s_mass_and_inertia(alten: Robot, scenario: str) -> None:
+def test_locked_twin_has_the_robot_s_mass_and_inertia(scenario: str) -> None:
     """With every wheel and roller locked, the body's block of MuJoCo's mass matrix is the robot file's."""
-    engine = Engine(twin_mjcf(alten, Scenario.named(scenario, alten)))
+    engine = Engine(twin_mjcf(ALTEN, Scenario.named(scenario, ALTEN)))
     body = engine.first_velocity("body")
     block = mass_matrix(engine)[body : body + 6, body : body + 6]
-    ml = alten.body.mass * alten.body.center_of_mass
+    ml = ALTEN.body.mass * ALTEN.body.center_of_mass
     expected = np.zeros((6, 6))
-    expected[:3, :3] = alten.body.mass * np.eye(3)
+    expected[:3, :3] = ALTEN.body.mass * np.eye(3)
     expected[3:, 3:] = [[4.37, 0, 0], [0, 4.37, 0], [0, 0, 0.193]]  # Appendix III, about the ball's centre
     expected[0, 4], expected[1, 3] = ml, -ml
     expected = np.triu(expected) + np.triu(expected, 1).T
@@ -72,15 +65,15 @@ def test_record_takes_every_preset(preset: str) -> None:
     assert twin_findings(Robot.load(preset)) == ()
 
 
-def test_robots_that_record_would_refuse_are_found(alten: Robot) -> None:
-    wheels = replace(alten.wheels, rollers=replace(alten.wheels.rollers, rows=3))
-    (found,) = twin_findings(alten.replace(wheels=wheels))
+def test_robots_that_record_would_refuse_are_found() -> None:
+    wheels = replace(ALTEN.wheels, rollers=replace(ALTEN.wheels.rollers, rows=3))
+    (found,) = twin_findings(ALTEN.replace(wheels=wheels))
     assert (found.code, found.severity) == ("robot-twin", "warning")
     assert "one or two rows of rollers, not 3" in found.text
 
 
-def test_wheel_and_rotor_have_the_robot_s_inertias(alten: Robot) -> None:
-    engine = Engine(twin_mjcf(alten, Scenario.nominal(alten)))
+def test_wheel_and_rotor_have_the_robot_s_inertias() -> None:
+    engine = Engine(twin_mjcf(ALTEN, Scenario.nominal(ALTEN)))
     M = mass_matrix(engine)
     rotor = 27.6**2 * (2.42e-6 + 1.6e-7)  # Appendix III
     for i in (1, 2, 3):
@@ -89,25 +82,10 @@ def test_wheel_and_rotor_have_the_robot_s_inertias(alten: Robot) -> None:
         assert M[motor, motor] == pytest.approx(1e-3 + rotor, rel=1e-9)
 
 
-def on_a_stand(robot: Robot, scenario: Scenario) -> Engine:
-    """The twin with its body held and no ball under it: wheels in the air."""
-    root = ET.fromstring(twin_mjcf(robot, scenario))
-    world = root.find("worldbody")
-    assert world is not None
-    for body in list(world.findall("body")):
-        if body.get("name") == "ball":
-            world.remove(body)
-        else:
-            body.remove(body.find("freejoint"))  # type: ignore[arg-type]
-    root.remove(root.find("contact"))  # type: ignore[arg-type]
-    return Engine(ET.tostring(root, encoding="unicode"))
-
-
-def test_free_wheel_slows_down_by_the_stribeck_law(alten: Robot) -> None:
+def test_free_wheel_slows_down_by_the_stribeck_law() -> None:
     """(j_w + j_r) w_dot = -tau(w), against scipy's solution, from 8 rad/s to rest at zero."""
-    scenario = replace(Scenario.nominal(alten), backlash=0.0)
-    engine = on_a_stand(alten, scenario)
-    driveline = Driveline(alten, scenario, engine)
+    scenario = replace(Scenario.nominal(ALTEN), backlash=0.0)
+    engine, driveline = wheels_in_the_air(scenario)
     driveline.speeds[:] = 8.0
     inertia = 1e-3 + 27.6**2 * (2.42e-6 + 1.6e-7)
 
@@ -130,11 +108,10 @@ def test_free_wheel_slows_down_by_the_stribeck_law(alten: Robot) -> None:
     assert np.abs(driveline.speeds).max() < 1e-6
 
 
-def test_wheel_breaks_away_at_the_static_torque(alten: Robot) -> None:
-    scenario = replace(Scenario.nominal(alten), backlash=0.0)
+def test_wheel_breaks_away_at_the_static_torque() -> None:
+    scenario = replace(Scenario.nominal(ALTEN), backlash=0.0)
     for torque, moves in ((0.95, False), (1.05, True)):
-        engine = on_a_stand(alten, scenario)
-        driveline = Driveline(alten, scenario, engine)
+        engine, driveline = wheels_in_the_air(scenario)
         driveline.command(torque * np.array([0.16, 0.13, 0.18]))  # c + s
         for _ in range(1000):
             driveline.prepare_step()
@@ -145,11 +122,10 @@ def test_wheel_breaks_away_at_the_static_torque(alten: Robot) -> None:
             assert np.abs(driveline.speeds).max() < 1e-3  # half a second at this would be 0.03 degrees
 
 
-def test_wheel_follows_rotor_after_the_play(alten: Robot) -> None:
+def test_wheel_follows_rotor_after_the_play() -> None:
     """Turning a rotor slowly to and fro, its wheel stays within half the play, and uses all of it."""
-    scenario = Scenario.nominal(alten)
-    engine = on_a_stand(alten, scenario)
-    driveline = Driveline(alten, scenario, engine)
+    scenario = Scenario.nominal(ALTEN)
+    engine, driveline = wheels_in_the_air(scenario)
     play = engine.positions("play", 3)
     seen = []
     for k in range(4000):
@@ -164,9 +140,9 @@ def test_wheel_follows_rotor_after_the_play(alten: Robot) -> None:
 
 
 @pytest.mark.parametrize("direction", [0.0, 0.7])
-def test_rolling_ball_slows_by_its_rolling_friction_and_stops(alten: Robot, direction: float) -> None:
+def test_rolling_ball_slows_by_its_rolling_friction_and_stops(direction: float) -> None:
     """m v_dot + (j/r^2) v_dot = -N C_rr: the same deceleration at any speed, then rest."""
-    engine = lone_ball(alten, Scenario.nominal(alten))
+    engine = lone_ball(ALTEN, Scenario.nominal(ALTEN))
     forward = np.array([np.cos(direction), np.sin(direction)])
     engine.qvel[:2] = 0.2 * forward
     engine.qvel[3:5] = 0.2 / 0.11 * np.array([-forward[1], forward[0]])
@@ -182,8 +158,8 @@ def test_rolling_ball_slows_by_its_rolling_friction_and_stops(alten: Robot, dire
     assert abs(speeds[-1]) < 1e-5
 
 
-def test_pivoting_ball_slows_by_its_pivoting_friction(alten: Robot) -> None:
-    engine = lone_ball(alten, Scenario.nominal(alten))
+def test_pivoting_ball_slows_by_its_pivoting_friction() -> None:
+    engine = lone_ball(ALTEN, Scenario.nominal(ALTEN))
     for _ in range(200):  # settle
         engine.step()
     engine.qvel[5] = 10.0
@@ -193,19 +169,19 @@ def test_pivoting_ball_slows_by_its_pivoting_friction(alten: Robot) -> None:
     assert engine.qvel[5] == pytest.approx(expected, rel=0.02)
 
 
-def test_ball_turns_the_wheels_by_the_kinematics(alten: Robot) -> None:
+def test_ball_turns_the_wheels_by_the_kinematics() -> None:
     """Encoders see A (z - w), signs and all, while ball and body roll freely; slip and softness remain.
 
     The rows are 0.1 mm apart here. At the nominal 6 mm a row meets the ball 1.4 degrees off the plane,
     which changes the lever by 2.5 % to and fro.
     """
     scenario = replace(
-        Scenario.ideal(alten), rollers=replace(Scenario.ideal(alten).rollers, row_spacing=1e-4)
+        Scenario.ideal(ALTEN), rollers=replace(Scenario.ideal(ALTEN).rollers, row_spacing=1e-4)
     )
-    twin = Twin(alten, scenario)
+    twin = Twin(ALTEN, scenario)
     state = np.array([0, 0, 0.0, 0, 0.4, 0.3, -0.2, 0.0, 0.0, 0.8])
     twin.reset(state, seed=2)
-    A = transforms(alten).T_owb
+    A = transforms(ALTEN).T_owb
     errors, speeds = [], []
     for _ in range(40):
         m = twin.step(np.zeros(3), 0.005)
@@ -221,22 +197,22 @@ def test_ball_turns_the_wheels_by_the_kinematics(alten: Robot) -> None:
     assert np.sqrt(np.mean(np.square(errors))) < 0.01 * np.abs(speeds).max()
 
 
-def test_twin_becomes_the_exact_model_as_contacts_get_stiffer_and_steps_shorter(alten: Robot) -> None:
+def test_twin_becomes_the_exact_model_as_contacts_get_stiffer_and_steps_shorter() -> None:
     """Two independent mechanics, MuJoCo's contacts and the Lagrangian, meet: 0.3 s open loop, single-point wheels."""
     start = np.array([0, 0, 0.03, -0.02, 0.3, 0.1, -0.05, 0.05, 0.02, 0.4])
     times = 0.005 * np.arange(60)
     torques = 0.5 * np.stack([np.sin(9 * times), np.sin(7 * times + 1), np.cos(8 * times)], axis=1)
-    model, exact = Model(alten, step=1e-4), [start]
+    model, exact = Model(ALTEN, step=1e-4), [start]
     for u in torques:
         exact.append(model.advance(exact[-1], u, 0.005))
 
     def errors(step: float) -> list[float]:
         scenario = replace(
-            Scenario.ideal(alten), wheel_contact="point", pivoting=10.0, floor_grip=2.0, roller_grip=2.0,
+            Scenario.ideal(ALTEN), wheel_contact="point", pivoting=10.0, floor_grip=2.0, roller_grip=2.0,
             timestep=step, contact_time=2 * step,
             softness=Softness(stiffness=0.025 / step**2, damping=0.15 / step),
         )  # fmt: skip
-        twin = Twin(alten, scenario)
+        twin = Twin(ALTEN, scenario)
         twin.reset(start, seed=1)
         off = np.abs([twin.step(u, 0.005).truth for u in torques] - np.array(exact[1:])).max(axis=0)
         return [part.max() for part in np.split(off, (2, 5, 7))]

@@ -147,24 +147,21 @@ def test_torque_limit_holds_against_any_command() -> None:
         ({"rollers": {"radius": 0.09}}, "below the wheel's"),
         ({"sensors": {"sample_time": 0.0051234}}, "whole multiple"),
         ({"friction": {"coulomb": (0.1, 0.1)}}, "friction for 2 wheels"),
+        ({}, r"wheels\.inertia"),
     ],
 )
-def test_refuses_a_scenario_that_does_not_fit(change: dict[str, dict[str, object]], sentence: str) -> None:
+def test_refuses_a_scenario_or_a_robot_that_does_not_fit(
+    change: dict[str, dict[str, object]], sentence: str
+) -> None:
     nominal = Scenario.nominal(ALTEN)
     parts = {name: replace(getattr(nominal, name), **values) for name, values in change.items()}
+    robot = ALTEN if change else ALTEN.replace(wheels=replace(ALTEN.wheels, inertia=1.0))
     with pytest.raises(InputError, match=sentence):
-        Twin(ALTEN, replace(nominal, **parts))
+        Twin(robot, replace(nominal, **parts))
 
 
-def test_unsupported_options_are_refused() -> None:
-    twin = Twin(ALTEN)
-    twin.reset(None, seed=1)
+def test_refuses_a_step_and_a_start_that_do_not_fit() -> None:
     with pytest.raises(InputError, match=r"sampled every 0\.005 s"):
-        twin.step(np.zeros(3), 0.004)
+        Twin(ALTEN).step(np.zeros(3), 0.004)
     with pytest.raises(InputError, match="initial state holds a value that is not finite"):
-        twin.reset(np.full(10, np.nan), seed=1)
-    with pytest.raises(InputError, match="nominal"):
-        Scenario.named("nominall", ALTEN)
-    heavy = ALTEN.replace(wheels=replace(ALTEN.wheels, inertia=1.0))
-    with pytest.raises(InputError, match=r"wheels\.inertia"):
-        Twin(heavy)
+        Twin(ALTEN).reset(np.full(10, np.nan), seed=1)

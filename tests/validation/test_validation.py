@@ -31,7 +31,6 @@ from ballbot.validation import (
 from ballbot.validation.closed_loop import closed_loop, delay_of, heading_error
 from ballbot.validation.models import forecast, recoverable_lean, stretches, window_starts
 from ballbot.validation.open_loop import OpenLoop
-from ballbot.validation.prediction import predict
 from ballbot.validation.result import weak_states
 from tests.support.validation_examples import (
     NOISE,
@@ -51,9 +50,6 @@ def _open_loop(validation: Validation) -> OpenLoop:
 
 def _models(robot: Robot) -> ModelPair:
     return ModelPair.by_friction(Model(robot))
-
-
-# --- errors ---
 
 
 # --- rows that count ---
@@ -152,14 +148,6 @@ def test_the_recoverable_lean_is_where_the_torques_balance_gravity():
 
 
 # --- the three validations ---
-
-
-def test_the_noise_of_a_start_is_found_from_the_residuals():
-    log = noisy_log()
-    prediction = predict(_models(true_robot()), log, stretches(log))
-    sigma = np.sqrt(np.diag(prediction.start_covariance))
-    # 4800 residuals give a deviation to about 2 %; a start's noise is carried a sample on, which adds to rates a little
-    np.testing.assert_allclose(sigma, NOISE, rtol=0.1)
 
 
 def test_with_the_true_friction_only_noise_is_left_and_without_it_is_worse():

@@ -14,10 +14,9 @@ from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.run import initial_state_of
 from ballbot.validation.closed_loop import recover_gain
-from ballbot.validation.models import ModelPair, Trajectories, stretches
+from ballbot.validation.models import ModelPair, stretches
 from ballbot.validation.prediction import predict
-from ballbot.validation.result import whole_log_verdict
-from ballbot.validation.whole_log import RUNS, WholeLog, _numbers, compare_whole_log
+from ballbot.validation.whole_log import WholeLog, _numbers, compare_whole_log
 from tests.support.validation_examples import gain, true_robot
 
 SENSORS = Sensors(
@@ -76,28 +75,3 @@ def test_swings_of_a_noisy_sine_have_its_amplitude_and_period():
     # the farthest of a swing's 100 points is about two deviations of the noise beyond the sine
     np.testing.assert_allclose(amplitude, 0.5 + 2.0 * 0.05, rtol=0.05)
     np.testing.assert_allclose(period, 4.0, rtol=0.01)
-
-
-def test_without_a_whole_period_there_is_no_limit_cycle():
-    _, amplitude, period = _numbers(np.linspace(-1.0, 1.0, 500)[:, None] * np.ones(10), 0.02)
-    assert np.all(amplitude == 0.0)
-    assert np.all(np.isinf(period))
-
-
-def test_runs_that_fall_are_beyond_every_number_of_a_log_that_stands():
-    models = ModelPair.by_friction(Model(true_robot()))
-    numbers = np.ones((2, RUNS, 3, 10))
-    numbers[1] = np.inf
-    states = np.zeros((2, 10))
-    whole = WholeLog(
-        duration=48.0,
-        measured=np.ones((3, 10)),
-        models=numbers,
-        fell=(0, RUNS),
-        example=Trajectories(t=np.arange(2.0), measured=states, first=states, second=states),
-    )
-    assert np.all(whole.places[0] == 0)
-    assert np.all(whole.places[1] == -1)
-    assert f"{RUNS} of the {RUNS} runs of the model without friction end early" in whole_log_verdict(
-        whole, models
-    )

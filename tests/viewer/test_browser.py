@@ -5,7 +5,6 @@ The pictures that it takes are kept in the folder that BALLBOT_SCREENSHOTS names
 
 from __future__ import annotations
 
-import time
 from importlib.resources import files
 
 import numpy as np
@@ -15,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Robot
 from ballbot.viewer import replay_page
-from ballbot.viewer.page import ResultState, result_text
 from tests.support.browser import headless_browser, keep, new_tab
 from tests.support.log_examples import smooth_log, with_wheels
 
@@ -143,23 +141,3 @@ def test_page_turns_body_and_ball_as_the_mechanics_does(tab):
     x, y, z, w = turn.as_quat()
     found = tab.run(f"(() => {{ {source}; return ofQuaternion([{w}, {x}, {y}, {z}], [0, 0, 0]); }})()")
     np.testing.assert_allclose(np.array(found).reshape(4, 4).T[:3, :3], turn.as_matrix(), atol=1e-12)
-
-
-def test_page_shows_a_result_beside_it_as_it_grows(tab, tmp_path):
-    page, beside = tmp_path / "page.html", tmp_path / "result.js"
-    page.write_text(replay_page({}, ALTEN, title="alten", result_beside="result.js"), encoding="utf-8")
-    beside.write_text(result_text(ResultState(heading="Work", sentences=("half done",), share=0.5)))
-    tab.open(page)
-    tab.wait("document.querySelector('.result progress')?.value === 0.5")
-    found = ResultState(
-        heading="Found", sentences=("a </script> b",), columns=("", "value"), rows=(("c", "0.1"),)
-    )
-    beside.write_text(result_text(found))
-    tab.wait("document.querySelector('.result h2').textContent === 'Found'")
-    assert tab.run("document.querySelector('.result progress')") is None
-    assert tab.run("document.querySelector('.result td:last-child').textContent") == "0.1"
-    assert tab.run("document.querySelector('.result p').textContent") == "a </script> b"
-    asked = len(tab.requests())
-    time.sleep(2.0)  # twice as long as the page waits before it reads again
-    assert len(tab.requests()) == asked
-    assert tab.complaints() == []

@@ -19,7 +19,7 @@ from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.vision.seam import basketball_seam
-from ballbot.vision.spin import Setup, Spin, compare_with_wheels, facing, measure_spin, spin_findings
+from ballbot.vision.spin import Spin, compare_with_wheels, facing, measure_spin, spin_findings
 from ballbot.vision.video import open_video
 from tests.support.ball_video import Light, Scene, motion_of, render, wandering, write_video
 from tests.support.vision_examples import SMALL, Film, ball_video
@@ -111,7 +111,7 @@ def test_off_centre_ball_of_a_near_camera_is_accurate(tmp_path):
 )
 def test_difficult_videos_are_accurate(tmp_path, scene, suffix, codec):
     made = ball_video(tmp_path / f"hard.{suffix}", scene, duration=0.8, codec=codec)
-    spin = measure_spin(open_video(made.path), Setup(seam=scene.seam))
+    spin = measure_spin(open_video(made.path), seam=scene.seam)
     assert spin.track.tracked.all()
     assert made.error(spin) < HARD
 
@@ -149,7 +149,7 @@ def wheel_log(made: Film, robot: Robot, *, forward: float, offset: float) -> Log
 def test_wheels_and_video_agree_once_clock_and_camera_are_found(plain, measured):
     robot = Robot.load("alten")
     comparison = compare_with_wheels(measured, wheel_log(plain, robot, forward=0.7, offset=12.3), robot)
-    assert comparison.clock.offset == pytest.approx(12.3, abs=2e-3)
+    assert comparison.motion.clock.offset == pytest.approx(12.3, abs=2e-3)
     assert comparison.forward == pytest.approx(0.7, abs=0.01)
     assert comparison.tilt < 0.01
     assert np.all(np.abs(comparison.gain - 1.0) < PLAIN)
@@ -192,8 +192,6 @@ def test_command_writes_its_documented_files(plain, command):
         (["--circle", "100,80,3"], "at least 8"),
         (["--circle", "nan,80,66"], "x,y,radius"),
         (["--forward", "nan"], "an angle in degrees"),
-        (["--colour", "1,2,300"], "red,green,blue"),
-        (["--colour", "255,0,255"], "stands out"),
         (["--seam", "football"], "the seams are thesis"),
         (["--frame-rate", "0"], "positive"),
         (["--frame-rate", "inf"], "positive"),

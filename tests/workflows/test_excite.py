@@ -129,8 +129,8 @@ def test_errors_expected_are_the_least_that_identification_finds(seed):
 
 
 def test_robot_without_friction_uses_the_search_start():
-    believed = asked(robot=alten()).robot.friction
-    assert believed.coulomb == pytest.approx((0.125,) * 3)  # a quarter of the bounds' 0.5
+    assumed = asked(robot=alten()).robot.friction
+    assert assumed.coulomb == pytest.approx((0.125,) * 3)  # a quarter of the bounds' 0.5
     assert asked(robot=alten(FRICTION)).robot.friction.coulomb == pytest.approx(FRICTION.coulomb)
 
 

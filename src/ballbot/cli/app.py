@@ -72,7 +72,7 @@ COMMANDS = (
     Command("validate", "Validation", "Validate a model or a controller against logs."),
     Command("design", "Control", "Design a controller for a robot."),
     Command("export", "Control", "Write a controller as C firmware for its robot."),
-    Command("run", "Control", "Run a live robot: wiring, sweep, balance, comparison."),
+    Command("run", "Control", "Run a live robot: wiring, sweep, balance."),
     Command("limits", "Control", "Find the largest tilts and impulses that a robot recovers from."),
     Command("compare", "Experiments", "Compare controllers on the same courses and seeds."),
     Command("excite", "Experiments", "Design an informative excitation within limits; try it on the twin."),

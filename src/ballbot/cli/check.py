@@ -31,8 +31,7 @@ class SwingOptions:
     """A free swing of the body."""
 
     swing: Path | None = None
-    """A log (gyro or angle) or a video of the body swinging freely, hung up as a pendulum, from which its inertia is
-    determined."""
+    """A log (gyro or angle) of the body swinging freely, hung up as a pendulum, which determines its inertia."""
 
     swing_column: str | None = None
     """The swinging column of the log, if it is not one of gyro_x .. gyro_z, theta, phi, psi."""
@@ -89,7 +88,7 @@ def check(
 
     findings = stop_or_show([*of_robot, *twin_findings(hung)], accept=accept, show=False)
     inputs = [robot, reference, controller, swinging.swing]
-    with open_result(out, command="check", doing="checking the robot", inputs=inputs) as result:
+    with open_result(out, doing="checking the robot", inputs=inputs) as result:
         checked = check_robot(
             hung,
             findings,

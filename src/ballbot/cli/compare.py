@@ -63,7 +63,7 @@ def compare(
     warn_of_idle_compensation(made)
     doing = f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}"
     with (
-        open_result(out, command="compare", doing=doing, inputs=inputs, seed=seeds) as result,
+        open_result(out, doing=doing, inputs=inputs, seed=seeds) as result,
         workers(cluster, processes=processes) as made_by,
     ):
         league = run_league(

@@ -1,6 +1,6 @@
 """The command context: what every command needs around its own work.
 
-    with open_result(out, command="align", doing="aligning", inputs=[robot, log, mapping]) as result:
+    with open_result(out, doing="aligning", inputs=[robot, log, mapping]) as result:
         found = align_log(run, film, progress=result.report)
         result.write(align_report(found))
 
@@ -149,7 +149,7 @@ def _write(path: Path, content: Content) -> None:
 def open_result(
     out: Path | None,  # without it, the results are printed only
     *,
-    command: str,  # whose result it is, as "study"
+    command: str = "",  # whose result it is, as "run wiring"; that of the command line if not given
     doing: str = "",  # what is being done; nothing is shown without it
     # the files that the command may write there besides report.html and results.json
     writes: Collection[str] = (),
@@ -164,6 +164,7 @@ def open_result(
     files, console = input_files(*inputs), standard_output()
     origin = provenance(command=command_line(), files=files, seed=seed)
     names = {PAGE, RESULTS, *writes}
+    command = command or next(iter(ARGV.get()), "")
     held = result_folder(out, command=command, names=names, inputs=files) if out else None
     bar = progress_bar(console, doing) if doing else nullcontext(ignore_progress)
     with held or nullcontext() as folder, bar as report:

@@ -19,9 +19,9 @@ def convert(
     mapping: options.Mapping = None,
     force: bool = False,
 ) -> None:
-    """Write a log in another file format, that of the suffix of OUT: .csv, .parquet, .npz, .mat, .mcap or .db3.
+    """Write a log in another file format, that of the suffix of OUT: .csv, .parquet, .mat or .mcap.
 
-    An MCAP file opens in Foxglove and PlotJuggler. A .db3 file is a ROS 2 bag.
+    An MCAP file opens in Foxglove and PlotJuggler.
 
     Example: `ballbot convert run1/log.csv run1.mcap`
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,15 +9,14 @@ from cyclopts import Parameter
 
 from ballbot.cli.output import emit, open_page, print_parts, progress_bar, show_written, standard_output
 from ballbot.files import check_folder, write_text
+from ballbot.fitting.run import Run
 from ballbot.log import Log
-from ballbot.progress import Progress
-from ballbot.report.demo_runs import PRECISE, SOFT, read_runs, robot_of_runs
-from ballbot.viewer.page import ResultState, replay_page, result_text
+from ballbot.report.blocks import PAGE
+from ballbot.report.demo import PRECISE, SOFT, friction_report, read_runs, robot_of_runs
+from ballbot.report.page import render
+from ballbot.viewer.page import replay_page
 from ballbot.workflows.metrics import SETTLE, position_error, settled
 
-_PAGE, _RESULT, _REPORT = "demo.html", "demo_result.js", "report.html"
-_HEADING = "Meanwhile: the friction in the first run's log"
-_DOING = "identifying the friction"
 _NEXT = (
     "Next: push the robot yourself, `ballbot view alten --controller none --controller precise` (needs: pip install "
     "'ballbot[view]'), or describe your own: `ballbot new mine --from alten`"
@@ -30,57 +28,32 @@ def demo(
 ) -> None:
     """Show a robot that wanders beside the same robot under a precise controller, and identify its friction.
 
-    A page with two recorded runs opens at once. Meanwhile the friction is identified from the log of the first one, and
-    the page shows it when it is found, with a link to its report.
+    A page with two recorded runs opens at once. Meanwhile the friction is identified from the log of the first one;
+    its report opens when it is found.
 
     Example: `ballbot demo --out look`
 
     Parameters
     ----------
     out
-        The folder for the page, report.html and results.json; ballbot-demo if not given.
+        The folder for demo.html, report.html and results.json; ballbot-demo if not given.
     browser
-        Whether to open the page.
+        Whether to open the pages.
     """
-    folder, console = check_folder(out or "ballbot-demo"), standard_output()
-    runs = read_runs()
+    folder, console, runs = check_folder(out or "ballbot-demo"), standard_output(), read_runs()
+    shown, report = folder / "demo.html", folder / PAGE
     title = "One robot, two controllers, the same square"
-    write_text(folder / _RESULT, result_text(_state_before(0.0, "preparing the model")))
-    page = replay_page(runs, robot_of_runs(), title=title, lead=_lead(runs), result_beside=_RESULT)
-    write_text(folder / _PAGE, page)
-    show_written(folder / _PAGE)
+    write_text(shown, replay_page(runs, robot_of_runs(), title=title, lead=_lead(runs)))
+    show_written(shown)
     if browser:
-        open_page((folder / _PAGE).resolve().as_uri())
-    shown = ResultState(heading=_HEADING, sentences=("The command was stopped before it was found.",))
-    written = -1
-    try:
-        with progress_bar(console, "preparing the model") as shown_on:
-
-            def report(progress: Progress) -> None:
-                nonlocal written
-                shown_on(Progress(stage=_DOING, done=progress.share, total=1.0))
-                if (percent := int(100.0 * progress.share)) > written:
-                    written = percent
-                    write_text(folder / _RESULT, result_text(_state_before(progress.share, _DOING)))
-
-            # compiled code, once there is something to look at
-            from ballbot.fitting.run import Run
-            from ballbot.report.demo import identified, state_found, write_report
-
-            found = identified(runs[SOFT], Run(progress=report))
-        shown = state_found(found)
-        # the page reads on while the share is a number: the report is yet to come
-        write_text(folder / _RESULT, result_text(replace(shown, share=1.0)))
-        for sentence in shown.sentences:
-            console.print(sentence, soft_wrap=True)
-        for row in (shown.columns, *shown.rows):
-            console.print("  ".join(f"{cell:>22}" for cell in row), soft_wrap=True)
-        write_report(found, runs[SOFT], folder)
-        shown = replace(shown, links=((_REPORT, "The whole report on the friction found"),))
-    finally:
-        write_text(folder / _RESULT, result_text(shown))
-    emit({"files": [folder / _PAGE, folder / _REPORT], "friction": found.robot.friction})
-    print_parts([str(folder / _REPORT), _NEXT], console)
+        open_page(shown.resolve().as_uri())
+    with progress_bar(console, "identifying the friction") as progress:
+        found = friction_report(runs[SOFT], Run(progress=progress))
+    render(found, folder)
+    emit(found.to_dict())
+    print_parts([*found.parts(brief=True), str(report), _NEXT], console)
+    if browser:
+        open_page(report.resolve().as_uri())
 
 
 def _lead(runs: dict[str, Log]) -> str:
@@ -91,8 +64,3 @@ def _lead(runs: dict[str, Log]) -> str:
         f"Every 8 s the reference, a ring on the floor, jumps to the next corner. {SETTLE:g} s later the soft gain "
         f"is still up to {soft} off, the precise controller {precise}."
     )
-
-
-def _state_before(share: float, doing: str) -> ResultState:
-    sentence = f"On this computer, from the log of “{SOFT}” alone: {doing}."
-    return ResultState(heading=_HEADING, sentences=(sentence,), share=share)

@@ -151,7 +151,6 @@ def design(
     spread, scenario = PerturbationRanges.parse(search.perturb), load_scenario(search.scenario, described)
     with open_result(
         out,
-        command="design",
         doing="robust design" if robust else "designing the controller",
         writes=_WRITTEN,
         inputs=[robot, search.scenario] if robust else [robot],

@@ -93,7 +93,7 @@ def excite(
     conditions = load_scenario(scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
     inputs = [robot, scenario, controller, identification.bounds]
-    with open_result(out, command="excite", doing="excite", writes=_WRITTEN, inputs=inputs) as result:
+    with open_result(out, doing="excite", writes=_WRITTEN, inputs=inputs) as result:
         found = find(
             described,
             chosen,

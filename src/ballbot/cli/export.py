@@ -50,11 +50,7 @@ def export(
     check_belongs(controller, described)
     read = read_controller(controller, described)
     with open_result(
-        out,
-        command="export",
-        doing="writing the firmware",
-        writes=exported_names(),
-        inputs=[robot, controller],
+        out, doing="writing the firmware", writes=exported_names(), inputs=[robot, controller]
     ) as result:
         exported = export_controller(read, lean=lean)
         to_install = what_to_install()

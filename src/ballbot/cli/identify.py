@@ -114,9 +114,7 @@ def identify(
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
     inputs = [robot, logs, holdout, mapping, fit.bounds, fit.sweep]
     with (
-        open_result(
-            out, command="identify", doing="identifying", writes=["robot.toml"], inputs=inputs, seed=fit.seed
-        ) as result,
+        open_result(out, doing="identifying", writes=["robot.toml"], inputs=inputs, seed=fit.seed) as result,
         executor(cluster) as made_by,
     ):
         found, selection = identify_by_law(

@@ -61,7 +61,7 @@ def identify_axis(
         ],
         accept=accept,
     )
-    with open_result(out, command="identify-axis", doing="identifying the axis", inputs=[paths]) as result:
+    with open_result(out, doing="identifying the axis", inputs=[paths]) as result:
         found = identify_record(
             read[: len(fitted)],
             options=method,

@@ -56,9 +56,7 @@ def identify_driveline(
         ],
         accept=accept,
     )
-    with open_result(
-        out, command="identify-driveline", doing="sweep", writes=["robot.toml"], inputs=[robot, log, mapping]
-    ) as result:
+    with open_result(out, doing="sweep", writes=["robot.toml"], inputs=[robot, log, mapping]) as result:
         fits = fit_drivelines(sweeps, run=Run(progress=result.report))
         estimate = sweep_estimate(fits)
         findings = by_severity([*findings, *file_findings(described, estimate)])

@@ -74,7 +74,6 @@ def identify_geometry(
     findings = stop_or_show([*bench_findings(described, named), *encoders], accept=accept)
     with open_result(
         out,
-        command="identify-geometry",
         doing="identifying the geometry",
         writes=["robot.toml"],
         inputs=[on_wheels, runs, films, mapping, robot],

@@ -51,12 +51,7 @@ def identify_upside_down(
     findings = stop_or_show([*of_bench, *of_ball], accept=accept)
     check_seed(seed)
     with open_result(
-        out,
-        command="identify-upside-down",
-        doing="identifying",
-        writes=["robot.toml"],
-        inputs=[logs, mapping, robot],
-        seed=seed,
+        out, doing="identifying", writes=["robot.toml"], inputs=[logs, mapping, robot], seed=seed
     ) as result:
         found = find_friction(
             described, list(named.values()), window=window, run=Run(seed=seed, progress=result.report)

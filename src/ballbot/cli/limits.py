@@ -62,7 +62,7 @@ def limits(
     models: dict[str, RobotLimits] = {}
     twins: dict[str, Sequence[TwinLimit]] = {}
     inputs = [robot, [one.file for one in candidates if one.file], scenario]
-    with open_result(out, command="limits", doing="limits", inputs=inputs, seed=seed) as result:
+    with open_result(out, doing="limits", inputs=inputs, seed=seed) as result:
         for name, controller in chosen.items():
 
             def report(now: Progress, name: str = name) -> None:

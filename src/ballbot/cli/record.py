@@ -1,38 +1,25 @@
-"""`ballbot record`: runs of the twin, written as log files."""
+"""`ballbot record`: a run of the twin, written as log files."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli import OUTPUT, options
-from ballbot.cli.context import changed_robot, command_line, parse_seeds, workers
+from ballbot.cli import options
+from ballbot.cli.context import ROBOT_BESIDE, Content, changed_robot, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import check_robot
-from ballbot.cli.output import emit, print_parts, progress_bar, standard_output
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
-from ballbot.file_formats import read_results
-from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_format
-from ballbot.progress import Progress, in_stage
-from ballbot.report.blocks import provenance, verdict_lines
-from ballbot.report.page import page_of
-from ballbot.report.twin import recording_report, seeds_report
-from ballbot.results import to_results
+from ballbot.progress import in_stage
+from ballbot.report.run import recording_report
 from ballbot.simulation.run import sample_count
-from ballbot.summary import counted
-from ballbot.twin.recording import DURATIONS, Experiment, Recording
+from ballbot.twin.recording import DURATIONS, Experiment
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.record import (
-    RecordJob,
-    RecordOutcome,
-    record_run,
-    record_runs,
-)
+from ballbot.workflows.record import RECORD_FILES, RecordJob, record_run, settings
 
 
 @Parameter(name="*")
@@ -52,21 +39,7 @@ class ExperimentOptions:
     format: options.LogFormat = "csv"
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class SeedOptions:
-    """Random seeds, and where the runs of several are made."""
-
-    seed: options.Seed = 1
-
-    seeds: str | None = None
-    """Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Runs that are there are kept
-    if they have the same settings and their files are unchanged: the same command goes on after it was stopped."""
-
-    cluster: options.Cluster = None
-
-
-_EXPERIMENT, _SEEDS, _CONTROLLER = ExperimentOptions(), SeedOptions(), ControllerOptions()
+_EXPERIMENT, _CONTROLLER = ExperimentOptions(), ControllerOptions()
 
 
 def record(
@@ -77,7 +50,7 @@ def record(
     run: ExperimentOptions = _EXPERIMENT,
     chosen: ControllerOptions = _CONTROLLER,
     estimator: EstimatorName | None = None,
-    random: SeedOptions = _SEEDS,
+    seed: options.Seed = 1,
     accept: options.Accept = None,
     change: options.Changes = None,
     out: options.Out,
@@ -88,7 +61,7 @@ def record(
 
     Example: ballbot record nominal --robot alten --reference square --duration 40 --seed 1 --out run1
 
-    Example: ballbot record mine.toml --estimator kalman --seeds 1-200 --out runs
+    Example: ballbot record mine.toml --estimator kalman --out run2
 
     Parameters
     ----------
@@ -101,11 +74,10 @@ def record(
         controller's file names.
     """
     described = changed_robot(robot, change)
-    check_robot(described, accept=accept)
+    findings = check_robot(described, accept=accept)
     # refused before anything is run or made
     as_reference(run.reference)
-    check_seed(random.seed)
-    all_seeds = None if random.seeds is None else parse_seeds(random.seeds)
+    check_seed(seed)
     controller = chosen.read(described)
     job = RecordJob(
         robot=described,
@@ -114,65 +86,27 @@ def record(
         experiment=run.experiment,
         reference=run.reference,
         duration=DURATIONS[run.experiment] if run.duration is None else run.duration,
+        seed=seed,
         log_format=check_format(run.format),
     )
     if run.experiment == "balance":
         warn_of_idle_compensation({chosen.controller or "nominal controller": job.controller})
     sample_count(job.duration, job.controller.sample_time)
-    check_folder(out)
-    if all_seeds is None:
-        outcomes = [_one(job, random.seed, out)]
-    else:
-        outcomes = _many(job, all_seeds, out, cluster=random.cluster)
-    if OUTPUT.get().json:
-        runs = [to_results(one) | {"results": read_results(one.folder / "results.json")} for one in outcomes]
-        emit({"runs": runs})
+    doing, inputs = f"recording {job.duration:g} s", [robot, scenario, run.reference, chosen.controller]
+    with open_result(out, doing=doing, writes=RECORD_FILES, inputs=inputs, seed=seed) as result:
+        recording = record_run(job, in_stage(result.report, doing))
+        files: dict[str, Content] = {
+            f"{name}.{job.log_format}": log.write for name, log in recording.logs.items()
+        }
+        files |= settings(job)
+        made = f"{result.path(ROBOT_BESIDE)} {result.path(f'log.{run.format}')}"
+        step = f"`ballbot {_NEXT[run.experiment]} {made} --out found`"
+        result.write(recording_report(job, recording, findings), files=files, named=[*files], next_step=step)
 
 
-def _one(job: RecordJob, seed: int, out: Path) -> RecordOutcome:
-    console, doing, verdict = standard_output(), f"recording {job.duration:g} s", list[tuple[str, str]]()
-    with progress_bar(console, doing) as report:
-
-        def page(recording: Recording) -> str:
-            report(Progress(stage="writing the files"))
-            made = recording_report(job, seed, recording)
-            verdict.extend(made.verdict)
-            return page_of(made)
-
-        outcome = record_run(job, seed, out, page=page, progress=in_stage(report, doing))
-    named = (str(out / one.name) for one in sorted(out.iterdir()) if not one.name.startswith("."))
-    print_parts([*verdict_lines(verdict), *named, f"Next: {_next(job, out)}"], console)
-    return outcome
-
-
-def _next(job: RecordJob, folder: Path) -> str:
-    log, robot = folder / f"log.{job.log_format}", folder / "robot.toml"
-    command = {
-        "balance": "identify",
-        "driveline_sweep": "identify-driveline",
-        "upside_down": "identify-upside-down",
-    }
-    return f"`ballbot {command[job.experiment]} {robot} {log} --out found`"
-
-
-def _many(job: RecordJob, seeds: list[int], out: Path, *, cluster: str | None) -> list[RecordOutcome]:
-    console, doing = standard_output(), f"recording {counted(len(seeds), 'run')} of {job.duration:g} s"
-    listed = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else str(seeds[0])
-    made = provenance(command=command_line(), files=(), seed=listed)
-    with workers(cluster) as made_by, progress_bar(console, doing) as report:
-        outcomes = record_runs(
-            job,
-            seeds,
-            out,
-            workers=made_by,
-            page=lambda runs: page_of(seeds_report(job, runs, made)),
-            progress=report,
-        )
-    before = sum(outcome.was_there for outcome in outcomes)
-    early = [outcome for outcome in outcomes if outcome.ended is not None]
-    kept = f", {before} of them kept from before" if before else ""
-    lines = [f"{counted(len(outcomes), 'run')} in {out}{kept}; {len(early)} ended early."]
-    lines += [f"{outcome.folder}: ended early, {outcome.ended}." for outcome in early]
-    lines.append(f"Next: {_next(job, outcomes[0].folder)}")
-    print_parts(lines, console)
-    return outcomes
+#: the command that takes the log of an experiment
+_NEXT = {
+    "balance": "identify",
+    "driveline_sweep": "identify-driveline",
+    "upside_down": "identify-upside-down",
+}

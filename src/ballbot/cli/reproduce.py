@@ -29,7 +29,7 @@ def reproduce(*, out: options.Out, only: str | None = None, seed: options.Seed =
     from ballbot.thesis.reproduce.page import reproduction_report
 
     items_named(only)
-    with open_result(out, command="reproduce", doing="reproducing the thesis", seed=seed) as result:
+    with open_result(out, doing="reproducing the thesis", seed=seed) as result:
         found = remake(seed=seed, only=only, progress=result.report)
         rows = [[item.name, item.title, item.verdict] for item in found.items]
         sheet = Sheet(caption="The thesis reproduced", headings=("", "title", "verdict"), rows=rows)

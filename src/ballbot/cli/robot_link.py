@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -17,10 +16,7 @@ from rich.text import Text
 
 from ballbot.cli import OUTPUT, options
 from ballbot.cli.output import notice_output
-from ballbot.control.controller import Controller
-from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.firmware.export import check_belongs
 from ballbot.fitting.run import check_seed
 from ballbot.link.emulated import emulated_robot
 from ballbot.link.lines import state_line
@@ -75,28 +71,6 @@ class LinkOptions:
     def described(self) -> Robot | None:
         """The robot's description; None if it is not known."""
         return Robot.load(self.name) if self.robot or self.emulated else None
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ControllerOnRobot:
-    """The controller that the robot runs."""
-
-    controller: Path | None = None
-    """A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
-    controller runs."""
-
-    lean: options.LeanLimit = 0.35
-
-    def read(self, link: LinkOptions) -> Controller | None:
-        """Return the controller; None if the robot's own runs there."""
-        described = link.described
-        if self.controller is not None:
-            if described is None:
-                raise InputError("--controller needs the robot that it is for: give --robot.")
-            check_belongs(self.controller, described)
-            return read_controller(self.controller, described)
-        return None
 
 
 @dataclass(frozen=True, kw_only=True)

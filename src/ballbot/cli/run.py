@@ -1,4 +1,4 @@
-"""`ballbot run`: a live robot, from its wiring check to a comparison of two controllers on it."""
+"""`ballbot run`: a live robot, from its wiring check to a balancing run."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from cyclopts import App
 from numpy.typing import NDArray
 
 from ballbot.cli import options
-from ballbot.cli.context import CommandResult, Content, open_result
+from ballbot.cli.context import open_result
 from ballbot.cli.output import emit, notice_output, standard_output
 from ballbot.cli.robot_link import (
     Connection,
-    ControllerOnRobot,
     LinkOptions,
     Monitor,
     Port,
@@ -24,13 +23,12 @@ from ballbot.cli.robot_link import (
 )
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.firmware.export import export_controller
+from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
 from ballbot.link.lines import bench_line, counts_line, sample_line
 from ballbot.link.live import (
     Commander,
     FollowReference,
-    LiveRun,
     Sample,
     TorqueProgram,
     recorded_run,
@@ -39,15 +37,12 @@ from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.report.blocks import finding_line
-from ballbot.report.live import alternation_report, live_run_report, wiring_report
+from ballbot.report.run import live_run_report, wiring_report
 from ballbot.results import to_results
-from ballbot.robot import Robot
 from ballbot.simulation.held_robot import SWEEP_PERIOD
-from ballbot.workflows.alternation import MIN_RUNS, alternate
-from ballbot.workflows.controller_prediction import check_controller, evaluate_log, read_prediction
-from ballbot.workflows.metrics import SETTLE, Performance, performance_of, settled
+from ballbot.workflows.metrics import SETTLE, Performance, settled
 
-ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
+ABOUT = """Run a live robot over a serial port: check it, record it, balance it.
 
 Every command takes the robot's port, such as /dev/ttyACM0, or --emulated in its place.
 docs/tutorials/hardware.md and docs/bring_up.md have the commands in the order in which a new robot needs them.
@@ -60,7 +55,7 @@ Example: ballbot run wiring --emulated
 run = App(name="run", help=ABOUT)
 
 
-_LINK, _CONTROLLER = LinkOptions(), ControllerOnRobot()
+_LINK = LinkOptions()
 
 
 @run.default
@@ -69,7 +64,8 @@ def balance(
     /,
     *,
     link: LinkOptions = _LINK,
-    chosen: ControllerOnRobot = _CONTROLLER,
+    controller: Path | None = None,
+    lean: options.LeanLimit = 0.35,
     reference: str = "hold",
     duration: options.Positive = 30.0,
     ramp: float = 0.0,
@@ -86,6 +82,9 @@ def balance(
 
     Parameters
     ----------
+    controller
+        A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
+        controller runs.
     reference
         hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
         comma and full stop turn, e ends). It begins where the robot stands.
@@ -96,20 +95,24 @@ def balance(
     out
         The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
-    controller = chosen.read(link)
+    parameters, then = None, f"identify {link.name} LOG --out identified"
+    if controller is not None:
+        if link.described is None:
+            raise InputError("--controller needs the robot that it is for: give --robot.")
+        check_belongs(controller, link.described)
+        parameters = export_controller(read_controller(controller, link.described), lean=lean).parameters
+        if (study := controller.with_name("results.json")).exists():
+            then = f"validate --prediction {study} LOG"
     with (
         closing(live_reference(reference)) as driven,
         connected(port, link, real_time=reference == KEYBOARD) as connection,
     ):
         robot = connection.robot
-        if controller is not None:
-            robot.use_parameters(export_controller(controller, lean=chosen.lean).parameters)
+        if parameters is not None:
+            robot.use_parameters(parameters)
         check_balancing_parameters(robot.parameters)
         commander = FollowReference(driven, sample_time=robot.sample_time)
-        file, then = chosen.controller, f"identify {link.name} LOG --out identified"
-        if file is not None and (study := file.with_name("results.json")).exists():
-            then = f"validate --prediction {study} LOG"
-        _record(connection, commander, duration=duration, ramp=ramp, out=out, then=then, controller=file)
+        _record(connection, commander, duration, out, then, ramp=ramp, controller=controller)
 
 
 @run.command
@@ -236,216 +239,84 @@ def _bench(
     robot, own = connection.robot, connection.robot.parameters
     robot.use_parameters(bench_parameters(own))
     try:
-        commander = TorqueProgram(torques, sample_time=robot.sample_time)
-        _record(connection, commander, duration=duration, out=out, then=then)
+        _record(connection, TorqueProgram(torques, sample_time=robot.sample_time), duration, out, then)
     finally:
         if robot.session.connected:
             robot.use_parameters(own)
 
 
-@run.command
-def send(
-    port: Port = None,
-    /,
-    *,
-    link: LinkOptions = _LINK,
-    controller: Path,
-    lean: options.LeanLimit = 0.35,
-) -> None:
-    """Send a controller to a disarmed robot, which keeps it until it is switched off.
-
-    Example: ballbot run send /dev/ttyACM0 --robot found/robot.toml --controller found/controller.toml
-
-    Parameters
-    ----------
-    controller
-        A controller file.
-    """
-    read = ControllerOnRobot(controller=controller).read(link)
-    assert read is not None
-    with connected(port, link) as connection:
-        sent = connection.robot.use_parameters(export_controller(read, lean=lean).parameters)
-    text = "was sent; the self-test must pass before the robot arms" if sent else "is on the robot already"
-    standard_output().print(
-        f"{controller} {text}.\nNext: `ballbot run PORT --duration 32 --out run`", soft_wrap=True
-    )
-    emit({"controller": controller, "sent": sent})
-
-
-@run.command
-def compare(
-    port: Port = None,
-    /,
-    *,
-    link: LinkOptions = _LINK,
-    prediction: Path,
-    rounds: options.WholeNumber = MIN_RUNS // 2,
-    lean: options.LeanLimit = 0.35,
-    out: options.Out,
-) -> None:
-    """Compare a study's controller with the one before it on the robot: runs in turn on the same course, A B A B.
-
-    What drifts from run to run, such as battery and floor, is not counted as a gain. Every run of the study's
-    controller is compared with the study's prediction, as `ballbot validate --prediction` does. Put the robot back to
-    its start before each run.
-
-    Example: ballbot run compare /dev/ttyACM0 --prediction found/results.json --out compared
-
-    Example: ballbot run compare --emulated --prediction found/results.json --out compared
-
-    Parameters
-    ----------
-    prediction
-        The results.json of a study, with controller.toml, previous_controller.toml and robot.toml beside it.
-    rounds
-        Runs of each controller, two or more.
-    """
-    if rounds < MIN_RUNS // 2:
-        raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
-    predicted = read_prediction(prediction)
-    described = Robot.load(prediction.with_name("robot.toml"))
-    files = [prediction.with_name(name) for name in ("previous_controller.toml", "controller.toml")]
-    controllers = [read_controller(path, described) for path in files]
-    check_controller(predicted, controllers[1])
-    names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
-    for name in names:
-        check_no_recording(out / f"{name}{SUFFIX}")
-    with open_result(
-        out,
-        command="run compare",
-        writes=[f"{name}.csv" for name in names],
-        inputs=[prediction, files, link.robot, link.scenario],
-        seed=link.seed,
-    ) as result:
-        logs = []
-        with connected(port, link) as connection:
-            about = _about_run(connection, result) | {"robot": described.name}
-            for k, name in enumerate(names):
-                result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
-                parameters = export_controller(controllers[k % 2], lean=lean).parameters
-                connection.robot.use_parameters(parameters)
-                course = live_reference(predicted.course.name)
-                commander = FollowReference(course, sample_time=connection.robot.sample_time)
-                recording = out / f"{name}{SUFFIX}"
-                made = _made(connection, commander, duration=predicted.course.duration, recording=recording)
-                _finish(connection, made)
-                result.console.print(made.ending.text, soft_wrap=True)
-                logs.append(made.whole_log())
-        performances = [performance_of(log, controllers[k % 2]) for k, log in enumerate(logs)]
-        verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
-        found, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
-        page = alternation_report(found, logs, controllers=compared, about=connection.words, origin=about)
-        written: dict[str, Content] = {
-            f"{name}.csv": log.write for name, log in zip(names, logs, strict=True)
-        }
-        step = {
-            "keep": f"go on with {files[1]}.",
-            "weaken": "`ballbot design ROBOT --compensation-gain 0.8 --out weaker`",
-            "revert": f"go back to {files[0]}.",
-        }[found.recommendation]
-        result.write(page, files=written, next_step=step)
-        for name in names:
-            (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
-
-
 def _record(
     connection: Connection,
     commander: Commander,
-    *,
     duration: float,
-    ramp: float = 0.0,
     out: Path | None,
-    then: str,
+    then: str,  # the command that takes the log, LOG, next
+    *,
+    ramp: float = 0.0,
     controller: Path | None = None,
 ) -> None:
-    """Make a run, and write its log and results into a folder if there is one; the log so far if the link is lost.
+    """Make a run, watched by the monitor, and write its log and results into a folder if there is one.
 
-    `then` is the command that takes the log, LOG, next.
+    InputError if the link was lost, KeyboardInterrupt if it was interrupted; the log so far is written.
     """
-    recording, link = None if out is None else out / f"log{SUFFIX}", connection.link
+    link, robot, described = connection.link, connection.robot, connection.link.described
+    recording = None if out is None else out / f"log{SUFFIX}"
     if recording is not None:
         check_no_recording(recording)
-    files = [link.robot, controller, link.scenario]
-    with open_result(out, command="run", writes=["log.csv"], inputs=files, seed=link.seed) as result:
-        made = _made(connection, commander, duration=duration, ramp=ramp, recording=recording)
-        log, held = made.whole_log(), isinstance(commander, TorqueProgram)
+    held, limit = isinstance(commander, TorqueProgram), robot.torque_limit
+    shown, line = Monitor(standard_output()), bench_line if held else sample_line
+
+    def watch(sample: Sample) -> None:
+        shown.show(sample.t, lambda: line(sample, torque_limit=limit))
+        if connection.camera is not None:
+            connection.camera.watch(sample.t)
+
+    inputs = [link.robot, controller, link.scenario]
+    with open_result(out, command="run", writes=["log.csv"], inputs=inputs, seed=link.seed) as result:
+        with shown:
+            made = recorded_run(
+                robot,
+                commander,
+                operator=connection.operator,
+                duration=duration,
+                ramp=ramp,
+                watch=watch,
+                recording=recording,
+            )
+        log = made.whole_log()
         summary: dict[str, object] = {}
         if held:
             log = connection.camera.added_to(bench_log(log)) if connection.camera else bench_log(log)
             summary["peak_wheel_speed"] = float(np.abs(log.wheel_speeds).max())
         elif settled(log, SETTLE).any():
-            summary["performance"] = Performance.of(log, torque_limit=connection.robot.torque_limit)
+            summary["performance"] = Performance.of(log, torque_limit=limit)
         results = {
             "rows": len(log),
-            "sample_time": connection.robot.sample_time,
+            "sample_time": robot.sample_time,
             "ended": made.ending.kind,
             "reason": made.ending.text,
             **summary,
-            "provenance": _about_run(connection, result),
+            "provenance": to_results(result.origin)
+            | {
+                "robot": described and described.name,
+                "port": connection.address,
+                "session": robot.session_name,
+                "parameters_sha256": sha256(robot.parameters.tobytes()).hexdigest(),
+            },
         }
         page = live_run_report(
-            log,
-            link.described,
-            held=held,
-            ending=made.ending.text,
-            about=connection.words,
-            data=results,
+            log, described, held=held, ending=made.ending.text, about=connection.words, data=results
         )
         step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`" if out else ""
         result.write(page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
         if recording is not None:
             recording.unlink(missing_ok=True)
-    _finish(connection, made)
-
-
-def _made(
-    connection: Connection,
-    commander: Commander,
-    *,
-    duration: float,
-    ramp: float = 0.0,
-    recording: Path | None = None,
-) -> LiveRun:
-    """Make a run, watched by the monitor; see `recorded_run`."""
-    monitor = Monitor(standard_output())
-    line = bench_line if isinstance(commander, TorqueProgram) else sample_line
-
-    def watch(sample: Sample) -> None:
-        monitor.show(sample.t, lambda: line(sample, torque_limit=connection.robot.torque_limit))
-        if connection.camera is not None:
-            connection.camera.watch(sample.t)
-
-    with monitor:
-        return recorded_run(
-            connection.robot,
-            commander,
-            operator=connection.operator,
-            duration=duration,
-            ramp=ramp,
-            watch=watch,
-            recording=recording,
-        )
-
-
-def _about_run(connection: Connection, result: CommandResult) -> dict[str, object]:
-    """Return the provenance of a log: how it was made, on which robot, with which parameters, in which session."""
-    described = connection.link.described
-    return to_results(result.origin) | {
-        "robot": described.name if described else None,
-        "port": connection.address,
-        "session": connection.robot.session_name,
-        "parameters_sha256": sha256(connection.robot.parameters.tobytes()).hexdigest(),
-    }
-
-
-def _finish(connection: Connection, made: LiveRun) -> None:
-    """Print what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
-    if made.trouble:
-        notice_output().print(made.trouble, style="yellow", soft_wrap=True)
+    refused = ""
+    if made.ending.kind not in ("interrupt", "link"):
+        refused = counts_line(robot.session.counts.refused, robot.refused_frames())
+    for words in filter(None, (made.trouble, refused)):
+        notice_output().print(words, style="yellow", soft_wrap=True)
     if made.ending.kind == "interrupt":
         raise KeyboardInterrupt("interrupted; the robot is disarmed.")
     if made.ending.kind == "link":
         raise InputError(made.ending.text)
-    refused = counts_line(connection.robot.session.counts.refused, connection.robot.refused_frames())
-    if refused:
-        notice_output().print(refused, style="yellow", soft_wrap=True)

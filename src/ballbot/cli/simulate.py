@@ -79,12 +79,7 @@ def simulate(
         notice_output().print(words, markup=False, soft_wrap=True)
     inputs = [robot, reference, chosen.controller, simulated.scenario]
     with open_result(
-        out,
-        command="simulate",
-        doing=f"simulating {duration:g} s",
-        writes=_WRITTEN,
-        inputs=inputs,
-        seed=simulated.seed,
+        out, doing=f"simulating {duration:g} s", writes=_WRITTEN, inputs=inputs, seed=simulated.seed
     ) as result:
         log = run(
             Model(described, simulated.formulation),

@@ -19,7 +19,6 @@ from ballbot.report.spin import spin_report
 from ballbot.robot import Robot
 from ballbot.vision.seam import seam_named
 from ballbot.vision.spin import (
-    Setup,
     compare_with_wheels,
     facing,
     log_with_spin,
@@ -39,9 +38,6 @@ class CameraOptions:
     seam: str = "thesis"
     """tennis, basketball, or thesis: one closed curve like a tennis ball's with narrower necks, as of tape on a plain
     ball."""
-
-    colour: str | None = None
-    """The seam's colour, as red,green,blue from 0 to 255. Estimated if not given."""
 
     circle: str | None = None
     """The ball's outline, as x,y,radius in pixels. Estimated if not given."""
@@ -96,32 +92,31 @@ def spin(
         if not math.isfinite(camera.forward):
             raise InputError(f"--forward is {camera.forward:g}; it must be an angle in degrees.")
         turn = facing(math.radians(camera.forward))
-    colour = None if camera.colour is None else _colour(camera.colour)
     circle = None
     if camera.circle is not None:
         place = "x,y,radius in pixels, such as 320,240,150"
         x, y, radius = numbers_listed(camera.circle, "--circle", count=3, wanted=place)
         circle = (x, y, radius)
-    setup = Setup(seam=seam_named(camera.seam), colour=colour, circle=circle)
+    seam = seam_named(camera.seam)
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
     findings = bench_findings(described, {str(log): run}) if described and run else ()
     stop_or_show(findings, accept=accept, others="`ballbot check-log`")
     film = open_video(video, frame_rate=camera.frame_rate)
-    with open_result(
-        out, command="spin", doing="looking", writes=_WRITTEN, inputs=[video, log, mapping]
-    ) as result:
-        found = measure_spin(film, setup, progress=lambda now: result.report(replace(now, note=video.stem)))
+    with open_result(out, doing="looking", writes=_WRITTEN, inputs=[video, log, mapping]) as result:
+        found = measure_spin(
+            film, seam=seam, circle=circle, progress=lambda now: result.report(replace(now, note=video.stem))
+        )
         comparison, files = None, dict[str, Content]()
         if run is not None and described is not None:
             try:
                 comparison = compare_with_wheels(found, run, described, known=turn)
             except InputError as error:
                 raise InputError(f"{video} and {log}: {error}") from None
-            turn = turn or comparison.robot_camera
-        found = found.turned(turn) if turn is not None else found
+            turn = turn or comparison.motion.body_marker
+        found = replace(found, robot_camera=turn) if turn is not None else found
         if run is not None and comparison is not None:
-            files["log.csv"] = log_with_spin(run, found, comparison.clock).write
+            files["log.csv"] = log_with_spin(run, found, comparison.motion.clock).write
         files |= {"spin.csv": found.log().write, "overlay.png": (picture := overlay(found))}
         page = spin_report(
             found,
@@ -134,11 +129,3 @@ def spin(
         if run is None:
             step = "give the log of the run with --log and --robot."
         result.write(page, files=files, named=["spin.csv"], next_step=step)
-
-
-def _colour(text: str) -> tuple[int, int, int]:
-    wanted = "red,green,blue from 0 to 255, such as 225,190,40"
-    red, green, blue = map(round, numbers_listed(text, "--colour", count=3, wanted=wanted))
-    if not all(0 <= value <= 255 for value in (red, green, blue)):
-        raise InputError(f"--colour is {text!r}; it must be {wanted}.")
-    return red, green, blue

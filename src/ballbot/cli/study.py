@@ -101,9 +101,7 @@ def study(
         )
     inputs = [robot, logs, fit.mapping, fit.bounds, trial.scenario]
     with (
-        open_result(
-            out, command="study", doing="reading", writes=STUDY_FILES, inputs=inputs, seed=seed
-        ) as result,
+        open_result(out, doing="reading", writes=STUDY_FILES, inputs=inputs, seed=seed) as result,
         executor(cluster) as made_by,
     ):
         assert result.folder is not None

@@ -13,7 +13,6 @@ from ballbot.files import check_file, check_new_file, write_text
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
-from ballbot.twin.model_files import robot_urdf
 from ballbot.twin.scenario_file import load_scenario, write_scenario
 
 ABOUT = """The twin's MuJoCo model and its scenarios.
@@ -29,15 +28,13 @@ def export(
     robot: options.Robot,
     /,
     *,
-    scenario: str | None = None,
+    scenario: str = "nominal",
     mounting: Mounting = "floor",
     out: Path,
 ) -> None:
-    """Write the twin as MJCF, for MuJoCo's viewer and other tools, or the robot with its own friction as URDF, for ROS.
+    """Write the twin as MJCF, for MuJoCo's viewer and other tools that read it.
 
     Example: ballbot twin export alten --scenario nominal --out twin.xml
-
-    Example: ballbot twin export mine.toml --out mine.urdf
 
     Effects that depend on speed or time are left out: dry friction has its value at rest; motors, supply and pushes
     are missing. Every roller is a body with one contact.
@@ -45,24 +42,17 @@ def export(
     Parameters
     ----------
     scenario
-        A named scenario or a scenario file; "nominal" by default. URDF has none.
+        A named scenario or a scenario file; "nominal" by default.
     mounting
         floor, stand (held, wheels in the air) or upside_down (held, the ball on the wheels).
     out
-        The file to write, .xml or .urdf.
+        The file to write, .xml.
     """
     described = Robot.load(robot)
-    kind = out.suffix.lower()
-    if kind not in (".xml", ".urdf"):
-        raise InputError(f"{out} must end in .xml for MJCF, or in .urdf.")
-    if kind == ".urdf" and (scenario or mounting != "floor"):
-        raise InputError("URDF has the robot alone: leave out --scenario and --mounting, or write .xml.")
+    if out.suffix.lower() != ".xml":
+        raise InputError(f"{out} must end in .xml: models are written as MJCF.")
     check_file(out)
-    if kind == ".urdf":
-        write_text(out, robot_urdf(described))
-    else:
-        chosen = load_scenario(scenario or "nominal", described)
-        write_text(out, twin_mjcf(described, chosen, mounting=mounting) + "\n")
+    write_text(out, twin_mjcf(described, load_scenario(scenario, described), mounting=mounting) + "\n")
     show_written(out, next_step=f"open {out} in a program that reads it.")
 
 

@@ -60,7 +60,6 @@ def view(
     end: float | None = None,
     mapping: options.Mapping = None,
     save: Path | None = None,
-    video: Path | None = None,
     live: LiveOptions = _LIVE,
 ) -> None:
     """Show logs in three dimensions, with plots that follow the time cursor; or simulate robots live.
@@ -90,12 +89,9 @@ def view(
         Time of the logs to stop at [s].
     save
         The HTML file to write; a robot is at rest in it. If no file is to be written, the browser opens.
-    video
-        The video file to write, such as replay.mp4, in real time. Needs ffmpeg, and Chromium, Chrome or Edge.
     """
-    for file in (save, video):
-        if file is not None:
-            check_file(file)
+    if save is not None:
+        check_file(save)
     if any(map(_is_port, shown)):
         raise InputError(f"A real robot is shown in the terminal: ballbot run monitor {shown[0]}")
     robots, paths = _sorted_out(shown)
@@ -105,10 +101,8 @@ def view(
         raise InputError(
             "There is nothing to show. Name one or more logs, or a robot, as in: ballbot view alten"
         )
-    if live != _LIVE and (paths or save or video):
+    if live != _LIVE and (paths or save):
         raise InputError("Options of a live view need a robot that is simulated, without logs and files.")
-    if video and not paths:
-        raise InputError("A video needs a log: a robot at rest does not move.")
     if robots:
         described: dict[str, Robot] = {}
         for word, one in zip(robots, map(Robot.load, robots), strict=True):
@@ -125,26 +119,15 @@ def view(
         }
         given = None if robot is None else Robot.load(robot)
         owners = {name: given or _owner(path) for name, path in paths.items()}
-        page = replay_page(logs, owners, title=every(logs), layout=layout, autoplay=video is None)
-    _write(page, save, video)
-
-
-def _write(page: str, save: Path | None, video: Path | None) -> None:
-    """Write a page into a file, as a video, or both; open it if neither is asked for."""
-    if video is not None:
-        from ballbot.viewer.video import write_video
-
-        with progress_bar(standard_output(), "drawing the video") as report:
-            write_video(page, video, progress=report)
-    if save is None and video is None:
-        path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html"
-        write_text(path, page)
-        show_written(path)
-        open_page(path.resolve().as_uri())
-        return
+        page = replay_page(logs, owners, title=every(logs), layout=layout)
     if save is not None:
         write_text(save, page)
-    show_written(*(path for path in (save, video) if path is not None))
+        show_written(save)
+        return
+    path = Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html"
+    write_text(path, page)
+    show_written(path)
+    open_page(path.resolve().as_uri())
 
 
 def _is_port(word: str) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -37,10 +36,9 @@ BAND_COUNTS = 8.0
 def default_speed_band(robot: Robot, sample_time: float) -> float:
     """Return the wheel speed [rad/s] below which the compensated friction's sign becomes a ramp.
 
-    Speeds are whole encoder counts over a sample time. At a standstill the count flickers by one, so a sign
-    taken from it would make the motors chatter at full friction; over `BAND_COUNTS` counts the flicker is worth
-    an eighth of the friction at most. Narrower chatters; wider leaves more friction uncompensated (on the twin's
-    square the peak error grows from 0.2 rad/s on, and torque gets rougher below it).
+    At a standstill an encoder's count flickers by one, which over `BAND_COUNTS` counts is worth an eighth of the
+    friction. Narrower chatters; wider leaves friction uncompensated (on the twin's square the peak error grows from 0.2
+    rad/s on).
     """
     step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
     return BAND_COUNTS * step / sample_time
@@ -51,11 +49,8 @@ GRIP_FRACTION = 0.4
 
 
 def grip_torque_limit(robot: Robot) -> float:
-    """Return the wheel torque [N m] that leaves the wheels their hold on the ball, never above the motors' own limit.
-
-    `GRIP_FRACTION` of the load that presses a wheel, times its radius; and friction, which never reaches the contact.
-    """
-    friction = max(robot.friction.breakaway)
+    """Return the wheel torque [N m] that leaves the wheels their hold on the ball, within the motors' own limit."""
+    friction = max(robot.friction.breakaway)  # never reaches the contact
     return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
 
 
@@ -102,18 +97,6 @@ class Controller:
         If a value is out of range, or a part belongs to another robot.
     """
 
-    robot: Robot
-    gain: NDArray[np.float64]
-    sample_time: float
-    compensation: Compensation
-    torque_limit: float
-    speed_band: float
-    parts: Parts
-    estimator: EstimatorName
-    record: NDArray[np.void]
-    memory: NDArray[np.void]
-    packed: NDArray[np.float64]
-
     def __init__(
         self,
         robot: RobotLike,
@@ -126,42 +109,41 @@ class Controller:
         parts: Parts = Parts(),  # noqa: B008 (frozen)
         estimator: EstimatorName = "onboard",
     ) -> None:
-        self.robot = robot = as_robot(robot)
+        self.robot: Robot = as_robot(robot)
+        robot = self.robot
         self.gain = _checked_gain(gain, robot.wheel_count)
         self.sample_time = checked_sample_time(
             robot.sensors.sample_time if sample_time is None else sample_time, "The controller's sample time"
         )
         if compensation not in get_args(Compensation):
             raise InputError(f"The compensation is {compensation!r}; it must be 'none', 'full' or 'partial'.")
-        self.compensation = compensation
+        self.compensation: Compensation = compensation
         limit = robot.drive.torque_limit if torque_limit is None else torque_limit
         self.torque_limit = positive_number(limit, "The controller's torque limit")
         band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
         self.speed_band = positive_number(band, "The controller's speed band")
         self.parts = parts
-        self.estimator = checked_name(estimator)
+        self.estimator: EstimatorName = checked_name(estimator)
         #: what its file says of the robot that it was designed for; None if that is `robot`
         self.designed_for: Mapping[str, Value] | None = None
         #: the controller's numbers, (1,) of `ballbot.control.law.LAW`
-        self.record = law_record(self._law_settings(), torque_limit=self.torque_limit, parts=parts)
+        settings = LawSettings(
+            robot=robot,
+            gain=self.gain,
+            sample_time=self.sample_time,
+            compensation=compensation,
+            speed_band=self.speed_band,
+            delay=parts.prediction.delay if parts.prediction else 0.0,
+        )
+        self.record = law_record(settings, torque_limit=self.torque_limit, parts=parts)
         #: what it remembers, (1,) of `ballbot.control.law.MEMORY`
         self.memory = MEMORY.zeros()
         self.packed = self.record.view(np.float64)
         self._memory = self.memory.view(np.float64)
 
-    def _law_settings(self) -> LawSettings:
-        return LawSettings(
-            robot=self.robot,
-            gain=self.gain,
-            sample_time=self.sample_time,
-            compensation=self.compensation,
-            speed_band=self.speed_band,
-            delay=self.parts.prediction.delay if self.parts.prediction else 0.0,
-        )
-
     def summary(self) -> Summary:
         """Return the controller's settings and its gain."""
-        parts = [one.name for one in fields(self.parts) if getattr(self.parts, one.name) is not None]
+        parts = [name for name, _ in self.parts.present()]
         rows = (
             ("compensation", self.compensation),
             ("state from", f"the estimator {self.estimator}"),
@@ -204,23 +186,15 @@ class Controller:
         state: ArrayLike,
         reference: ArrayLike,
     ) -> NDArray[np.float64]:
-        """Return the wheel torques.
+        """Return the wheel torques (n,) [N m], within the torque limit; they do not depend on the time.
 
         Parameters
         ----------
-        t : float
-            [s]; the same at any time.
         state : array_like (10,)
             Measured: x, y [m] of the ball in the world frame, theta, phi, psi [rad], and their rates. If a value is
-            missing (NaN), infinite or beyond `LARGEST_STATE`, the state is invalid: the torques are zero and what the
-            controller remembers stays as it is.
+            missing (NaN), infinite or beyond `LARGEST_STATE`, the torques are zero and the memory stays as it is.
         reference : array_like (10,)
-            Wanted, as the state; x, y and psi may differ from zero.
-
-        Returns
-        -------
-        ndarray (n,)
-            [N m], within the torque limit.
+            Wanted, as the state; only x, y and psi may differ from zero.
 
         Raises
         ------

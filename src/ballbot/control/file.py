@@ -57,20 +57,9 @@ ControllerTable = extended_table(
 
 
 def read_controller(path: str | Path, robot: RobotLike) -> Controller:
-    """Return the controller of a file, for a robot.
+    """Return the controller of a file, for a robot's geometry; warn as `warn_if_unsuited`.
 
-    Warns as `warn_if_unsuited` does.
-
-    Parameters
-    ----------
-    path : str or Path
-    robot : Robot, preset or robot file
-        Gives the geometry; the friction that is compensated is the file's.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds no controller, or its number of wheels is not the robot's.
+    InputError if the file cannot be read or holds no controller, or its number of wheels is not the robot's.
     """
     described, tree = as_robot(robot), read_toml(path)
     try:
@@ -83,18 +72,10 @@ def read_controller(path: str | Path, robot: RobotLike) -> Controller:
 
 
 def warn_if_unsuited(controller: Controller, robot: Robot, *, name: str) -> None:
-    """Warn with `UnsuitedController` if a controller does not suit a robot.
+    """Warn with `UnsuitedController` if a controller, called `name` in the warning, does not suit a described robot.
 
     Its design may be for other values of the robot, its loop with the robot without a stability margin, or its
     compensation more than is certain of the robot's friction.
-
-    Parameters
-    ----------
-    controller : Controller
-    robot : Robot
-        As described; the controller's own robot has the friction that is compensated.
-    name : str
-        Of the controller, in the warning.
     """
     changed = list(changed_values(controller))
     sentences = [lacking_margin(controller), overcompensation_warning(controller, robot)]
@@ -156,13 +137,7 @@ def changed_values(controller: Controller) -> Iterator[str]:
 
 
 def write_controller(controller: Controller, path: str | Path) -> None:
-    """Write a controller as a commented TOML file that reads back as the same numbers.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a controller as a commented TOML file that reads back as the same numbers; InputError if it cannot be."""
     write_text(path, controller_text(controller))
 
 
@@ -171,6 +146,7 @@ def controller_text(controller: Controller) -> str:
     # the words count in the checksum by which a prediction knows its controller, those of comments, too
     friction = controller.robot.friction
     rows = "\n".join(f"  {_row(row)}," for row in controller.gain.tolist())
+    parts = "".join(table_text(name, part, part.comment) for name, part in controller.parts.present())
     return f"""\
 # A controller for Ballbot: u = K S(psi) (r - x) + friction compensation, within the torque limit.
 # S(psi) turns the error into the heading frame. Use it with: ballbot simulate ROBOT --controller FILE
@@ -207,7 +183,7 @@ stribeck_speed = {friction.stribeck_speed!r}
 stribeck_exponent = {friction.stribeck_exponent!r}
 # C_rr [-]
 rolling = {friction.rolling!r}
-{_friction_terms_text(friction)}{_parts_text(controller.parts)}{_designed_for_text(controller)}"""
+{_friction_terms_text(friction)}{parts}{_designed_for_text(controller)}"""
 
 
 def _friction_terms_text(friction: Friction) -> str:
@@ -217,11 +193,8 @@ def _friction_terms_text(friction: Friction) -> str:
         "stribeck_asymmetry": "s forward less the mean of both directions [N m]",
         "load": "mu, dry friction for each N m of the motor's torque [-]",
     }
-    lines = [
-        f"# {text}\n{key} = {_row(getattr(friction, key))}\n"
-        for key, text in terms.items()
-        if getattr(friction, key)
-    ]
+    given = {key: text for key, text in terms.items() if getattr(friction, key)}
+    lines = [f"# {text}\n{key} = {_row(getattr(friction, key))}\n" for key, text in given.items()]
     if friction.own_law:
         own = [[name, list(value) if isinstance(value, tuple) else value] for name, value in friction.own]
         lines.append(f"# in place of c + s exp(..): {friction.own_law.formula}, with these parameters\n")
@@ -244,21 +217,6 @@ def _designed_for_text(controller: Controller) -> str:
     return "\n".join(["", heading, "[designed_for]", *lines, ""])
 
 
-def _parts_text(parts: Parts) -> str:
-    """Return the tables of the parts that are there; empty if it has no parts."""
-    return "".join(table_text(name, part, part.comment) for name, part in parts.present())
-
-
-def _parts_of(table: FeedbackTable) -> Parts:
-    """Return the parts that a file's tables describe."""
-    found = {}
-    for name, kind in KINDS.items():
-        described = getattr(table, name)
-        if described is not None:
-            found[name] = kind(**described.model_dump())
-    return Parts(**found)
-
-
 def _row(values: Sequence[float]) -> str:
     return f"[{', '.join(repr(float(value)) for value in values)}]"
 
@@ -268,6 +226,9 @@ def _controller(table: FeedbackTable, robot: Robot) -> Controller:
         raise InputError(
             f"gain has {len(table.gain)} rows; the robot {robot.name!r} has {robot.wheel_count} wheels."
         )
+    parts = {
+        name: kind(**given.model_dump()) for name, kind in KINDS.items() if (given := getattr(table, name))
+    }
     controller = Controller(
         robot.replace(friction=table.friction),
         table.gain,
@@ -275,7 +236,7 @@ def _controller(table: FeedbackTable, robot: Robot) -> Controller:
         compensation=table.compensation,
         torque_limit=table.torque_limit,
         speed_band=table.speed_band,
-        parts=_parts_of(table),
+        parts=replace(Parts(), **parts),
         estimator=table.estimator,
     )
     controller.designed_for = table.designed_for or {}

@@ -36,13 +36,7 @@ class FrictionTable:
 
 
 def friction_table(robot: Robot) -> FrictionTable:
-    """Return the table of a robot's registered friction law.
-
-    Raises
-    ------
-    InputError
-        If the table's error is too large.
-    """
+    """Return the table of a robot's registered friction law. InputError if the table's error is too large."""
     friction, drive = robot.friction, robot.drive
     top = drive.top_speed
     grid = np.concatenate([[0.0], np.geomspace(_FIRST * top, _LAST * top, 600)])

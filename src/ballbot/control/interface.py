@@ -36,9 +36,6 @@ class Feedback(Protocol):
 def estimator_of(controller: Feedback) -> EstimatorName:
     """Return the name of the on-board state that a controller is made for; "onboard" if it has no `estimator`.
 
-    Raises
-    ------
-    InputError
-        If its `estimator` is not the name of one.
+    InputError if its `estimator` is not the name of one.
     """
     return checked_name(getattr(controller, "estimator", "onboard"))

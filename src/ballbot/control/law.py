@@ -89,10 +89,7 @@ MEMORY_SIZE = MEMORY_TYPE.itemsize // 8
 def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> NDArray[np.void]:
     """Return a controller's numbers as a record (1,) of `LAW`.
 
-    Raises
-    ------
-    InputError
-        If a part is not possible with the robot, the sample time or the number of wheels.
+    InputError if a part is not possible with the robot, the sample time or the number of wheels.
     """
     record = LAW.zeros()
     feedback = FeedbackRecord(torque_limit=torque_limit, rate=1.0 / settings.sample_time, gain=settings.gain)

@@ -13,12 +13,9 @@ that a design compiles nothing:
     u    = notch(K e + K_I I + d)
     I   += T e of the pose                               d: the disturbance observer's estimate
 
-Left out are friction compensation, which is not linear and cancels what the robot's friction does; limits and the
-integral's dead band, which are not linear; and reference shaping and feed-forward, which act on references only. The
-lean limit does nothing for small errors.
-
-The robot of the loop is the exact model without friction. Its torques are held over a sample and act late by the delay
-that the controller predicts over, if it does. The state is fed back as it is: an estimator's lag is not in the loop.
+Left out are friction compensation, limits and the integral's dead band, which are not linear, and reference shaping and
+feed-forward, which act on references only. The robot of the loop is the exact model without friction. Its torques are
+held over a sample and act late by the delay that the controller predicts over. An estimator's lag is not in the loop.
 """
 
 from __future__ import annotations
@@ -59,8 +56,11 @@ def linear_controller(controller: Controller) -> LinearController:
     total, states = sum(sizes.values()), len(STATE_NAMES)
     # a linear function's matrices are its values for the unit vectors
     unit = np.eye(total + 2 * states)
-    begins = dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
-    memory = {name: unit[begins[name] : begins[name] + size] for name, size in sizes.items()}
+    memory = (
+        dict(zip(sizes, np.split(unit[:total], np.cumsum([*sizes.values()])[:-1]), strict=True))
+        if sizes
+        else {}
+    )
     after, torques = _update(controller, memory, unit[total : total + states], unit[total + states :])
     rows = np.vstack([after[name] for name in sizes]) if sizes else np.zeros((0, len(unit)))
     return LinearController(A=rows[:, :total], B=rows[:, total:], C=torques[:, :total], D=torques[:, total:])
@@ -70,24 +70,19 @@ def _memory_sizes(controller: Controller) -> dict[str, int]:
     """Return what the parts of a controller remember, and how many numbers each of it is."""
     law, wheels = controller.record[0], len(controller.gain)
     sizes: dict[str, int] = {}
+    prediction, updates = law["prediction"], 0  # of how many updates the torques are needed later
+    if prediction["on"]:
+        updates = int(prediction["count"])
     if law["disturbance_observer"]["on"]:
         sizes |= {"rates": 5, "estimate": wheels}
+        updates = max(updates, int(prediction["samples"]) + 1 + int(prediction["fraction"] > 0.0))
     if law["integral"]["on"]:
         sizes |= {"sums": 3}
     if law["notch"]["on"]:
         sizes |= {"notch_1": wheels, "notch_2": wheels}
-    updates = _updates_remembered(law)
     if updates:
         sizes |= {"acting": updates * wheels, "added": updates * wheels}
     return sizes
-
-
-def _updates_remembered(law: np.void) -> int:
-    """Return of how many updates the torques are needed later."""
-    prediction = law["prediction"]
-    of_prediction = int(prediction["count"]) if prediction["on"] else 0
-    of_observer = int(prediction["samples"]) + 1 + int(prediction["fraction"] > 0.0)
-    return max(of_prediction, of_observer if law["disturbance_observer"]["on"] else 0)
 
 
 def _update(
@@ -115,8 +110,11 @@ def _update(
         torques = torques + integral["gain"][:wheels] @ memory["sums"]
         after["sums"] = integral["kept"] * memory["sums"] + integral["step"] * e[list(_POSE)]
     torques = torques + estimate
-    if law["notch"]["on"]:
-        torques, after["notch_1"], after["notch_2"] = _notched(law["notch"], torques, memory)
+    if (notch := law["notch"])["on"]:
+        asked = torques
+        torques = notch["b_0"] * asked + memory["notch_1"]
+        after["notch_1"] = notch["b_1"] * asked - notch["a_1"] * torques + memory["notch_2"]
+        after["notch_2"] = notch["b_2"] * asked - notch["a_2"] * torques
     if acting:
         after["acting"] = np.vstack([torques, *acting[:-1]])
         after["added"] = np.vstack([estimate, *added[:-1]])
@@ -141,13 +139,6 @@ def _predicted(law: np.void, x: Matrix, acting: Sequence[Matrix], added: Sequenc
     return ahead
 
 
-def _notched(notch: np.void, torques: Matrix, memory: Mapping[str, Matrix]) -> tuple[Matrix, Matrix, Matrix]:
-    """Return the torques through the notch, and its memory after them."""
-    left = notch["b_0"] * torques + memory["notch_1"]
-    first = notch["b_1"] * torques - notch["a_1"] * left + memory["notch_2"]
-    return left, first, notch["b_2"] * torques - notch["a_2"] * left
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotLoop:
     """The sampled loop of a robot and its controller, to be broken at the wheels' torques.
@@ -170,10 +161,7 @@ class RobotLoop:
     def broken(self, more_delay: Sequence[float] | Matrix | None = None) -> tuple[Matrix, Matrix, Matrix]:
         """Return A, B, C of the broken loop z[k+1] = A z[k] + B v[k], u[k] = C z[k]; L(z) = -C (z I - A)^-1 B.
 
-        Parameters
-        ----------
-        more_delay : array_like (n,), optional
-            Of each wheel's torque, beyond the loop's own [s]; any fraction of a sample.
+        `more_delay` (n,) is of each wheel's torque beyond the loop's own [s]; any fraction of a sample.
         """
         more = np.zeros(len(self.wheels)) if more_delay is None else np.asarray(more_delay, dtype=np.float64)
         A, B = _late_plant(self.A, self.B, self.sample_time, self.delay + more)
@@ -236,16 +224,7 @@ _TIME_CONSTANTS, _LONGEST = 6.0, 20.0
 
 
 def step_response(loop: RobotLoop, *, name: str = "x", size: float = 0.1) -> StepResponse:
-    """Return the linear response to a step of the reference, without reference shaping and limits.
-
-    Parameters
-    ----------
-    loop : RobotLoop
-        A stable one.
-    name : {"x", "y", "psi"}
-    size : float
-        Of the step [m, rad].
-    """
+    """Return a stable loop's linear response to a step of x, y or psi [m, rad], without shaping and limits."""
     A, B, C = loop.broken()
     closed, law, states = A + B @ C, loop.controller, len(loop.A)
     slowest = float(np.abs(np.linalg.eigvals(closed)).max())
@@ -321,11 +300,9 @@ _ROUNDING = 1e-6
 
 
 def lacking_margin(controller: Controller) -> str | None:
-    """Return why the loop of a controller and its robot cannot work, as a sentence; None if it has a margin.
-
-    A loop on the border of stability, as one that leaves the heading free, counts as stable.
-    """
-    A, B, C = robot_loop(controller).broken()
+    """Return why the loop of a controller and its robot cannot work; None if it has a margin or leaves a state free."""
+    loop = robot_loop(controller)
+    A, B, C = loop.broken()
 
     def growth(factor: complex) -> float:
         return float(np.abs(np.linalg.eigvals(A + factor * (B @ C))).max())
@@ -334,7 +311,7 @@ def lacking_margin(controller: Controller) -> str | None:
     if (radius := growth(1.0)) > 1.0 + _ROUNDING:
         what = (
             f"The controller does not stabilise the robot {name!r}: an error grows by a factor of "
-            f"{radius ** (1.0 / time):.3g} a second."
+            f"{math.exp(min(math.log(radius) / time, 700.0)):.3g} a second."
         )
     elif max(map(growth, _LEAST_MARGIN)) > 1.0 + _ROUNDING:
         what = (
@@ -343,19 +320,11 @@ def lacking_margin(controller: Controller) -> str | None:
         )
     else:
         return None
-    rare = math.exp(
-        float(np.linalg.eigvals(frictionless_model(controller.robot).linearize().A).real.max()) * time
-    )
+    rare = math.exp(float(np.linalg.eigvals(loop.A).real.max()) * time)
     return f"{what} Its sample time is {time:g} s; {instead_of_sample_time(time)}" if rare > 2.0 else what
 
 
 def refuse_without_margin(controller: Controller) -> None:
-    """Raise InputError if the loop of a controller and its robot cannot work.
-
-    Raises
-    ------
-    InputError
-        If it is unstable, or so near to it that a tenth of the torque or six degrees of phase decide.
-    """
+    """Raise InputError if a controller's loop is unstable, or a tenth of the torque or six degrees of phase decide."""
     if sentence := lacking_margin(controller):
         raise InputError(sentence)

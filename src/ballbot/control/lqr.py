@@ -23,7 +23,7 @@ from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from ballbot.arrays import instead_of_sample_time
 from ballbot.errors import InputError
-from ballbot.log.columns import STATE_NAMES
+from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.robot import Friction, Robot
 from ballbot.summary import Summary, plotted, pole_words, summarized
@@ -68,9 +68,8 @@ class LqrDesign:
     poles: NDArray[np.complex128]
     cost: NDArray[np.float64]  #: P (m, m): x' P x is the cost still to come from x
     sample_time: float | None  #: [s]; None where the gain is for continuous control
-    integral_gain: NDArray[np.float64] | None = (
-        None  #: K_I (n, 3) for the integrals of x, y and psi, if it has one
-    )
+    #: K_I (n, 3) for the integrals of x, y and psi, if it has one
+    integral_gain: NDArray[np.float64] | None = None
 
     def summary(self) -> Summary:
         """Return the gain of each state and of the integrals, and the closed loop's poles."""
@@ -92,18 +91,10 @@ def sampling_words(sample_time: float | None) -> str:
 
 
 def gain_rows(gain: NDArray[np.float64]) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """Return a row for each state with its gain for every input; a robot's states are named."""
-    return (("gain", input_names(gain)), *matrix_rows(gain.T, state_names(gain.shape[1])))
-
-
-def state_names(count: int) -> tuple[str, ...]:
-    """Return the names of so many states; a robot's are those of a log."""
-    return STATE_NAMES if count == len(STATE_NAMES) else tuple(f"x{place}" for place in range(1, count + 1))
-
-
-def input_names(gain: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return the names of the inputs of a gain (n, m)."""
-    return tuple(f"u{place}" for place in range(1, len(gain) + 1))
+    """Return a row for each state with its gain for every input; a robot's states are named as in a log."""
+    inputs, count = torque_names(len(gain)), gain.shape[1]
+    states = STATE_NAMES if count == len(STATE_NAMES) else tuple(f"x{place}" for place in range(1, count + 1))
+    return (("gain", inputs), *matrix_rows(gain.T, states))
 
 
 def matrix_rows(matrix: NDArray[np.float64], names: Sequence[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -158,23 +149,25 @@ def lqr(
     A, B = np.asarray(space.A, float), np.asarray(space.B, float)
     m, n = B.shape
     Q, R = _weight("Q", Q, m), _weight("R", R, n)
-    N = np.zeros((m, n)) if N is None else _cross_weight(N, m, n)
+    N = np.zeros((m, n)) if N is None else _numbers("N", N)
+    if N.shape != (m, n):
+        raise InputError(f"N has the shape {N.shape}; it must be {m} x {n}, states by inputs.")
     _check_definite(Q, R, N)
     _check_stabilisable(A, B)
     if sample_time is None:
         P = _riccati(lambda: solve_continuous_are(A, B, Q, R, s=N))
-        K = _solve(R, B.T @ P + N.T)
+        K = np.linalg.solve(R, B.T @ P + N.T)
         poles = np.linalg.eigvals(A - B @ K)
     else:
         F, G = held(A, B, sample_time)
         _check_growth(A, sample_time)
         P = _riccati(lambda: solve_discrete_are(F, G, Q, R, s=N))
-        K = _solve(R + G.T @ P @ G, G.T @ P @ F + N.T)
+        K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F + N.T)
         poles = np.log(np.linalg.eigvals(F - G @ K).astype(complex)) / sample_time
     if not poles.real.max() < 0.0:
         raise InputError(_NO_SOLUTION)
     poles = poles.astype(complex)[np.argsort(-poles.real, kind="stable")]
-    return LqrDesign(gain=K, poles=poles, cost=P, sample_time=sample_time)
+    return LqrDesign(gain=np.asarray(K, dtype=np.float64), poles=poles, cost=P, sample_time=sample_time)
 
 
 def held(
@@ -182,10 +175,7 @@ def held(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return F (m, m) and G (m, n) of x[k+1] = F x[k] + G u[k], u held over each sample [s]; exact.
 
-    Raises
-    ------
-    InputError
-        If the sample time is not positive, or too long for numbers.
+    InputError if the sample time is not positive, or too long for numbers.
     """
     if not (np.isfinite(sample_time) and sample_time > 0.0):
         raise InputError(f"The sample time is {sample_time!r}; it must be a positive time in seconds.")
@@ -219,10 +209,6 @@ _NO_SOLUTION = (
 )
 
 
-def _solve(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
-
-
 def _riccati(solve: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
     try:
         P = solve()
@@ -246,13 +232,6 @@ def _weight(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
     if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
         raise InputError(f"{name} is not symmetric; a weight matrix must be symmetric.")
     return 0.5 * (matrix + matrix.T)
-
-
-def _cross_weight(value: ArrayLike, m: int, n: int) -> NDArray[np.float64]:
-    matrix = _numbers("N", value)
-    if matrix.shape != (m, n):
-        raise InputError(f"N has the shape {matrix.shape}; it must be {m} x {n}, states by inputs.")
-    return matrix
 
 
 def _numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:

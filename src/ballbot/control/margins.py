@@ -190,7 +190,7 @@ def loop_margins(loop: RobotLoop | ControllerLike, *, robot: RobotLike | None = 
         loop = as_controller(loop, robot)
     if isinstance(loop, Controller):
         loop = robot_loop(loop)
-    elif not isinstance(loop, RobotLoop):
+    if not isinstance(loop, RobotLoop):
         given = repr(loop) if isinstance(loop, str) else f"an object of type {type(loop).__name__}"
         raise InputError(
             f"The margins of {given} are not known; give a Controller, which knows its robot, or the name of a "
@@ -214,14 +214,8 @@ def sensitivity_peak(
 ) -> float:
     """Return the largest 1/|1 + L| of all wheels alike over the frequencies; infinite if that loop is unstable.
 
-    Below 2, all torques may double, fall to two thirds, or turn by 29 deg.
-
-    Parameters
-    ----------
-    loop : RobotLoop
-        Stable by itself.
-    passed : callable, optional
-        What else the torques pass on their way: f(omega [rad/s] (f,)) -> (f,) complex.
+    Below 2, all torques may double, fall to two thirds, or turn by 29 deg. The loop is stable by itself; `passed` is
+    what else the torques pass on their way, from omega (f,) [rad/s] to (f,).
     """
     omega = np.geomspace(_LOWEST_SENSITIVE, math.pi / loop.sample_time, _FREQUENCIES)
     loci = np.linalg.eigvals(loop.response(omega))
@@ -251,7 +245,8 @@ def _margins_of(
     phase = _first_loss(turned, _PHASES)  # the negative phases are the conjugate poles'
     frequency = math.nan
     if math.isfinite(phase):
-        frequency = _frequency_of(rest + np.exp(-1j * phase) * marked, loop.sample_time)
+        poles = np.linalg.eigvals(rest + np.exp(-1j * phase) * marked)
+        frequency = float(abs(np.angle(poles[np.argmax(np.abs(poles))])) / loop.sample_time)
     return LoopMargins(
         gain_down=1.0 / _first_loss(lambda inverse: radius(1.0 / inverse), _GAINS),
         gain_up=_first_loss(radius, _GAINS),
@@ -267,30 +262,22 @@ def _radius(matrices: NDArray[np.complex128] | Matrix) -> Matrix:
     return np.asarray(np.abs(np.linalg.eigvals(matrices)).max(axis=-1), dtype=np.float64)
 
 
-def _frequency_of(matrix: NDArray[np.complex128], sample_time: float) -> float:
-    """Return the frequency [rad/s] of the outermost pole."""
-    poles = np.linalg.eigvals(matrix)
-    return float(abs(np.angle(poles[np.argmax(np.abs(poles))])) / sample_time)
-
-
 def _first_loss(radius: Callable[[Matrix], Matrix], path: Matrix) -> float:
     """Return the first point of a path, from its stable begin, at which a pole leaves the unit circle; else inf."""
     lost = np.flatnonzero(radius(path) > 1.0 + _ROUNDING)
     if not lost.size:
         return math.inf
-    stable, unstable = path[lost[0] - 1 : lost[0] + 1].tolist()
-    return _crossing(lambda point: float(radius(np.array([point]))[0]), stable, unstable)
+    return _crossing(
+        lambda point: float(radius(np.array([point]))[0]), *path[lost[0] - 1 : lost[0] + 1].tolist()
+    )
 
 
 def _crossing(radius: Callable[[float], float], stable: float, unstable: float) -> float:
     """Return where the largest pole passes the unit circle between two points."""
     if radius(stable) >= 1.0:  # by rounding
         return float(stable)
-    return float(
-        root_scalar(
-            lambda point: radius(point) - 1.0, bracket=(stable, unstable), xtol=_PRECISION * unstable
-        ).root
-    )
+    found = root_scalar(lambda at: radius(at) - 1.0, bracket=(stable, unstable), xtol=_PRECISION * unstable)
+    return float(found.root)
 
 
 def _frequencies(loop: RobotLoop) -> Matrix:
@@ -309,13 +296,7 @@ def _frequencies(loop: RobotLoop) -> Matrix:
 def _delay_margin(loop: RobotLoop, direction: Matrix, *, phase: float, frequency: float) -> float:
     """Return the delay [s] at which a pole leaves the unit circle, exact between the samples.
 
-    Parameters
-    ----------
-    loop, direction
-        As for `_margins_of`.
-    phase, frequency : float
-        The phase margin [rad] and where it is [rad/s]: the delay that turns the phase so far destabilises, if no
-        shorter one does.
+    It is no longer than the one that turns the phase by the phase margin [rad] at its frequency [rad/s].
     """
     if not math.isfinite(phase):
         return math.inf

@@ -14,11 +14,10 @@ A friction that is safe to compensate (`cautious_friction`) is no more than what
 
     tau(w) - z sigma(w) - u(w),      sigma^2 = g^T P g,   g = d tau / d (b, c, s, v_s, delta, d, e)
 
-at every speed, and in both directions if the friction has terms by direction. Compensated are b times one number and
-the dry part times another, so that it keeps its shape: the two that stay below that and give the largest mean share of
-tau. (One number for both would be what is certain at the speed known worst, often the fastest.) b, c and s by
-themselves are known far worse than the curve: they trade against each other. C_rr and the load term mu have bounds of
-their own, mu - z sigma_mu. What is known of a parameter decides how it counts:
+at every speed, and in both directions if the friction has terms by direction. (b, c and s by themselves are known far
+worse: they trade against each other.) Compensated are b times one number and the dry part times another, the two that
+stay below that and give the largest mean share of tau. C_rr and the load term mu have bounds of their own,
+mu - z sigma_mu. What is known of a parameter decides how it counts:
 
 - a known error, a finite variance: in P, with its correlations;
 - no error, a variance that is infinite or NaN, as of a parameter that the logs do not separate or that is at a bound:
@@ -63,21 +62,9 @@ def cautious_friction(
 ) -> Friction:
     """Return the part of a friction that the true one exceeds with 95 % confidence at every speed.
 
-    Parameters
-    ----------
-    friction : Friction
-        As identified, n wheels.
-    covariance : array_like (3 n + 3, 3 n + 3) or (6 n + 3, 6 n + 3)
-        Of b, c, s of each wheel, v_s, delta and C_rr in this order, and perhaps d, e and mu of each wheel, and the
-        parameters of a registered law in its order, SI units.
-        The module's text has what a variance that is zero, infinite or NaN means; d, e and mu without rows are exact.
-    intervals : mapping of str to (float, float)
-        Likelihood intervals of numbers without an error, by label: "friction.stribeck[2]", "friction.rolling".
-
-    Returns
-    -------
-    Friction
-        Each wheel's b times a number from 0 to 1, its dry torques times another; so C_rr; v_s and delta unchanged.
+    The covariance, SI units, is of b, c, s of each wheel, v_s, delta and C_rr in this order, then of d, e and mu of
+    each wheel and the parameters of a registered law; those without rows are exact. `intervals` are likelihood
+    intervals of numbers without an error, by label, as "friction.stribeck[2]".
     """
     n = len(friction.coulomb)
     labels, values = _labels(friction), _numbers(friction)
@@ -212,12 +199,9 @@ def _lower_bound(
 
 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
-    """Return the covariance (p, p) of the friction in a robot's file, None if it states no deviations.
-
-    p is 6 n + 3 and the parameters of a registered law.
+    """Return the covariance of the friction in a robot's file as `cautious_friction` takes it, None without deviations.
 
     A variance is zero if the file states no deviation of that number, and infinite if it states that it is unknown.
-    Where the file states no correlations, b, c and s count as independent; the result is then more cautious.
     """
     labels = _labels(robot.friction)
     stated = {label: size for label, *_, size in deviation_labels(robot.standard_deviations)}
@@ -270,14 +254,7 @@ class CompensationMargin:
 
 
 def compensation_margin(controller: Controller, friction: Friction) -> CompensationMargin:
-    """Return which fraction of a friction a controller compensates.
-
-    Parameters
-    ----------
-    controller : Controller
-    friction : Friction
-        The true one, of as many wheels: a robot file's, or what is certain of it (`certain_friction`).
-    """
+    """Return which fraction of a friction a controller compensates: of the true one, or of what is certain of it."""
     n = len(controller.gain)
     both = not (controller.robot.friction.is_plain and friction.is_plain)
     directions = (1.0, -1.0) if both else (1.0,)
@@ -287,11 +264,11 @@ def compensation_margin(controller: Controller, friction: Friction) -> Compensat
     ratio = _ratio(given, taken)
     worst = ratio.argmax(axis=0)
     on = controller.compensation != "none"
-    rolling = _fraction(controller.robot.friction.rolling if on else 0.0, friction.rolling)
+    rolling = np.array(controller.robot.friction.rolling if on else 0.0)
     return CompensationMargin(
         wheel_fractions=tuple(ratio[worst, np.arange(n)].tolist()),
         at_speeds=tuple(signed[worst].tolist()),
-        rolling_fraction=rolling,
+        rolling_fraction=float(_ratio(rolling, np.array(friction.rolling))),
     )
 
 
@@ -308,21 +285,13 @@ def _given(controller: Controller, direction: float) -> NDArray[np.float64]:
 def certain_friction(robot: Robot) -> Friction:
     """Return the friction of a robot's file, or what is certain of it if the file has standard deviations."""
     covariance = stated_covariance(robot)
-    return (
-        robot.friction
-        if covariance is None
-        else cautious_friction(robot.friction, covariance, intervals=robot.intervals)
-    )
+    if covariance is None:
+        return robot.friction
+    return cautious_friction(robot.friction, covariance, intervals=robot.intervals)
 
 
 def refuse_overcompensation(controller: Controller, friction: Friction) -> None:
-    """Raise InputError if a controller may inject energy.
-
-    Raises
-    ------
-    InputError
-        If it does, with the place and the size of the largest excess.
-    """
+    """Raise InputError if a controller compensates more than this friction, and may inject energy."""
     margin = compensation_margin(controller, friction)
     if margin.overcompensates:
         raise InputError(
@@ -333,31 +302,21 @@ def refuse_overcompensation(controller: Controller, friction: Friction) -> None:
 
 
 def overcompensation_warning(controller: Controller, robot: Robot) -> str | None:
-    """Return a sentence if a controller compensates more than is certain of a robot's friction, otherwise None.
-
-    Parameters
-    ----------
-    controller : Controller
-        As read from a file: its friction is the file's.
-    robot : Robot
-        As described. A robot without friction in its file has unknown friction.
-    """
+    """Return a sentence if a controller compensates more than is certain of a described robot's friction, else None."""
     if not has_friction(robot.friction):
         return None
     margin = compensation_margin(controller, certain_friction(robot))
+    if not margin.overcompensates:
+        return None
     return (
         f"More friction is compensated than is certain: {margin.sentence}; the excess injects energy and can "
         "destabilise the robot."
-        if margin.overcompensates
-        else None
     )
 
 
 def has_friction(friction: Friction) -> bool:
     """Return whether there is any; a robot file without friction has unknown friction."""
-    return any(
-        (*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling, *friction.breakaway)
-    )
+    return any((*friction.viscous, friction.rolling, *friction.breakaway))
 
 
 def _curve(friction: Friction, direction: float) -> NDArray[np.float64]:
@@ -370,10 +329,6 @@ def _ratio(given: NDArray[np.float64], taken: NDArray[np.float64]) -> NDArray[np
     known = taken > 0.0
     unknown = np.where(given > 0.0, np.inf, 0.0)
     return np.where(known, given / np.where(known, taken, 1.0), unknown)
-
-
-def _fraction(given: float, taken: float) -> float:
-    return float(_ratio(np.array(given), np.array(taken)))
 
 
 def _percent(share: float) -> str:

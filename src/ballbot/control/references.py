@@ -38,57 +38,27 @@ _ROUNDING = 1e-9
 
 def hold(*, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> Reference:
     """Stand at one pose: x, y [m], psi [rad]."""
-    pose = _frozen(_pose(x, y, psi))
-
-    def reference(t: float) -> NDArray[np.float64]:  # noqa: ARG001
-        return pose
-
-    return reference
+    pose = _pose(x, y, psi)
+    return lambda _t: pose
 
 
 def square(*, side: float = 0.5, period: float = 32.0) -> Reference:
-    """Go around a square by steps: (0, 0), (side, 0), (side, side), (0, side), and so on.
+    """Go around a square by steps: (0, 0), (side, 0), (side, side), (0, side), and so on; side [m], period [s].
 
-    Parameters
-    ----------
-    side : float
-        [m]
-    period : float
-        Of the whole square [s]; a quarter of it at each corner, the first quarter at the origin.
-
-    Raises
-    ------
-    InputError
-        If the period is not positive.
+    A quarter of the period is at each corner, the first at the origin. InputError if the period is not positive.
     """
     _check_positive("period", period)
     places = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side))
-    corners = [_frozen(_pose(x, y, 0.0)) for x, y in places]
-
-    def reference(t: float) -> NDArray[np.float64]:
-        return corners[int((t + _ROUNDING) // (period / 4.0)) % 4]
-
-    return reference
+    corners = [_pose(x, y, 0.0) for x, y in places]
+    return lambda t: corners[int((t + _ROUNDING) // (period / 4.0)) % 4]
 
 
 def change_pose(
     *, x: float = 1.0, y: float = -1.0, psi: float = np.pi, at: float = 3.0, ramp: float = 4.0
 ) -> Reference:
-    """Go from the origin to a pose along a ramp: the thesis's change to [1 -1 pi], spread over time.
+    """Go from the origin to a pose [m, m, rad], from `at` [s] on: the thesis's change to [1 -1 pi], spread over time.
 
-    Parameters
-    ----------
-    x, y, psi : float
-        The final pose [m, m, rad].
-    at : float
-        When the change begins [s].
-    ramp : float
-        How long it takes [s]; zero makes it a step.
-
-    Raises
-    ------
-    InputError
-        If the ramp is negative.
+    The ramp is how long it takes [s]; zero makes it a step. InputError if it is negative.
     """
     if not ramp >= 0.0:
         raise InputError(f"The reference's ramp is {ramp:g} s; it must be zero (a step) or positive.")
@@ -101,19 +71,9 @@ def change_pose(
 
 
 def circle(*, radius: float = 0.5, period: float = 30.0) -> Reference:
-    """Go around a circle through the origin, to the left, at constant heading.
+    """Go around the circle about (0, radius) [m] through the origin, to the left, at constant heading.
 
-    Parameters
-    ----------
-    radius : float
-        [m]; the centre is (0, radius).
-    period : float
-        Of one turn [s].
-
-    Raises
-    ------
-    InputError
-        If the period is not positive.
+    The period is that of one turn [s]; InputError if it is not positive.
     """
     _check_positive("period", period)
 
@@ -127,17 +87,8 @@ def circle(*, radius: float = 0.5, period: float = 30.0) -> Reference:
 def figure_eight(*, length: float = 1.0, width: float = 0.5, period: float = 40.0) -> Reference:
     """Go along a lying eight that crosses itself in the origin (Gerono's lemniscate), at constant heading.
 
-    Parameters
-    ----------
-    length, width : float
-        From end to end along x and along y [m].
-    period : float
-        Of one whole eight [s].
-
-    Raises
-    ------
-    InputError
-        If the period is not positive.
+    Length and width are from end to end along x and along y [m], the period is of one whole eight [s]. InputError if it
+    is not positive.
     """
     _check_positive("period", period)
 
@@ -161,13 +112,7 @@ REFERENCES = MappingProxyType(
 
 
 def named_reference(name: str) -> Reference:
-    """Return the reference of that name with its defaults; dashes count as underscores.
-
-    Raises
-    ------
-    InputError
-        If no reference has that name; the sentence has the nearest name, or all of them.
-    """
+    """Return the reference of that name with its defaults, dashes as underscores; InputError if there is none."""
     try:
         return REFERENCES[name.replace("-", "_")]()
     except KeyError:
@@ -175,15 +120,10 @@ def named_reference(name: str) -> Reference:
         raise InputError(f"There is no reference {name!r}; {hint}") from None
 
 
-def _frozen(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a pose that is given every time, read-only."""
-    pose.setflags(write=False)
-    return pose
-
-
 def _pose(x: float, y: float, psi: float) -> NDArray[np.float64]:
     pose = np.zeros(10)
-    pose[0], pose[1], pose[4] = x, y, psi
+    pose[_POSE_PLACES] = x, y, psi
+    pose.setflags(write=False)  # some are given every time
     return pose
 
 
@@ -199,70 +139,37 @@ _FILE_ROUNDING = 1e-6
 
 
 def sampled_reference(times: NDArray[np.float64], poses: NDArray[np.float64]) -> Reference:
-    """Return the reference that holds each pose until the next.
-
-    Parameters
-    ----------
-    times : ndarray (N,)
-        Rising [s].
-    poses : ndarray (N, 3)
-        x, y [m] and psi [rad].
-    """
+    """Return the reference that holds each pose x, y [m], psi [rad] (N, 3) until the next; times (N,) [s] rise."""
     rounding = _FILE_ROUNDING * float(times[1] - times[0]) if len(times) > 1 else 0.0
     wanted = np.zeros((len(times), 10))
     wanted[:, _POSE_PLACES] = poses
     wanted.setflags(write=False)
     begins = times.tolist()
-
-    def reference(t: float) -> NDArray[np.float64]:
-        return wanted[max(bisect_right(begins, t + rounding) - 1, 0)]
-
-    return reference
+    return lambda t: wanted[max(bisect_right(begins, t + rounding) - 1, 0)]
 
 
 def write_reference(times: NDArray[np.float64], poses: NDArray[np.float64], path: str | Path) -> None:
-    """Write a reference, times (N,) and poses (N, 3), as a log file, in the format of its suffix.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a reference, times (N,) and poses (N, 3), as a log file, in the format of its suffix."""
     Log({"t": times} | dict(zip(_FILE_COLUMNS, poses.T, strict=True))).write(path)
 
 
 def read_reference(path: str | Path) -> Reference:
     """Return the reference of a file that has t, ref_x, ref_y and ref_psi; a log is one.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, lacks a column or misses a value.
+    InputError if the file cannot be read, lacks a column or misses a value.
     """
     return sampled_reference(*_read_poses(path))
 
 
 def reference_text(path: str | Path) -> str:
-    """Return a reference file's times and poses as the text of a CSV file, every value to the bit.
-
-    Raises
-    ------
-    InputError
-        As `read_reference`.
-    """
+    """Return a reference file's times and poses as the text of a CSV file, every value to the bit."""
     times, poses = _read_poses(path)
     rows = np.column_stack([times, poses]).tolist()
     return "\n".join(["t," + ",".join(_FILE_COLUMNS), *(",".join(map(repr, row)) for row in rows)]) + "\n"
 
 
 def as_reference(source: ReferenceLike) -> Reference:
-    """Return the reference itself, the one of that name, or the one in that file.
-
-    Raises
-    ------
-    InputError
-        If it is none of these.
-    """
+    """Return the reference itself, the one of that name, or the one in that file; InputError if it is none of these."""
     if callable(source):
         return source
     if not isinstance(source, str | Path):

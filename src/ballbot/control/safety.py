@@ -72,10 +72,8 @@ class Stop:
 class SafetyLimits:
     """Limits beyond which the safety layer sets all torques to zero until `SafeController.reset`.
 
-    Raises
-    ------
-    InputError
-        If `max_missing` or `max_unchanged` is not a whole number, zero or more, or another limit is not above zero.
+    InputError if `max_missing` or `max_unchanged` is not a whole number, zero or more, or another limit is not above
+    zero.
     """
 
     max_missing: int = 2  #: samples in a row without a valid measurement that are bridged
@@ -98,21 +96,9 @@ class SafetyLimits:
     def on_robot(cls, robot: Robot, *, sample_time: float, lean: float = 0.35) -> SafetyLimits:
         """Return the limits for a real robot, whose sensors have noise and whose loop may be late.
 
-        A sample may be as late as a gap that is bridged. A sensor may repeat itself for `_STUCK_TIME`. A wheel must
-        turn under twice its break-away torque, and under a quarter of the torque limit if that is more.
-
-        Parameters
-        ----------
-        robot : Robot
-        sample_time : float
-            [s]
-        lean : float
-            Largest |theta| and |phi| [rad]; `ballbot limits` finds the lean that a robot recovers from.
-
-        Raises
-        ------
-        InputError
-            If the lean is not above zero and at most 1.2 rad.
+        A sample may be as late as a gap that is bridged; a wheel must turn under twice its break-away torque, and under
+        a quarter of the torque limit if that is more. `ballbot limits` finds the lean [rad] that a robot recovers from;
+        InputError if it is not above zero and at most 1.2 rad. The sample time is in [s].
         """
         if lean > _MAX_LEAN:
             raise InputError(
@@ -135,16 +121,7 @@ _TURNING = 2.0
 
 
 class SafeController:
-    """A controller behind the safety layer; it is a controller itself.
-
-    Parameters
-    ----------
-    controller : Feedback
-        A `Controller`, or any object with `sample_time`, `reset()` and `update(t, state, reference)`.
-    robot : Robot
-        Gives the number of wheels.
-    limits : SafetyLimits
-    """
+    """A controller behind the safety layer; it is a controller itself. The robot gives the number of wheels."""
 
     def __init__(self, controller: Feedback, robot: Robot, limits: SafetyLimits = SafetyLimits()) -> None:
         self.controller = controller
@@ -172,22 +149,10 @@ class SafeController:
     def update(
         self, t: float, state: ArrayLike, reference: NDArray[np.float64], *, measured: bool = True
     ) -> NDArray[np.float64]:
-        """Return the wheel torques (n,) [N m] that may go to the motors.
+        """Return the wheel torques (n,) [N m] that may go to the motors at t [s].
 
-        Parameters
-        ----------
-        t : float
-            [s]
-        state : array_like (10,)
-            Measured, or predicted by an estimator; NaN without an estimator.
-        reference : array (10,)
-        measured : bool
-            Whether the state is measured. A state with a value that is not finite is not.
-
-        Raises
-        ------
-        InputError
-            If the state is not ten numbers, or the controller returns anything but n.
+        The state (10,) is `measured`, or predicted by an estimator, NaN without one. InputError if it is not ten
+        numbers, or the controller returns anything but n.
         """
         n = self.robot.wheel_count
         x = real_array(state, (10,), "The state", finite=False)

@@ -43,12 +43,8 @@ class FunctionController:
 def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
     """Return the controller itself, or for a robot the ready-made one of that name or the one in that file.
 
-    A function f(t, x, r) is called at the sample time of the robot's sensors.
-
-    Raises
-    ------
-    InputError
-        If it is none of these, or the file describes a controller of another robot.
+    A function f(t, x, r) is called at the sample time of the robot's sensors. InputError if it is none of these, or the
+    file describes a controller of another robot.
     """
     if isinstance(source, Feedback):
         checked_sample_time(source.sample_time, "The controller's sample time")
@@ -65,13 +61,7 @@ def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
 
 
 def named_controller(source: str | Path, robot: RobotLike) -> Controller:
-    """Return for a robot the ready-made controller of that name, or the one in that file.
-
-    Raises
-    ------
-    InputError
-        If it is neither, or the file describes a controller of another robot.
-    """
+    """Return a robot's ready-made controller of that name, or the one in that file; InputError if it is neither."""
     if source in KINDS:
         made, described = KINDS[str(source)].made(robot), as_robot(robot)
         warn_if_unsuited(made, described, name=f"the {source} controller")

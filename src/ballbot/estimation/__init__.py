@@ -12,19 +12,9 @@ __all__ = ["Estimator", "Fix", "OnboardState", "Reading", "named_estimator"]
 
 
 def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) -> Estimator:
-    """Return a new estimator of that name for a robot.
+    """Return a new estimator of a robot, updated every sample time [s].
 
-    Parameters
-    ----------
-    name : {"onboard", "kalman"}
-    robot : Robot
-    sample_time : float
-        Time between two updates [s].
-
-    Raises
-    ------
-    InputError
-        If no estimator has that name, or the sample time is not positive.
+    InputError if no estimator has that name, or the sample time is not positive.
     """
     if checked_name(name) == "onboard":
         return OnboardState(robot, sample_time=sample_time)

@@ -23,12 +23,7 @@ _LARGEST = 1e6
 class Fix:
     """Where something outside the robot sees it now: cameras, a laser scanner, a beacon.
 
-    Either part may be missing, as None or as NaN; a deviation is the standard deviation of each number that is there.
-
-    Raises
-    ------
-    InputError
-        If the position is not of two numbers, or a deviation is not above 0.
+    Either part may be missing, as None or as NaN. A deviation is a standard deviation, above 0.
     """
 
     position: NDArray[np.float64] | None = None  #: (2,) x, y of the ball's centre, world frame [m]
@@ -79,19 +74,16 @@ def all_known(values: NDArray[np.float64]) -> bool:
 def checked_reading(
     reading: Reading, wheel_count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return wheel angles (n,), wheel speeds (n,), gyro (3,) and attitude (3,), NaN where a value is missing.
+    """Return wheel angles (n,), wheel speeds (n,), gyro (3,) and attitude (3,), NaN if a value is missing.
 
-    Raises
-    ------
-    InputError
-        If a shape is another, or values are not numbers.
+    InputError if a shape is another, or values are not numbers.
     """
-    return (
-        real_array(reading.wheel_angles, (wheel_count,), "wheel_angles of a reading", finite=False),
-        real_array(reading.wheel_speeds, (wheel_count,), "wheel_speeds of a reading", finite=False),
-        real_array(reading.gyro, (3,), "gyro of a reading", finite=False),
-        real_array(reading.attitude, (3,), "attitude of a reading", finite=False),
-    )
+
+    def checked(name: str, count: int) -> NDArray[np.float64]:
+        return real_array(getattr(reading, name), (count,), f"{name} of a reading", finite=False)
+
+    n = wheel_count
+    return checked("wheel_angles", n), checked("wheel_speeds", n), checked("gyro", 3), checked("attitude", 3)
 
 
 class Estimator(Protocol):
@@ -126,25 +118,23 @@ def state_errors(
 ) -> EstimationErrors:
     """Return the errors of estimated states (N, 10) against the true ones (N, 10), at even times t (N,) [s].
 
-    The drift is taken over all pairs of instants a minute apart, so that neither a good end nor a way that
-    returns to where it began can hide it.
+    The drift is over all pairs of instants a minute apart, so that a way back to the start does not hide it.
     """
     error = states - truth
     rows = round(_MINUTE * (len(t) - 1) / float(t[-1] - t[0]))
     drift = error[rows:, :2] - error[:-rows, :2]
+
+    def size(errors: NDArray[np.float64]) -> float:
+        return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+
     return EstimationErrors(
-        lean=_size(error[:, 2:4]),
-        rate=_size(error[:, 7:10]),
-        velocity=_size(error[:, 5:7]),
-        heading=_size(error[:, 4:5]),
-        position=_size(error[:, :2]),
-        position_drift=_size(drift) if len(drift) else float("nan"),
+        lean=size(error[:, 2:4]),
+        rate=size(error[:, 7:10]),
+        velocity=size(error[:, 5:7]),
+        heading=size(error[:, 4:5]),
+        position=size(error[:, :2]),
+        position_drift=size(drift) if len(drift) else float("nan"),
     )
-
-
-def _size(errors: NDArray[np.float64]) -> float:
-    """Return the root mean square length of the rows."""
-    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
 
 
 #: the thesis's way; the Kalman filter, which also listens to fixes
@@ -153,8 +143,8 @@ EstimatorName = Literal["onboard", "kalman"]
 
 def checked_name(name: str) -> EstimatorName:
     """Return the name of an estimator; InputError if the name is unknown."""
-    for known in get_args(EstimatorName):
-        if name == known:
-            return known
+    for one in get_args(EstimatorName):
+        if name == one:
+            return one
     hint = suggest(name, get_args(EstimatorName), otherwise="the estimators are")
     raise InputError(f"There is no estimator {name!r}; {hint}")

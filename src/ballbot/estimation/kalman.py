@@ -1,19 +1,13 @@
 """The on-board state by a Kalman filter: IMU, encoders and, where there is one, a fix from outside.
 
-What it knows that `OnboardState` does not:
+Unlike `OnboardState` it knows that a ball that does not pivot turns under the wheels as the body turns over it, so that
+encoders hold the heading and show the gyro's bias about the vertical; that the angular momentum about the floor's
+contact changes by gravity alone, which gives speed from lean and lean from speed whatever the driveline does; and how
+sure it is of each state, so that a fix corrects each by as much as it should.
 
-- a ball that does not pivot turns under the wheels as the body turns over it, so the encoders hold the heading
-  while the AHRS's runs away, and the gyro's bias about the vertical shows;
-- the angular momentum about the floor's contact changes by gravity alone (`ballbot.mechanics.model`), which
-  gives speed from lean and lean from speed, whatever friction and play the driveline has;
-- how sure it is of each state, so that a fix corrects each by as much as it should.
-
-What a reading lacks (NaN) is predicted: the gyro stays as it was, and encoders or attitude correct nothing in that
-sample.
-
-Place and heading stay relative to the start where no fix comes: their covariance grows, as their errors do, until
-they are unknown by 0.2 m or 0.2 rad.
-`ballbot.estimation.kalman_model` has the states and equations.
+What a reading lacks (NaN) is predicted: the gyro stays as it was, encoders or attitude correct nothing in that sample.
+Without a fix, place and heading stay relative to the start, and their covariance grows until they are unknown by 0.2 m
+or 0.2 rad. `ballbot.estimation.kalman_model` has the states and equations.
 """
 
 from __future__ import annotations
@@ -64,21 +58,10 @@ from ballbot.robot import Robot
 
 
 class KalmanFilter:
-    """An extended Kalman filter of 14 states, a sample at a time and without look-ahead.
+    """An extended Kalman filter of 14 states, updated every `sample_time` [s] without look-ahead.
 
-    Parameters
-    ----------
-    robot : Robot
-        Geometry, masses and inertia; its friction is not used.
-    sample_time : float
-        Time between two updates [s].
-    noise : FilterNoise, optional
-        What is trusted how far; `FilterNoise.of(robot)` by default.
-
-    Raises
-    ------
-    InputError
-        If the sample time is not positive.
+    The robot's friction is not used; its noise is `FilterNoise.of(robot)` by default. InputError if the sample time is
+    not positive.
     """
 
     def __init__(self, robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> None:
@@ -97,10 +80,7 @@ class KalmanFilter:
         self.reset()
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Forget the past; the robot stands still at (x, y) [m] when the next reading comes.
-
-        The heading is the AHRS's at that reading.
-        """
+        """Forget the past; the robot stands still at (x, y) [m], in the AHRS's heading, when the next reading comes."""
         self._x[:] = 0.0
         self._x[X : X + 2] = position
         self._shown = self._column[SHOWN : SHOWN + NUMBERS]
@@ -113,24 +93,10 @@ class KalmanFilter:
         self._heading = Heading()
 
     def update(self, reading: Reading) -> NDArray[np.float64]:
-        """Take one sample and return the state.
+        """Take one sample and return the state (10,), all NaN until a reading is whole.
 
-        Parameters
-        ----------
-        reading : Reading
-            Encoder angles, gyro and attitude are used, and what other `SENSORS` show where it is there. Values that
-            are missing are predicted.
-
-        Returns
-        -------
-        array (10,)
-            x, y [m], theta, phi, psi [rad] and their rates, world frame. All NaN until a reading is whole: there is
-            nothing to predict from before.
-
-        Raises
-        ------
-        InputError
-            If the reading is of another number of wheels, or not of numbers.
+        Encoder angles, gyro and attitude are used, and what other `SENSORS` show. InputError if the reading is of
+        another number of wheels.
         """
         angles, _, gyro, attitude = checked_reading(reading, self.robot.wheel_count)
         turned, leans, turns = all_known(angles), all_known(attitude), all_known(gyro)
@@ -139,15 +105,18 @@ class KalmanFilter:
         gyro = gyro.copy() if turns else np.where(known(gyro), gyro, self._gyro)
         lean, heading = np.full(2, np.nan), math.nan
         if leans:
-            theta, phi, psi = attitude.tolist()
-            psi = self._heading.unwrapped(psi)
+            theta, phi, psi = (*attitude[:2].tolist(), self._heading.unwrapped(float(attitude[2])))
             lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)  # only the latter runs away
         if self._angles is None:
             self._x[PSI] = self._x[SHOWN_PSI] = heading
             self._x[G : G + 2] = lean
             self._x[S : S + 2] = self._model.lever @ gyro  # v = 0
         else:
-            ball_rate = self._ball_rate(angles, self._angles) if turned else np.full(3, np.nan)
+            # the ball's mean turning relative to the body since the encoders last had all angles [rad/s]
+            passed = self.sample_time * (1 + self._without_angles)
+            ball_rate = (
+                self._ball_from_wheels @ (angles - self._angles) / passed if turned else np.full(3, np.nan)
+            )
             self._column[GYRO_BEFORE : GYRO_BEFORE + 3] = self._gyro
             self._column[GYRO : GYRO + 3] = gyro
             self._show("wheels", ball_rate)
@@ -189,10 +158,6 @@ class KalmanFilter:
     def _P(self, P: NDArray[np.float64]) -> None:
         self._column[COVARIANCE : COVARIANCE + len(LOWER_TRIANGLE[0])] = P[LOWER_TRIANGLE]
 
-    def _ball_rate(self, angles: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the ball's mean turning relative to the body (3,) [rad/s] since the angles (n,) [rad] before."""
-        return self._ball_from_wheels @ (angles - before) / (self.sample_time * (1 + self._without_angles))
-
     def _velocity(self) -> NDArray[np.float64]:
         """Return the ball's velocity (2,), heading frame."""
         x = self._x
@@ -204,8 +169,9 @@ class KalmanFilter:
         forward, left = self._velocity().tolist()
         s3, c3 = math.sin(x[PSI]), math.cos(x[PSI])
         velocity = (c3 * forward - s3 * left, s3 * forward + c3 * left)
-        rates = angle_rates(attitude, self._gyro - x[BIAS : BIAS + 3])
-        return np.concatenate((x[X : X + 2], attitude, velocity, rates))
+        return np.concatenate(
+            (x[X : X + 2], attitude, velocity, angle_rates(attitude, self._gyro - x[BIAS : BIAS + 3]))
+        )
 
     def _take_fix(self, fix: Fix) -> None:
         position, heading = (np.nan if one is None else one for one in (fix.position, fix.heading))
@@ -264,8 +230,7 @@ def first_covariance(noise: FilterNoise) -> NDArray[np.float64]:
     P[PSI, PSI] = noise.attitude**2 + noise.start_heading**2
     P[SHOWN_PSI, SHOWN_PSI] = noise.attitude**2
     P[DRIFT, DRIFT] = noise.heading_drift**2
-    # g + a is known but for white noise: if one is too large the other is too small; and so is psi_a, of which psi is
-    # a part
+    # g + a is known but for white noise: if one is too large the other is too small; so is psi_a, a part of it psi
     together = (-(noise.lean_error**2), -(noise.lean_error**2), noise.attitude**2)
     for (i, j), covariance in zip(SHOWN_TOGETHER, together, strict=True):
         P[i, j] = P[j, i] = covariance

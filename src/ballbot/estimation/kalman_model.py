@@ -20,15 +20,12 @@
     a fix         x, y, psi
 
 C and Lambda are those of `ballbot.mechanics.model.contact_momentum`. All but place and heading is in frames that turn
-with the robot, so that where and which way it stands enters nothing but a fix and psi_a. With velocity or lean in the
-world frame, each linearisation at another estimate would draw a little knowledge of the heading out of nothing
-(tried: after three minutes the filter was sure to 0.5 degrees and wrong by 3 to 6). This psi differs from the
-state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees where theta and phi are both 2 degrees.
+with the robot. With velocity or lean in the world frame, each linearisation at another estimate would draw a little
+knowledge of the heading out of nothing (tried: after three minutes the filter was sure to 0.5 degrees and wrong by 3
+to 6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at leans of 2 degrees.
 
-The AHRS's heading is a state, and not its error: the AHRS keeps psi_a known to a tenth of a degree, while the variances
-of psi and of the error grow without a fix, equal but for that tenth. With the error as a state, single precision had
-lost the difference within ten minutes at 200 Hz; as it is, nothing is lost in four hours. The lean's slow error is
-bounded, so that it may be a state itself.
+The AHRS's heading is a state, and not its error: without a fix the variances of psi and of the error grow, equal but
+for the tenth of a degree to which the AHRS keeps psi_a known, and single precision lost that within ten minutes.
 
 Seen numbers are taken in one after the other, each as a row h of the measurement matrix with a variance r of its own,
 so that no matrix is inverted. Joseph's form keeps the covariance positive whatever the gain's rounding (Bucy and
@@ -37,10 +34,9 @@ q = P h and s = h^T q + r, it is
 
     k = q / s        P+ = P - k q^T - (q - s k) k^T
 
-The filter is written once, here. For Python and the closed loop it is compiled for robots side by side (`sample_code`):
-rows of a work array, a robot a column, as the engine has them (`ballbot.mechanics.engine.lanes`). A single filter is a
-block of one. Of P only the lower triangle is kept, and of F only what it has besides the unit matrix. For the firmware,
-`ballbot.firmware.kalman_code` writes the same functions as C. A new sensor is an entry of `SENSORS` with its noise.
+The filter is written once, here: compiled for robots side by side (`sample_code`), in rows of a work array with a robot
+a column (`ballbot.mechanics.engine.lanes`; a single filter is a block of one), and written as C by
+`ballbot.firmware.kalman_code`. A new sensor is an entry of `SENSORS` with its noise.
 """
 
 from __future__ import annotations
@@ -67,9 +63,8 @@ from ballbot.robot import Robot
 class FilterNoise:
     """Standard deviations and densities; a density is that of an integral of white noise after one second.
 
-    The defaults are of the size of the thesis's robot with an AHRS of the Xsens MTi 1-series. Those that are not
-    a sensor's own were taken from the twin: what its rollers and its play do to A^-1's velocity, averaged over a
-    second, and its rolling friction.
+    The defaults are of the thesis's robot with an AHRS of the Xsens MTi 1-series; those that are not a sensor's own
+    were taken from the twin, with its rollers, play and rolling friction.
     """
 
     gyro: float  #: of each sample [rad/s]
@@ -200,11 +195,7 @@ def tilt(g):
 
 
 def motion(model, x, gyro):
-    """Return what a sample adds to the states before the place, and the mean of v (2) [m/s] over it.
-
-    The change of the place follows: h v, turned by the heading at the sample's middle. `gyro` is its mean over the
-    sample [rad/s].
-    """
+    """Return what a sample adds to the states before the place, and the means of v (2) [m/s] over it; gyro [rad/s]."""
     h, w = model.sample_time, subtract(gyro, x[BIAS : BIAS + 3])
     g, s = x[G : G + 2], x[S : S + 2]
     # second order: the rates at the sample's middle
@@ -231,10 +222,7 @@ ENTRIES = (
 
 
 def transition(model, x, gyro, turn):
-    """Return the `ENTRIES` of F: `motion` derived by the state, to first order in h.
-
-    `turn` are sine and cosine of psi.
-    """
+    """Return the `ENTRIES` of F: `motion` derived by the state, to first order in h; `turn` is (sin psi, cos psi)."""
     h, lever, pull = model.sample_time, model.lever, model.pull
     w, g = subtract(gyro, x[BIAS : BIAS + 3]), x[G : G + 2]
     g_z = upright_part(g)
@@ -273,15 +261,14 @@ class Sensor(NamedTuple):
     #: (model, x, shown, gyro, v) -> residuals, and the entries of one row after the other. `shown` are the sensor's
     #: numbers at the sample's end, `gyro` [rad/s] and v [m/s] are means over it
     seen: Callable
-    variances: Callable[
-        [FilterNoise, float], tuple[float, ...]
-    ]  #: of each number, from noise and sample time [s]
+    #: of each number, from noise and sample time [s]
+    variances: Callable[[FilterNoise, float], tuple[float, ...]]
 
 
 def wheels_seen(model, x, shown, gyro, v):
-    """Return residuals and entries of v_x - r_b Omega_y = 0, v_y + r_b Omega_x = 0, -Omega_z = 0.
+    """Return residuals and entries of v_x - r_b Omega_y = 0, v_y + r_b Omega_x = 0, -Omega_z = 0, first order in lean.
 
-    To first order in the lean. `shown` is the ball's mean turning relative to the body, T_obw wheel_speed [rad/s].
+    `shown` is the ball's mean turning relative to the body, T_obw wheel_speed [rad/s].
     """
     r_b, lever, M = model.radius, model.lever, tilt(x[G : G + 2])
     z = add(shown, subtract(gyro, x[BIAS : BIAS + 3]))
@@ -324,14 +311,9 @@ SENSORS = (*_EVERY_SAMPLE, _FIX)
 #: of each seen number the states that it depends on
 SEEN = tuple(states for sensor in SENSORS for states in sensor.states)
 NUMBERS = len(SEEN)
+_STARTS = accumulate((len(one.states) for one in SENSORS), initial=0)
 #: place of each sensor's first number, by its name
-FIRST = dict(
-    zip(
-        (one.name for one in SENSORS),
-        accumulate((len(one.states) for one in SENSORS), initial=0),
-        strict=False,
-    )
-)
+FIRST = {one.name: start for one, start in zip(SENSORS, _STARTS, strict=False)}
 #: sensors whose numbers a `Reading` has under their name, and the firmware's
 DIRECT = tuple(sensor for sensor in SENSORS if sensor.name not in ("wheels", "attitude", "fix"))
 #: place of each number's first entry
@@ -395,10 +377,7 @@ def _move(work, width):
 
 @traced
 def _propagate(work, width):
-    """Overwrite the covariances by F P F^T + Q.
-
-    A sample's gyro noise does what a bias of one sample would, hence Q's part F_b F_b^T.
-    """
+    """Overwrite the covariances by F P F^T + Q; gyro noise does what a bias of one sample would: Q has F_b F_b^T."""
     for lane in lanes(0, width):
         f = restored((0.0,) * len(ENTRIES), work, _F, lane)
         p = restored((0.0,) * _TRIANGLE_SIZE, work, COVARIANCE, lane)
@@ -463,10 +442,7 @@ def _compare(work, lane, sensor: Sensor):
 
 
 def projected(number: int, h: Sequence, p: Callable, change: Sequence):
-    """Return q = P h of a number, h^T q, and what h expects of the changes of the state.
-
-    `h` are its entries at the states of `SEEN`, p(i, j) an entry of the covariance's lower triangle.
-    """
+    """Return q = P h of a number, h^T q, and what h expects of the changes; p(i, j) is P's entry, i >= j."""
     states = SEEN[number]
     q = tuple(
         summed([p(max(i, j), min(i, j)) * one for j, one in zip(states, h, strict=True)])
@@ -500,11 +476,6 @@ def _see_every_sample(work, width):
     _absorb(work, width, _EVERY_SAMPLE)
 
 
-@traced
-def _see_fix(work, width):
-    _absorb(work, width, (_FIX,))
-
-
 @cache
 def sample_code() -> int:
     """Return the address of the code for `sample_block`; the first call compiles, or reads what was compiled."""
@@ -532,6 +503,11 @@ def _sample(code, work):
 def sample(work: NDArray[np.float64]) -> None:
     """Take a single filter, the first lane of a block's work array, over a sample."""
     _sample(sample_code(), work)
+
+
+@traced
+def _see_fix(work, width):
+    _absorb(work, width, (_FIX,))
 
 
 @compiled

@@ -23,19 +23,9 @@ from ballbot.robot import Robot
 
 
 class OnboardState:
-    """The ten states from wheel speeds, gyro and attitude, a sample at a time and without look-ahead.
+    """The ten states from wheel speeds, gyro and attitude, updated every `sample_time` [s] without look-ahead.
 
-    Parameters
-    ----------
-    robot : Robot
-        Gives the geometry: r_b and T_obw.
-    sample_time : float
-        Time between two updates [s].
-
-    Raises
-    ------
-    InputError
-        If the sample time is not positive.
+    InputError if the sample time is not positive.
     """
 
     def __init__(self, robot: Robot, *, sample_time: float) -> None:
@@ -56,24 +46,9 @@ class OnboardState:
         self._heading = Heading()
 
     def update(self, reading: Reading) -> NDArray[np.float64]:
-        """Take one sample and return the state.
+        """Take one sample and return the state (10,), all NaN until a reading is whole.
 
-        Parameters
-        ----------
-        reading : Reading
-            Wheel speeds, gyro and attitude are used; the thesis's robot has no use for a fix. Values that are missing
-            are predicted.
-
-        Returns
-        -------
-        array (10,)
-            x, y [m], theta, phi, psi [rad] and their rates, world frame. All NaN until a reading is whole: there is
-            nothing to predict from before.
-
-        Raises
-        ------
-        InputError
-            If the reading is of another number of wheels, or not of numbers.
+        Wheel speeds, gyro and attitude are used, and no fix. InputError if the reading is of another number of wheels.
         """
         _, speeds, gyro, attitude = checked_reading(reading, self.robot.wheel_count)
         rolls, turns, leans = all_known(speeds), all_known(gyro), all_known(attitude)

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, TypeVar
 
 from ballbot.errors import InputError
-from ballbot.notebook import in_notebook
-from ballbot.progress import ProgressCallback
+from ballbot.progress import ProgressCallback, in_notebook
 
 Shared = TypeVar("Shared")
 Piece = TypeVar("Piece")

@@ -1,7 +1,7 @@
 """Logs to pandas' tables and back: `Log.to_pandas` and `Log.from_pandas`.
 
 A frame's index is the time t [s], uneven as it was logged, and `frame.attrs["units"]` has each column's unit, as
-"rad/s". Back, a unit that is stated there is converted: a frame in degrees becomes a log in radians.
+"rad/s".
 """
 
 from __future__ import annotations
@@ -13,42 +13,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ballbot.errors import InputError, missing_package
-from ballbot.log.columns import Columns, Floats, factor_to, unit_of
+from ballbot.log.columns import Columns, Floats, unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Index, Series  # pyright: ignore[reportMissingImports]
 
-#: keys of a frame's `attrs`
-_UNITS, _ENDED = "units", "ended"
 
-
-def frame_of(columns: Mapping[str, Floats], ended: str | None) -> DataFrame:
-    """Return a log's columns, t among them, and why its run ended as a DataFrame; see `Log.to_pandas`."""
+def frame_of(columns: Mapping[str, Floats]) -> DataFrame:
+    """Return a log's columns, t among them, as a DataFrame; see `Log.to_pandas`."""
     pandas = _pandas()
     rest = {name: values for name, values in columns.items() if name != "t"}
     frame = pandas.DataFrame(rest, index=pandas.Index(columns["t"], name="t"), copy=True)
-    frame.attrs[_UNITS] = {name: unit for name in columns if (unit := unit_of(name)) is not None}
-    if ended is not None:
-        frame.attrs[_ENDED] = ended
+    frame.attrs["units"] = {name: unit for name in columns if (unit := unit_of(name)) is not None}
     return frame
 
 
-def columns_of(frame: DataFrame) -> tuple[Columns, str | None]:
-    """Return the columns of a log in Ballbot's units, and why its run ended; see `Log.from_pandas`."""
+def columns_of(frame: DataFrame) -> Columns:
+    """Return the columns of a log; see `Log.from_pandas`."""
     columns = foreign_columns_of(frame)
     if "t" not in columns:
         raise InputError(
             "The frame has no time: it needs a column t [s], an index named t, or an index of dates or durations. Its "
             f"columns are: {', '.join(columns) or 'none'}."
         )
-    for name, unit in dict(frame.attrs.get(_UNITS, {})).items():
-        own = unit_of(name)
-        if name in columns and own is not None:
-            try:
-                columns[name] = columns[name] * factor_to(own, str(unit))
-            except InputError as error:
-                raise InputError(f"The frame's column {name!r}: {error}.") from None
-    return columns, frame.attrs.get(_ENDED)
+    return columns
 
 
 def foreign_columns_of(frame: DataFrame) -> Columns:

@@ -88,22 +88,10 @@ class Log:
 
     @staticmethod
     def read(path: str | Path, *, mapping: str | Path | LogMapping | None = None) -> Log:
-        """Read a log from a file.
+        """Read a log from a file (docs/logs.md) with Ballbot's column names, or, with a mapping, any names and layout.
 
-        Parameters
-        ----------
-        path : str or Path
-            A log file (docs/logs.md) with Ballbot's column names; with a mapping, with any names, and tables of
-            text in any layout.
-        mapping : str, Path or LogMapping, optional
-            How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping`) or its
-            content.
-
-        Raises
-        ------
-        InputError
-            If the file or the mapping cannot be read or does not make a log. Cells without a value become
-            NaN.
+        A mapping is a TOML file (see `ballbot.log.mapping`) or its content. InputError if file or mapping cannot be
+        read or do not make a log. Cells without a value become NaN.
         """
         from ballbot.log import formats
         from ballbot.log.mapping import apply_mapping
@@ -135,36 +123,24 @@ class Log:
         """
         from ballbot.log.frames import frame_of
 
-        return frame_of(self.columns, self.ended)
+        return frame_of(self.columns)
 
     @staticmethod
     def from_pandas(frame: DataFrame, *, mapping: str | Path | LogMapping | None = None) -> Log:
-        """Return the log in a pandas DataFrame.
+        """Return the log in a pandas DataFrame with Ballbot's column names, or, with a mapping, any names.
 
-        Parameters
-        ----------
-        frame : DataFrame
-            With Ballbot's column names; with a mapping, with any names. The time is a column t, an index named t, or
-            an index of dates or durations; dates count from the first row. Columns whose unit in
-            `frame.attrs["units"]` is another one, such as "deg", are converted. What is missing becomes NaN.
-        mapping : str, Path or LogMapping, optional
-            How a foreign frame becomes a log, as for `read`; units are then those of the mapping.
-
-        Raises
-        ------
-        InputError
-            If pandas is not installed, there is no time or it does not increase, a column does not contain numbers,
-            or a unit cannot be converted.
+        The time is a column t, an index named t, or an index of dates or durations; dates count from the first row.
+        What is missing becomes NaN. InputError if pandas is not installed, there is no time or it does not increase, or
+        a column does not contain numbers.
         """
         from ballbot.log.frames import columns_of, foreign_columns_of
         from ballbot.log.mapping import apply_mapping
 
-        described = _read_mapping(mapping)
-        if described is not None:
-            changes: list[Finding] = []
-            columns = apply_mapping(described, foreign_columns_of(frame), changes=changes)
-            return Log(columns, changes=tuple(changes))
-        return Log(*columns_of(frame))
+        described, changes = _read_mapping(mapping), list[Finding]()
+        if described is None:
+            return Log(columns_of(frame))
+        columns = apply_mapping(described, foreign_columns_of(frame), changes=changes)
+        return Log(columns, changes=tuple(changes))
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return one column (N,), NaN included; read-only."""

@@ -222,7 +222,7 @@ REACH = 4.0
 _COLUMNS = 20
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Smooth:
     """A signal (N, c) on even rows."""
 

@@ -134,11 +134,7 @@ def _mass_vv(P, a, spin_inertia):
     """M_vv = m_t I + E^T R D1 R^T E / r_b^2, D1 = spin_inertia D, and the rows x, y of R D."""
     D_x, D_y = symmetric_times(P.D, a.R[0]), symmetric_times(P.D, a.R[1])
     factor = spin_inertia * P.inv_rb * P.inv_rb
-    M_vv = (
-        P.m_t + factor * dot(D_y, a.R[1]),
-        P.m_t + factor * dot(D_x, a.R[0]),
-        -factor * dot(D_x, a.R[1]),
-    )
+    M_vv = (P.m_t + factor * dot(D_y, a.R[1]), P.m_t + factor * dot(D_x, a.R[0]), -factor * dot(D_x, a.R[1]))
     return M_vv, D_x, D_y
 
 

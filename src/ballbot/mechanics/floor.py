@@ -26,21 +26,9 @@ _NO_SPEED = 1e-300  # in place of a speed of zero, which has no direction
 def rolling_friction(
     velocity: ArrayLike, rolling_force: float, *, slowest: float = _NO_SPEED
 ) -> NDArray[np.float64]:
-    """Return the force of the floor on a rolling ball, -N C_rr v/|v|, zero at rest.
+    """Return the force (..., 2) [N] of the floor on a ball of velocity v (..., 2) [m/s], -N C_rr v/|v|, zero at rest.
 
-    Parameters
-    ----------
-    velocity : array_like (..., 2)
-        v [m/s].
-    rolling_force : float
-        N C_rr [N].
-    slowest : float
-        Speed [m/s] below which the force falls in proportion to the speed.
-
-    Returns
-    -------
-    ndarray (..., 2)
-        [N].
+    `rolling_force` is N C_rr [N]; below the speed `slowest` [m/s] the force falls in proportion to the speed.
     """
     v = np.asarray(velocity, dtype=float)
     return -rolling_force * v / np.maximum(np.hypot(v[..., 0], v[..., 1]), slowest)[..., None]

@@ -44,20 +44,9 @@ def stribeck_curve(
     stribeck_speed: float,
     stribeck_exponent: float,
 ) -> NDArray[np.float64]:
-    """Return b w + (c + s exp(-|w/v_s|^delta)) sgn(w), 0 at rest.
+    """Return b w + (c + s exp(-|w/v_s|^delta)) sgn(w) [N m] at w [rad/s], 0 at rest.
 
-    Parameters
-    ----------
-    speed : array_like (...)
-        w [rad/s].
-    viscous : float or array_like
-        b [N m s/rad].
-    coulomb, stribeck : float or array_like
-        c and s [N m].
-    stribeck_speed : float
-        v_s [rad/s].
-    stribeck_exponent : float
-        delta [-].
+    b in N m s/rad, c and s in N m, v_s in rad/s; all but v_s and delta broadcast with the speed.
     """
     w = np.asarray(speed, dtype=float)
     b, c, s = (np.asarray(value) for value in (viscous, coulomb, stribeck))
@@ -67,17 +56,9 @@ def stribeck_curve(
 def dry_friction_size(
     speed: ArrayLike, friction: Friction, *, torque: ArrayLike | None = None
 ) -> NDArray[np.float64]:
-    """Return the size of each wheel's dry friction in the direction that it turns; at rest the mean of both.
+    """Return the size (..., n) [N m] of each wheel's dry friction in the direction it turns; at rest the mean of both.
 
-    Parameters
-    ----------
-    speed, friction, torque
-        As in `wheel_friction`.
-
-    Returns
-    -------
-    ndarray (..., n)
-        [N m].
+    The arguments are those of `wheel_friction`.
     """
     w = np.asarray(speed, dtype=float)
     if friction.own_law:
@@ -112,20 +93,10 @@ def friction_terms(friction: Friction) -> NDArray[np.float64]:
 def wheel_friction(
     speed: ArrayLike, friction: Friction, *, torque: ArrayLike | None = None
 ) -> NDArray[np.float64]:
-    """Return the friction torque of each wheel, zero at zero speed.
+    """Return the friction torque tau(w) (..., n) [N m] of each wheel at w (..., n) [rad/s], zero at zero speed.
 
-    Parameters
-    ----------
-    speed : array_like (..., n)
-        Wheel speeds [rad/s].
-    friction : Friction
-    torque : array_like (..., n), optional
-        The motors' torques at the wheel [N m], which the load term follows; without them it counts as zero.
-
-    Returns
-    -------
-    ndarray (..., n)
-        tau(w) [N m]; it acts against the speed where it is positive.
+    It acts against the speed where it is positive. The load term follows the motors' torques at the wheel (..., n) [N
+    m]; without them it counts as zero.
     """
     w = np.asarray(speed, dtype=float)
     return np.asarray(friction.viscous) * w + dry_friction_size(w, friction, torque=torque) * np.sign(w)

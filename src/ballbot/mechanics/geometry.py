@@ -86,11 +86,7 @@ def transforms(robot: Robot) -> Transforms:
     r_pg = np.array([0.0, 0.0, -r_b])
 
     # (Omega x r) . u = Omega . (r x u): the velocity matrices are rows of the same cross products
-    T_owb, T_owr, T_tbg = (
-        _cross(r_pw, t) / r_w,
-        _cross(r_cw, -t) / r_w,
-        _cross(r_pg, _GROUND_PUSHES).T,
-    )
+    T_owb, T_owr, T_tbg = (_cross(r_pw, t) / r_w, _cross(r_cw, -t) / r_w, _cross(r_pg, _GROUND_PUSHES).T)
     matrices = {
         "T_tbw": T_owb.T,
         "T_trw": T_owr.T,
@@ -113,17 +109,9 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def rotation(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.float64]:
-    """Return R = Rx(theta) Ry(phi) Rz(psi), (II.8) with (II.6) mended, which takes body to world.
+    """Return R = Rx(theta) Ry(phi) Rz(psi) (S, 3, 3), (II.8) with (II.6) mended, which takes body to world.
 
-    Parameters
-    ----------
-    theta, phi, psi
-        Angles [rad] of any shapes that broadcast to one shape S.
-
-    Returns
-    -------
-    NDArray
-        (S, 3, 3)
+    The angles [rad] broadcast to one shape S.
     """
     theta, phi, psi = np.broadcast_arrays(theta, phi, psi)
     s1, c1, s2, c2, s3, c3 = *_sin_cos(theta), *_sin_cos(phi), *_sin_cos(psi)
@@ -165,19 +153,9 @@ def roll_pitch_yaw(w: ArrayLike, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> ND
 
 
 def body_rates_matrix(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.float64]:
-    """Return B with w = B (theta_dot, phi_dot, psi_dot): the body's angular velocity in its own frame.
+    """Return B (S, 3, 3) with w = B (theta_dot, phi_dot, psi_dot): the body's angular velocity in its own frame.
 
-    B does not depend on theta, which only takes part in broadcasting. It is singular at phi = +-pi/2.
-
-    Parameters
-    ----------
-    theta, phi, psi
-        Angles [rad] of any shapes that broadcast to one shape S.
-
-    Returns
-    -------
-    NDArray
-        (S, 3, 3)
+    The angles [rad] broadcast to one shape S. B does not depend on theta. It is singular at phi = +-pi/2.
     """
     _, phi, psi = np.broadcast_arrays(theta, phi, psi)
     s2, c2, s3, c3 = *_sin_cos(phi), *_sin_cos(psi)
@@ -207,22 +185,10 @@ def _matrix(shape: tuple[int, ...], rows: Sequence[Sequence[ArrayLike]]) -> NDAr
 
 
 def angle_rates(attitude: NDArray[np.float64], body_rate: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Phi_dot = B(Phi)^-1 w.
+    """Return Phi_dot = B(Phi)^-1 w (3,) [rad/s] of theta, phi, psi (3,) [rad] and w (3,) [rad/s] in the body's frame.
 
-    The inverse is written out: `body_rates_matrix` is for arrays of robots and takes ten times as long for one, which
-    matters in a real-time loop.
-
-    Parameters
-    ----------
-    attitude : array (3,)
-        theta, phi, psi [rad]; |phi| below pi/2, where B has no inverse.
-    body_rate : array (3,)
-        Angular velocity w, body frame [rad/s].
-
-    Returns
-    -------
-    array (3,)
-        theta_dot, phi_dot, psi_dot [rad/s].
+    |phi| is below pi/2, where B has no inverse. The inverse is written out: `body_rates_matrix` is for arrays of robots
+    and takes ten times as long for one, which matters in a real-time loop.
     """
     _, phi, psi = attitude.tolist()
     w_x, w_y, w_z = body_rate.tolist()

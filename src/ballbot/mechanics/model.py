@@ -75,10 +75,7 @@ class LinearModel:
 
         Inputs are named u1 .. un, states and outputs x .. psi_dot, so that `control.interconnect` finds them.
 
-        Raises
-        ------
-        InputError
-            If python-control is not installed.
+        InputError if python-control is not installed.
         """
         try:
             from control import StateSpace
@@ -316,10 +313,7 @@ ModelLike = Model | RobotLike
 def as_model(source: ModelLike) -> Model:
     """Return the model itself, or the exact one of a robot, of the preset of that name or of that file.
 
-    Raises
-    ------
-    InputError
-        If it is none of these.
+    InputError if it is none of these.
     """
     return source if isinstance(source, Model) else Model(source)
 

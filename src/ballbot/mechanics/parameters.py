@@ -162,10 +162,7 @@ def selector(
 
     A registered law of the wheels' friction takes the place of the classical one.
 
-    Raises
-    ------
-    InputError
-        If the thesis's equations are asked for with a pivoting ball, which they do not have.
+    InputError if the thesis's equations are asked for with a pivoting ball, which they do not have.
     """
     wheels = tuple(range(wheel_count))
     if pivoting and formulation == "thesis":
@@ -196,25 +193,13 @@ def pack(
     upward: Sequence[float] = (0.0, 0.0, 1.0),
     seat: ArrayLike = _STRAIGHT,
 ) -> NDArray[np.float64]:
-    """Return one robot's numbers as the row that compiled code reads.
+    """Return one robot's numbers as the row (row_size,) that compiled code reads, in the order of `Parameters`.
 
-    Parameters
-    ----------
-    robot : Robot
-    formulation : {"exact", "thesis"}
-        "thesis" takes the body's inertia as printed, whatever point it is about, and leaves the rotors out.
-    pivoting : float
-        Largest pivoting friction [N m]; read where the ball pivots.
-    upward : (3,)
-        The vertical in the frame of the floor, a unit vector; read by the exact equations.
-    seat : array_like (3, 3)
-        Rotation from the frame whose z axis goes through the body's centre of mass to the wheels' own.
-
-    Returns
-    -------
-    ndarray (row_size,)
-        In the order of `Parameters`; wheels one after another, and then the parameters of a registered friction law,
-        those of one wheel after those of another.
+    Wheels come one after another, and then the parameters of a registered friction law, those of one wheel after those
+    of another. The formulation "thesis" takes the body's inertia as printed, whatever point it is about, and leaves the
+    rotors out. `pivoting` is the largest pivoting friction [N m], read where the ball pivots; `upward` (3,) the
+    vertical in the frame of the floor, a unit vector, read by the exact equations; `seat` (3, 3) the rotation from the
+    frame whose z axis goes through the body's centre of mass to the wheels' own.
     """
     ball, body, wheels = robot.ball, robot.body, robot.wheels
     A = transforms(robot).T_owb @ np.asarray(seat)

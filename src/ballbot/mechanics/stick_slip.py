@@ -232,33 +232,14 @@ def still_where_held(v, s, limits, rolling_force):
 def minimise(
     M: ArrayLike, free: ArrayLike, C: ArrayLike, limits: ArrayLike, rolling_force: float, h: float
 ) -> NDArray[np.float64]:
-    """Return the velocities after a step with set-valued friction.
+    """Return the velocities (like `free`) after a step h [s] with set-valued friction; exactly zero where all sticks.
 
-    Parameters
-    ----------
-    M : array_like (5, 5) or (6, 6)
-        Mass matrix of (v_x, v_y, w_1, w_2, w_3) and, where the ball may pivot, its spin.
-    free : array_like (5,) or (6,)
-        Velocities that the step would end with without dry friction.
-    C : array_like (n, 5) or (n + 1, 6)
-        Rows that give the wheel speeds and, where the ball may pivot, its spin.
-    limits : array_like (n,) or (n + 1,), or of as many pairs
-        g_i and the largest pivoting friction [N m], not negative; a pair is the limit for a forward and for a
-        backward speed.
-    rolling_force : float
-        N C_rr [N], not negative.
-    h : float
-        Step [s].
+    M (5, 5) or (6, 6) is the mass matrix of (v_x, v_y, w_1, w_2, w_3) and, where the ball may pivot, its spin; `free`
+    the velocities that the step would end with without dry friction. The rows C (n, 5) or (n + 1, 6) give the wheel
+    speeds and the spin; `limits` are g_i and the largest pivoting friction [N m], not negative, or pairs of them for a
+    forward and for a backward speed. `rolling_force` is N C_rr [N], not negative.
 
-    Returns
-    -------
-    ndarray, like `free`
-        Exactly zero where the whole robot sticks.
-
-    Raises
-    ------
-    InputError
-        If shapes disagree, a number is not finite, or a friction or the step is negative.
+    InputError if shapes disagree, a number is not finite, or a friction or the step is negative.
     """
     mass = real_array(M, ("m", "m"), "The mass matrix")
     m = len(mass)

@@ -71,10 +71,8 @@ def _seen_series(log: Log, names: Sequence[str]) -> TimeSeries:
     panels = []
     for name in names:
         scale, unit = (1.0, "m") if name in POSITIONS else _UNITS[name]
-        lines = (
-            Line("on board", scale * log[name], "second"),
-            Line("cameras", scale * log[PREFIX + name], "measured"),
-        )
+        own, seen = scale * log[name], scale * log[PREFIX + name]
+        lines = (Line("on board", own, "second"), Line("cameras", seen, "measured"))
         panels.append(Panel(label=f"{state_mark(name)} [{unit}]", lines=lines))
     return TimeSeries(t=log.t, panels=panels, caption="On board and by the cameras.", across=_ACROSS)
 
@@ -160,9 +158,8 @@ def _error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
     for name, one in sensors.of.items():
         scale, unit = _UNITS[name]
         drift = signed(plus_minus(60 * scale * one.drift, 60 * scale * one.drift_half_width))
-        delay = "–"
-        if one.delay is not None and one.delay_half_width is not None:
-            delay = signed(plus_minus(1e3 * one.delay, 1e3 * one.delay_half_width))
+        late, half = one.delay, one.delay_half_width
+        delay = "–" if late is None or half is None else signed(plus_minus(1e3 * late, 1e3 * half))
         sizes = (digits(scale * value) for value in (one.rms, one.largest))
         rows.append((state_mark(name), unit, *sizes, drift, digits(scale * one.wander), delay))
     return rows

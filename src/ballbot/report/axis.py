@@ -17,20 +17,15 @@ from ballbot.report.blocks import Bullets, Paragraph, Result, Section, Sheet, se
 from ballbot.report.palette import BLUE, GREEN, INK, MUTED
 from ballbot.report.series import Line, Look, Panel, TimeSeries
 from ballbot.report.style import drawn_picture, one_panel
+from ballbot.report.words import capital
 from ballbot.rounding import DASH, digits, plus_minus, unit_heading
 
-#: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
-_SLOW = 0.02
-#: points of the friction figure, about
-_MOST_POINTS = 3000
 #: findings that stand in the verdict; the others stand with the parameters
 _IN_VERDICT = 2
 #: how a row of the verdict is headed, by the finding's code
 _VERDICT_WORDS = {"force-delay": "Delay", "law": "Law", "axis-residuals": "Residual"}
 #: what is selected beside the law
 _FORCES = {"gravity": "gravity", "load": "dry friction that grows with the load"}
-#: the least gain that the figure of the laws shows [%]
-_LEAST_GAIN = -100.0
 
 
 def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
@@ -38,8 +33,8 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     motion = motion_of(record)
     others = found.best.axis().other_forces(record.force, motion.position, motion.speed, motion.acceleration)
     friction, fastest = record.force - others, float(np.abs(motion.speed).max())
-    moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)
-    moving = moving[:: max(1, len(moving) // _MOST_POINTS)]
+    moving = np.flatnonzero(np.abs(motion.speed) > 0.02 * fastest)
+    moving = moving[:: max(1, len(moving) // 3000)]
     across, up = unit_heading("speed", f"{found.unit}/s"), unit_heading("friction", record.force_unit)
     figure, axes = one_panel(across, up)
     dots = {"color": MUTED, "markersize": 1.6, "alpha": 0.5}
@@ -89,7 +84,7 @@ def laws_figure(found: AxisIdentification) -> Figure:
     compared = [(name, one.gain) for name, one in found.by_law.items() if one.gain]
     figure, axes = one_panel("less error on held-out blocks [%]", "", height=0.6 + 0.42 * len(compared))
     ends = np.array([(100.0 * gain.lower, 100.0 * gain.upper) for _, gain in compared])
-    left = max(_LEAST_GAIN, min(-5.0, 1.1 * float(ends.min())))
+    left = max(-100.0, min(-5.0, 1.1 * float(ends.min())))
     for place, (_, gain) in enumerate(reversed(compared)):
         color = BLUE if gain.significant else MUTED
         low, middle, high = (100.0 * share for share in (gain.lower, gain.share, gain.upper))
@@ -109,12 +104,17 @@ def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequenc
     if count == 1:
         text = "How much parameters differ from record to record: there is one (--also adds records)."
         undecided.insert(0, text)
+    parameters = parameter_rows(found)
+    words = {
+        symbol: f"{meaning} {symbol} = {value} {unit}".rstrip() for symbol, meaning, unit, value in parameters
+    }
+    mass = capital(words.pop("M"))
     return Result(
         title=f"{', '.join(found.records)}: mass and friction",
         lead=f"{records}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
         f"{found.best.law}, fitted over windows of {found.window:.3g} s.",
         verdict=[
-            ("Mass and friction", _values_sentence(found)),
+            ("Mass and friction", f"{mass}; by the law {found.best.law}: {', '.join(words.values())}."),
             ("Prediction", expected_sentence(found)),
             *((_VERDICT_WORDS.get(one.code, ""), one.text) for one in shown),
         ],
@@ -123,15 +123,6 @@ def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequenc
         findings=findings,
         data=found.to_dict() | {"findings": finding_results([*findings, *found.findings])},
     )
-
-
-def _values_sentence(found: AxisIdentification) -> str:
-    """Return the mass and the friction of the result, with their standard errors."""
-    words = {}
-    for symbol, meaning, unit, value in parameter_rows(found):
-        words[symbol] = f"{meaning} {symbol} = {value} {unit}".rstrip()
-    mass = words.pop("M")
-    return f"{mass[0].upper()}{mass[1:]}; by the law {found.best.law}: {', '.join(words.values())}."
 
 
 def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
@@ -143,29 +134,30 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     )
     others = "other forces and the friction under load" if "load" in found.best.values else "other forces"
     friction = f"Friction over speed{of_record}: force less inertia, offset, {others}, and the laws found."
+    further = texts(found.findings)[_IN_VERDICT:]
     forces = [
-        (
-            _FORCES[name],
-            f"{digits(100.0 * gain.share)} %",
-            f"{digits(100.0 * gain.lower)} to {digits(100.0 * gain.upper)} %",
-        )
+        (_FORCES[name], *(f"{digits(100.0 * share)} %" for share in (gain.share, gain.lower, gain.upper)))
         for name, gain in found.forces.items()
     ]
+    selected = Sheet(
+        headings=("force", "less error", "at least", "at most"),
+        rows=forces,
+        caption="Selected by the error on held-out blocks; with 95 % intervals.",
+    )
     yield section(
         "Parameters",
-        Bullets(items=texts(found.findings)[_IN_VERDICT:]) if len(found.findings) > _IN_VERDICT else None,
+        Bullets(items=further) if further else None,
         Sheet(headings=("symbol", "meaning", "unit", "value"), rows=parameter_rows(found)),
         Paragraph(text=method),
-        Sheet(
-            headings=("force", "less error", "95 % interval"),
-            rows=forces,
-            caption="Selected by the error on held-out blocks.",
-        )
-        if forces
-        else None,
+        selected if forces else None,
         drawn_picture("friction", partial(axis_friction_figure, found, record), friction),
     )
-    errors = "Every law on each record, RMS. Windows: each from its best start; whole: the record from its first row."
+    errors = [
+        (name, one.record, *(f"{digits(1e3 * e)} m{found.unit}" if np.isfinite(e) else DASH for e in numbers))
+        for name, estimate in found.by_law.items()
+        for one in estimate.errors
+        for numbers in [(one.window_rmse, one.open_loop_rmse)]
+    ]
     laws = (
         "Each law compared with the simpler law, on blocks that neither was fitted to; bars are 95 % intervals, with a "
         "filled dot if it predicts better."
@@ -174,22 +166,22 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         "Predictions and laws",
         Sheet(
             headings=("law", "record", "position, windows", "position, whole"),
-            rows=_error_rows(found),
-            caption=errors,
+            rows=errors,
+            caption="Every law on each record, RMS. Windows: each from its best start; whole: the record from its "
+            "first row.",
         ),
         open_loop_series(found, record, of_record) if len(record.parts) == 1 else None,
         drawn_picture("laws", partial(laws_figure, found), laws),
     )
 
 
-def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
+def parameter_rows(found: AxisIdentification) -> list[tuple[str, str, str, str]]:
     """Return the parameters of the result: symbol, meaning, unit and value with its standard error."""
-    rows = []
-    for name, value in found.best.values.items():
-        kind = PARAMETERS[name]
-        number = plus_minus(value, found.best.standard_errors[name])
-        rows.append((kind.symbol, kind.meaning, unit_for(kind, found.unit), number))
-    return rows
+    return [
+        (kind.symbol, kind.meaning, unit_for(kind, found.unit), plus_minus(value, error))
+        for name, value in found.best.values.items()
+        for kind, error in [(PARAMETERS[name], found.best.standard_errors[name])]
+    ]
 
 
 def expected_sentence(found: AxisIdentification) -> str:
@@ -200,14 +192,3 @@ def expected_sentence(found: AxisIdentification) -> str:
         f"On another record under these conditions the position error over windows of {found.window:.3g} s should be "
         f"{error} {unit} RMS, with a 95 % interval of {low} to {high} {unit}, from held-out blocks."
     )
-
-
-def _error_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
-    """Return the prediction errors of every law on each record."""
-    rows = []
-    for name, estimate in found.by_law.items():
-        for one in estimate.errors:
-            numbers = (one.window_rmse, one.open_loop_rmse)
-            shown = (f"{digits(1e3 * e)} m{found.unit}" if np.isfinite(e) else DASH for e in numbers)
-            rows.append((name, one.record, *shown))
-    return rows

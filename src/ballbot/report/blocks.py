@@ -51,7 +51,6 @@ from ballbot.rounding import digits
 from ballbot.summary import Summary
 
 if TYPE_CHECKING:
-    from ballbot.report.blocks import Provenance
     from ballbot.viewer.page import ReplayPart
 
 
@@ -69,6 +68,11 @@ class Cell:
     below: str = ""  #: a second line, in quiet ink
 
 
+def _written(value: object) -> str:
+    """Return a number with three digits, and anything else as it is."""
+    return digits(value) if isinstance(value, float) else str(value)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
     """A table with its caption, on a page and on a terminal.
@@ -78,7 +82,7 @@ class Sheet:
 
     kind: ClassVar[str] = "sheet"
     headings: Sequence[str]
-    rows: Sequence[Sequence[str | Cell]]
+    rows: Sequence[Sequence[Cell | str | float]]  #: a number is shown with three digits
     caption: str = ""
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
@@ -99,7 +103,9 @@ class Sheet:
     @property
     def cells(self) -> list[list[Cell]]:
         """Every cell as one."""
-        return [[one if isinstance(one, Cell) else Cell(text=one) for one in row] for row in self.rows]
+        return [
+            [one if isinstance(one, Cell) else Cell(text=_written(one)) for one in row] for row in self.rows
+        ]
 
     @property
     def numeric(self) -> list[bool]:
@@ -112,11 +118,6 @@ class Sheet:
 
 
 T = TypeVar("T")
-
-
-def _written(value: object) -> str:
-    """Return a number with three digits, and anything else as it is."""
-    return digits(value) if isinstance(value, float) else str(value)
 
 
 @dataclass(frozen=True)
@@ -217,7 +218,7 @@ class Result:
     lead: str  #: what was examined, in a sentence
     #: heading, which may be empty, and sentences; the most important first
     verdict: Sequence[tuple[str, str]]
-    sections: Sequence[Section]
+    sections: Sequence[Section | None]  #: None stands for a section that this result does not have
     undecided: Sequence[str]  #: what the data cannot decide
     next_step: str = ""  #: what to do with the result, with its commands; a command states it
     made: Provenance | None = None  #: None until a command writes its page
@@ -226,11 +227,16 @@ class Result:
     accepted: bool = True
     data: Mapping[str, object] = field(default_factory=dict)  #: what results.json holds
 
+    @property
+    def present(self) -> list[Section]:
+        """The sections that there are."""
+        return [one for one in self.sections if one is not None]
+
     def summary(self) -> Summary:
         """Return the verdict on one screen; one without headings stands below the first table."""
         if all(heading for heading, _ in self.verdict):
             return Summary(title=self.title, rows=tuple(self.verdict))
-        sheets = [block for one in self.sections[:1] for block in one.blocks if isinstance(block, Sheet)]
+        sheets = [block for one in self.present[:1] for block in one.blocks if isinstance(block, Sheet)]
         table = [(sheet.headings, *sheet.rows) for sheet in sheets[:1]]
         rows = [(str(name), tuple(map(str, cells))) for lines in table for name, *cells in lines]
         return Summary(title=self.title, rows=tuple(rows), sentences=tuple(text for _, text in self.verdict))
@@ -246,24 +252,19 @@ class Result:
         table and its sentences.
         """
         if brief:
-            blocks = [block for one in self.sections[:1] for block in one.blocks]
+            blocks = [block for one in self.present[:1] for block in one.blocks]
             yield from [block for block in blocks if isinstance(block, Sheet)][:1]
             yield from (
                 Text(f"- {item}") for block in blocks if isinstance(block, Bullets) for item in block.items
             )
         else:
-            yield from self._whole()
+            for one in self.present:
+                shown = [part for block in one.blocks for part in _on_terminal(block)]
+                yield from [Text(one.heading, style="bold"), *shown, Text("")] if shown else []
         yield Text("What the data cannot decide", style="bold")
         yield from (Text(f"- {words}") for words in self.undecided)
         yield Text("")
         yield from verdict_lines(self.verdict)
-
-    def _whole(self) -> Iterator[RenderableType]:
-        for one in self.sections:
-            shown = [part for block in one.blocks for part in _on_terminal(block)]
-            if shown:
-                yield Text(one.heading, style="bold")
-                yield from (*shown, Text(""))
 
 
 def verdict_lines(verdict: Sequence[tuple[str, str]]) -> list[Text]:

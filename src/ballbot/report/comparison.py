@@ -6,7 +6,7 @@ Of a league: tables, an overview with intervals, and each course as it was run w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.log import Log
-from ballbot.report.blocks import Cell, Column, Paragraph, Result, Section, Sheet, section, sheet_of
+from ballbot.report.blocks import Cell, Paragraph, Result, Section, Sheet, section
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import (
@@ -44,7 +44,7 @@ from ballbot.workflows.league import (
 from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
 from ballbot.workflows.statistics import Estimate
 
-#: looks and names of a study's candidates
+#: looks of a study's candidates
 RUN_LOOKS: Mapping[str, Look] = {
     "none": "second",
     "full": "fourth",
@@ -52,12 +52,12 @@ RUN_LOOKS: Mapping[str, Look] = {
     "precise": "first",
     "precise_without_compensation": "fifth",
 }
-RUN_LABELS: Mapping[str, str] = {
-    "none": "no compensation",
-    "full": "full compensation",
-    "partial": "partial compensation",
+CANDIDATE_NAMES: Mapping[str, str] = {
+    "none": "soft gain",
+    "full": "soft gain, full compensation",
+    "partial": "soft gain, partial compensation",
     "precise": "precise",
-    "precise_without_compensation": "precise, none",
+    "precise_without_compensation": "precise without compensation",
 }
 
 
@@ -71,7 +71,8 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
         x, y = thinned(place["x"], place["y"])
         axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
         axes.plot(place["x"][:1], place["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none")
-        axes.set_title(RUN_LABELS[name] + (" (fell)" if log.ended else ""), fontsize=7.5)
+        title = CANDIDATE_NAMES[name].replace(" compensation", "\ncompensation")
+        axes.set_title(title + (" (fell)" if log.ended else ""), fontsize=7.5)
         axes.set_aspect("equal")
         axes.set_xlabel("$x$ [m]")
     panels[0].set_ylabel("$y$ [m]")
@@ -83,7 +84,8 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     longest = max(runs.values(), key=len)
     t, errors = together([(log.t, 1e3 * position_error(log)) for log in runs.values()])
     lines = [
-        Line(RUN_LABELS[name], values, RUN_LOOKS[name]) for name, values in zip(runs, errors, strict=True)
+        Line(CANDIDATE_NAMES[name], values, RUN_LOOKS[name])
+        for name, values in zip(runs, errors, strict=True)
     ]
     reference = (
         Line("reference x", longest["ref_x"], "measured"),
@@ -103,24 +105,21 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
 
 def _overall_sheet(league: League) -> Sheet:
     """Return a row for each controller: its ratios to the first one over all courses, and its falls."""
-
-    def ratio(key: str) -> Column[str]:
-        def value(name: str) -> str:
-            found = overall(league, name).ratios
-            return _estimate(found[key]) if found else "1"
-
-        return Column(METRIC_BY_KEY[key].heading, value)
-
-    def falls(name: str) -> str:
-        found = overall(league, name)
-        return f"{found.falls} of {found.runs}"
-
-    columns = [Column("controller", str), *map(ratio, RATIOS), Column("falls", falls)]
+    found = {name: overall(league, name) for name in league.controllers}
+    rows = [
+        (
+            name,
+            *(_estimate(one.ratios[key]) if one.ratios else "1" for key in RATIOS),
+            f"{one.falls} of {one.runs}",
+        )
+        for name, one in found.items()
+    ]
     caption = (
         f"Each number over {league.controllers[0]}'s on the same course with the same seed: geometric means over the "
         "courses, with 95 % intervals over the seeds."
     )
-    return sheet_of(league.controllers, columns, caption=caption)
+    headings = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
+    return Sheet(headings=headings, rows=rows, caption=caption)
 
 
 def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
@@ -141,22 +140,16 @@ def _cell(found: Standing, metric: Metric) -> Cell:
     if difference is None or math.isnan(difference.mean):
         return Cell(text=text)
     star = " *" if difference.sign else ""
-    return Cell(text=text, below=f"{_estimate(difference, metric.scale, signed=True)}{star}")
+    return Cell(text=text, below=f"{_estimate(difference, metric.scale, plus='+')}{star}")
 
 
-def _estimate(found: Estimate, scale: float = 1.0, *, signed: bool = False) -> str:
-    """Return a mean with its interval, such as "−120 (−130 to −110)"."""
-
-    def shown(value: float) -> str:
-        text = digits(scale * value).replace("-", "−")
-        return f"+{text}" if signed and value > 0.0 else text
-
-    return f"{shown(found.mean)}{_interval(found, shown)}"
-
-
-def _interval(found: Estimate, shown: Callable[[float], str] = digits) -> str:
-    """Return the ends of an interval in brackets; empty of too few seeds for one."""
-    return "" if math.isnan(found.low) else f" ({shown(found.low)} to {shown(found.high)})"
+def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "") -> str:
+    """Return a mean with its interval, such as "−120 (−130 to −110)"; of too few seeds for one the mean."""
+    mean, low, high = (
+        f"{plus if value > 0.0 else ''}{digits(scale * value)}".replace("-", "−")
+        for value in (found.mean, found.low, found.high)
+    )
+    return mean if math.isnan(found.low) else f"{mean} ({low} to {high})"
 
 
 #: of controllers in turn; of the first three as in the study's report

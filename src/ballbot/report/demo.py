@@ -1,91 +1,119 @@
-"""`ballbot demo`: a page with two recorded runs at once, and beside it what the log of the first one shows.
+"""The two recorded runs that `ballbot demo` shows, their file, and the friction that the log of the first one shows.
 
-The friction is identified from that log while the reader looks at the runs. The law is the one that this short log can
-determine, and the settings of the search are small, so that its result is there soon after a first start, in which
-everything is compiled (`python -m benchmarks.first_use`); `ballbot study` takes the full ones.
+The twin's nominal robot goes around a square twice: under the soft gain of the thesis's kind, and under the precise
+controller for the friction that was identified from the first run. `python -m campaigns.demo_runs` records them anew.
+
+The file has of each run what a robot measures and the true pose: whole numbers of the steps below, each the difference
+to the row before, compressed. A step is at most a tenth of the sensor's noise, so that rounding changes no result;
+the steps of the wheels' speeds are those of the encoders.
 """
 
 from __future__ import annotations
 
+import io
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
+from importlib.resources import files
 
 import numpy as np
 
 from ballbot.fitting.run import Run
-from ballbot.identification import Identification, identify
-from ballbot.identification.identify import IdentificationOptions
 from ballbot.log import Log
-from ballbot.log.checks import CheckedLogs
-from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.blocks import provenance
-from ballbot.report.demo_runs import ROBOT, SOFT, robot_of_runs
-from ballbot.report.identification import friction_curve, identification_report
-from ballbot.report.page import render
+from ballbot.log.columns import POSITION_NAMES, TRUE_PREFIX, Columns, torque_names, wheel_speed_names
+from ballbot.log.pose import with_odometry
+from ballbot.report.blocks import Result, Sheet, provenance, section
 from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
 from ballbot.rounding import digits
-from ballbot.viewer.page import ResultState
+from ballbot.twin.scenario import Scenario
 
-#: part of the first run that is identified [s], the law, and the settings of the search
-LOG_END, LAW = 20.0, "coulomb"
-OPTIONS = IdentificationOptions(
-    generations=25, population=16, evolution_windows=24, gauss_newton_steps=4, most_profiles=0
-)
-#: speed at which the friction found is compared with the twin's [rad/s]
-SPEED = 1.0
+#: the runs, in the order in which they are shown
+SOFT, PRECISE = "Soft gain, as in the thesis", "Precise controller"
+ROBOT, SAMPLE_TIME = "alten", 0.005
+_FILE = "demo_runs.npz"
+KEYS = {SOFT: "soft", PRECISE: "precise"}
 
-
-def identified(log: Log, run: Run) -> Identification:
-    """Return the friction of the demo's robot from the log of its first run."""
-    return identify(Robot.load(ROBOT), CheckedLogs.simulated(_part(log)), law=LAW, options=OPTIONS, run=run)
-
-
-def _part(log: Log) -> Log:
-    return log.without_truth().between(0.0, LOG_END)
+#: torque noise 0.01 N m; lean noise 1.7e-3 rad and gyro noise 1.9e-3 rad/s; references are exact
+_STEPS = {
+    **dict.fromkeys(torque_names(3), 1e-3),
+    **dict.fromkeys(("theta", "phi", "psi"), 1e-4),
+    **dict.fromkeys(("theta_dot", "phi_dot", "psi_dot"), 1e-4),
+    **dict.fromkeys(("ref_x", "ref_y", "ref_psi"), 1e-3),
+    **{TRUE_PREFIX + name: 1e-5 for name in POSITION_NAMES},
+}
 
 
-def write_report(found: Identification, log: Log, folder: Path) -> None:
-    """Write the report on the friction found in the first run's log, and results.json."""
-    made = provenance(command="ballbot demo", files=[], seed=0)
-    report = identification_report(found, {SOFT: _part(log)}, findings=(), selection=None, holdouts=())
-    render(replace(report, made=made), folder)
+def steps() -> Mapping[str, float]:
+    """Return the step of each column in the file."""
+    robot = Robot.load(ROBOT)
+    turn = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+    return {**_STEPS, **dict.fromkeys(wheel_speed_names(3), turn / SAMPLE_TIME)}
 
 
-def state_found(found: Identification) -> ResultState:
-    """Return what the page shows of the friction found."""
-    robot = found.robot
-    truth = robot_of_runs().friction
-    speeds = np.full(robot.wheel_count, SPEED)
-    true = wheel_friction(speeds, truth)
-    friction = f"friction [N\N{NO-BREAK SPACE}m] at {SPEED:g}\N{NO-BREAK SPACE}rad/s"
-    rows = []
-    for wheel in range(robot.wheel_count):
-        value, half = (float(one[0]) for one in friction_curve(found, wheel, speeds[:1]))
-        half *= 1.96
-        interval = f"{digits(value - half, 2)} to {digits(value + half, 2)}"
-        own = digits(float(true[wheel]), 2)
-        rows.append((f"wheel {wheel + 1}", digits(value, 2), interval, own))
-    return ResultState(
-        heading="The friction in the first run's log",
-        sentences=(
-            f"Identified on this computer from the first {LOG_END:g} s of “{SOFT}”, as from a real robot's log: the "
-            "true values were not used. The law is viscous and Coulomb friction, which so short a log determines. The "
-            "precise controller compensates friction identified from the whole log, by the full law.",
-            error_sentence(found),
-        ),
-        columns=(friction, "identified", "95 % interval", "true"),
-        rows=tuple(rows),
-        caption=f"Friction torque of each wheel at {SPEED:g} rad/s. The interval contains the variation between logs.",
+def robot_of_runs() -> Robot:
+    """Return the robot of the runs, with the friction that the twin has in them."""
+    robot = Robot.load(ROBOT)
+    return robot.replace(friction=Scenario.nominal(robot).friction)
+
+
+def read_runs() -> dict[str, Log]:
+    """Return the runs that ship with Ballbot; see `runs_of`."""
+    return runs_of((files("ballbot.report") / _FILE).read_bytes())
+
+
+def runs_of(content: bytes) -> dict[str, Log]:
+    """Return a file's runs as a robot logs them, with the position by odometry, and with the true states.
+
+    The true rates are differences of the true pose.
+    """
+    robot, runs = Robot.load(ROBOT), {}
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        for run, key in KEYS.items():
+            columns: Columns = {
+                name: (step * np.cumsum(arrays[f"{key} {name}"])).astype(np.float64)
+                for name, step in steps().items()
+            }
+            columns["t"] = np.arange(len(columns["theta"]), dtype=np.float64) * SAMPLE_TIME
+            for name in POSITION_NAMES:
+                rate = np.gradient(columns[TRUE_PREFIX + name], SAMPLE_TIME)
+                columns[f"{TRUE_PREFIX}{name}_dot"] = np.asarray(rate, dtype=np.float64)
+            runs[run] = with_odometry(Log(columns), robot)
+    return runs
+
+
+def friction_report(log: Log, run: Run) -> Result:
+    """Identify the friction from the first 20 s of the first run's log, and return the page.
+
+    The law is the one that so short a log can determine, and the settings of the search are small, so that the result
+    is there soon after a first start, in which everything is compiled; `ballbot study` takes the full ones.
+    """
+    # compiled code, once there is something to look at
+    from ballbot.identification import identify
+    from ballbot.identification.identify import IdentificationOptions
+    from ballbot.log.checks import CheckedLogs
+    from ballbot.mechanics.friction import wheel_friction
+    from ballbot.report.identification import friction_curve, identification_report
+
+    part = log.without_truth().between(0.0, 20.0)
+    options = IdentificationOptions(
+        generations=25, population=16, evolution_windows=24, gauss_newton_steps=4, most_profiles=0
     )
-
-
-def error_sentence(found: Identification) -> str:
-    """Return how much better the model with the friction found predicts windows that the fit did not see."""
-    errors = found.held_out
-    place = 0  # x
-    without, with_friction = errors.rmse_without[place], errors.rmse_with[place]
-    return (
-        f"Over {found.window:g} s that the fit did not see, the model without friction is off by "
-        f"{digits(1000.0 * float(without), 2)} mm in x, with it by {digits(1000.0 * float(with_friction), 2)} mm "
-        f"(RMS of {errors.windows} windows)."
+    checked = CheckedLogs.simulated(part)
+    found = identify(Robot.load(ROBOT), checked, law="coulomb", options=options, run=run)
+    report = identification_report(found, {SOFT: part}, findings=(), selection=None, holdouts=())
+    speeds = np.ones(found.robot.wheel_count)  # [rad/s]
+    rows = []
+    for wheel, true in enumerate(wheel_friction(speeds, robot_of_runs().friction)):
+        value, error = (float(one[0]) for one in friction_curve(found, wheel, speeds[:1]))
+        interval = " to ".join(digits(end, 2) for end in (value - 1.96 * error, value + 1.96 * error))
+        rows.append((f"wheel {wheel + 1}", digits(value, 2), interval, digits(float(true), 2)))
+    sheet = Sheet(
+        headings=("friction [N m] at 1 rad/s", "identified", "95 % interval", "true"),
+        rows=rows,
+        caption=f"Identified on this computer from “{SOFT}”; the true values were not used.",
+    )
+    return replace(
+        report,
+        sections=[section("The friction found and the true one", sheet), *report.sections],
+        made=provenance(command="ballbot demo", files=[], seed=0),
     )

@@ -38,7 +38,6 @@ from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_
 from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture, one_panel
 from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.results import to_results
-from ballbot.robot import Friction
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
@@ -48,12 +47,10 @@ from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
 
 def search_comment(found: RobustDesign, command: str) -> str:
     """Return the comment of a controller file on how its gain was found."""
-    designs = {name: f"{one.worst_tenth:.3g}" for name, one in found.compared.items()}
+    robust, nominal = (f"{found.compared[name].worst_tenth:.3g}" for name in ("robust", "nominal"))
     return (
-        f"# Found by: {command}\n"
-        f"# {_weights(found)}\n"
-        f"# worst tenth of J on {found.fresh} fresh robots: {designs['robust']}; nominal gain "
-        f"{designs['nominal']}\n\n"
+        f"# Found by: {command}\n# {_weights(found)}\n"
+        f"# worst tenth of J on {found.fresh} fresh robots: {robust}; nominal gain {nominal}\n\n"
     )
 
 
@@ -71,40 +68,25 @@ def _nothing_compensated(found: ControllerDesign) -> str:
     return NO_FRICTION
 
 
-def _certain_fractions(stated: Friction, certain: Friction) -> str:
-    dry, viscous = (
-        ", ".join(
-            percent(part / whole) if whole else "none" for part, whole in zip(parts, wholes, strict=True)
-        )
-        for parts, wholes in ((certain.coulomb, stated.coulomb), (certain.viscous, stated.viscous))
-    )
-    return (
-        "Only the friction that is certain is compensated, as a fraction of each wheel's "
-        f"dry friction: {dry}; of its viscous friction: {viscous}."
-    )
-
-
 def controller_design_report(found: ControllerDesign, findings: Sequence[Finding]) -> Result:
     """Return the page of a design without a search."""
-    controller = found.controller
-    robot = controller.robot
+    controller, nothing = found.controller, _nothing_compensated(found)
+    robot, kind = controller.robot, controller.compensation
     slowest = float(-np.max(found.gain.poles.real))
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
-    kind = "no" if controller.compensation == "none" else controller.compensation
-    lead = (
-        f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {kind} friction compensation; parts: {parts}."
-    )
-    settles = f"about {4.0 / slowest:.2g} s"
     verdict = [
-        ("Closed loop", f"The slowest pole is at −{slowest:.3g} rad/s: the robot settles in {settles}."),
+        (
+            "Closed loop",
+            f"The slowest pole is at −{slowest:.3g} rad/s: the robot settles in about {4.0 / slowest:.2g} s.",
+        ),
         ("Margins", f"{capital(found.loop_margins.sentence())}."),
         ("Torque limit of each wheel", f"{torque_limit_words(controller)}."),
     ]
-    if controller.compensation != "none":
+    if kind != "none":
         margin = f"{capital(found.margin.sentence)}."
         if found.margin.overcompensates:
             margin = f"WARNING: {found.margin.sentence}; this injects energy and can destabilise the robot."
-        verdict.append(("Compensation", _nothing_compensated(found) or margin))
+        verdict.append(("Compensation", nothing or margin))
     undecided = [
         "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
         "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it."
@@ -113,7 +95,10 @@ def controller_design_report(found: ControllerDesign, findings: Sequence[Finding
         undecided.append("How uncertain the gain is: no value in the robot file has a standard_deviation.")
     return Result(
         title=f"{robot.name}: a controller",
-        lead=lead,
+        lead=(
+            f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {'no' if kind == 'none' else kind} friction "
+            f"compensation; parts: {parts}."
+        ),
         verdict=verdict,
         sections=[
             section("Gain", *_gain_blocks(found)),
@@ -137,23 +122,25 @@ def _gain_blocks(found: ControllerDesign) -> Iterator[Block]:
 
 
 def _compensation_blocks(found: ControllerDesign) -> Iterator[Block]:
-    if found.controller.compensation == "none":
-        yield Bullets(items=["No friction is compensated."])
-        return
-    if nothing := _nothing_compensated(found):
+    none = found.controller.compensation == "none"
+    if nothing := "No friction is compensated." if none else _nothing_compensated(found):
         yield Bullets(items=[nothing])
         return
-    margin = found.margin
+    margin, stated, certain = found.margin, found.stated, found.certain
     of_wheels = zip(margin.wheel_fractions, margin.at_speeds, strict=True)
     rows = [
-        (f"wheel {place}", percent(share), f"{speed:.2g} rad/s")
-        for place, (share, speed) in enumerate(of_wheels, start=1)
+        (f"wheel {k}", percent(share), f"{speed:.2g} rad/s") for k, (share, speed) in enumerate(of_wheels, 1)
     ]
     rows.append(("rolling", percent(margin.rolling_fraction), ""))
     caption = "Largest compensated fraction of the friction that is certain; beyond 100 % it injects energy."
     yield Sheet(headings=("friction", "compensated", "at"), rows=rows, caption=caption)
-    if found.certain is not found.stated:
-        yield Bullets(items=[_certain_fractions(found.stated, found.certain)])
+    if certain is not stated:
+        dry, viscous = (
+            ", ".join(percent(part / all_) if all_ else "none" for part, all_ in zip(*each, strict=True))
+            for each in ((certain.coulomb, stated.coulomb), (certain.viscous, stated.viscous))
+        )
+        text = f"each wheel's dry friction: {dry}; of its viscous friction: {viscous}."
+        yield Bullets(items=[f"Only the friction that is certain is compensated, as a fraction of {text}"])
 
 
 def gain_sheet(
@@ -233,10 +220,6 @@ def robust_verdict(found: RobustDesign) -> list[tuple[str, str]]:
     return [("Cost", text), ("Falls", falls)]
 
 
-#: of what acts on all wheels alike, beside the wheels' looks
-_MODES: tuple[Look, ...] = ("quiet", "fifth", "sixth")
-#: frequencies of a Bode diagram, and the lowest [rad/s]
-_POINTS, _LOWEST = 400, 0.1
 #: steps of the reference [m, rad]
 STEPS = {"x": 0.1, "psi": math.radians(10.0)}
 
@@ -286,17 +269,16 @@ def step_series(loop: RobotLoop, name: str) -> TimeSeries:
     size = STEPS[name]
     step = step_response(loop, name=name, size=size)
     late = f" Torques act {1e3 * loop.delay:g} ms late, as predicted." if loop.delay else ""
+    lean, heading = np.degrees(step.states[:, 3]), np.degrees(step.states[:, 4])
     if name == "psi":
-        what, degrees = f"{math.degrees(size):g}° of the heading", np.degrees(step.states[:, 4])
-        line = Line("heading", degrees, "measured")
-        panels = [Panel(label="heading [deg]", lines=(line,), levels=(math.degrees(size),))]
+        what, shown = f"{math.degrees(size):g}° of the heading", {"heading [deg]": heading}
     else:
-        what, degrees = f"{1e3 * size:g} mm in x", np.degrees(step.states[:, 3])
-        line = Line("x", 1e3 * step.states[:, 0], "measured")
-        panels = [
-            Panel(label="x [mm]", lines=(line,), levels=(1e3 * size,)),
-            Panel(label="lean φ [deg]", lines=(Line("lean", degrees, "measured"),)),
-        ]
+        what, shown = f"{1e3 * size:g} mm in x", {"x [mm]": 1e3 * step.states[:, 0], "lean φ [deg]": lean}
+    levels = {"heading [deg]": (math.degrees(size),), "x [mm]": (1e3 * size,)}
+    panels = [
+        Panel(label=label, lines=(Line("response", values, "measured"),), levels=levels.get(label, ()))
+        for label, values in shown.items()
+    ]
     return TimeSeries(
         t=step.t,
         panels=[*panels, Panel(label="torques [N m]", lines=wheel_lines(list(step.torques.T)))],
@@ -313,10 +295,12 @@ def bode_figure(margins: Margins) -> Figure:
     figure = Figure(figsize=(7.4, 3.8), layout="constrained")
     gain, phase = figure.subplots(2, 1, sharex=True)
     loop = margins.loop
-    omega = np.geomspace(_LOWEST, 0.999 * math.pi / loop.sample_time, _POINTS)
+    omega = np.geomspace(0.1, 0.999 * math.pi / loop.sample_time, 400)
     alike = len(margins.rows()) == 2  # one row of each wheel, one of all
     wheels, names = loop.wheel_responses(omega), ("one wheel",) if alike else loop.wheels
-    modes = zip(("lean 1", "lean 2", "heading"), loop.mode_responses(omega).T, _MODES, strict=True)
+    # what acts on all wheels alike has looks beside the wheels'
+    of_modes: tuple[Look, ...] = ("quiet", "fifth", "sixth")
+    modes = zip(("lean 1", "lean 2", "heading"), loop.mode_responses(omega).T, of_modes, strict=True)
     for name, response, look in (*zip(names, wheels.T, IN_TURN, strict=False), *modes):
         gain.plot(omega, 20.0 * np.log10(np.abs(response)), label=name, **LOOKS[look])
         degrees = np.degrees(np.unwrap(np.angle(response)))

@@ -10,44 +10,9 @@ from ballbot.firmware.emulator import CYCLES
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
 from ballbot.firmware.records import FIRMWARE
-from ballbot.report.blocks import Result, Sheet, section
+from ballbot.report.blocks import Result, Section, Sheet, section
 
 _HEADINGS = ("quantity", "value")
-
-
-def _limit_rows(exported: Export, controller: Controller) -> list[list[str]]:
-    limits = exported.limits
-    return [
-        ["period", f"{1e3 * controller.sample_time:g} ms"],
-        ["parameters of the controller (flash)", f"{exported.parameter_bytes} bytes"],
-        ["state (RAM)", f"{exported.state_bytes} bytes"],
-        ["torque limit", torque_limit_words(controller)],
-        ["stops beyond a lean of", f"{limits.lean:g} rad"],
-        ["stops if a sample takes longer than", f"{1e3 * limits.max_interval:g} ms"],
-        ["stops after missing", f"{limits.max_missing + 1} samples in a row"],
-        ["stops if a sensor repeats itself for", f"{limits.max_unchanged} samples"],
-        ["stops if a wheel does not turn under", f"{limits.turning_torque:.3g} N m"],
-    ]
-
-
-def _load_rows(load: ProcessorLoad) -> list[list[str]]:
-    """Return quantities and values of what a controller takes on its processor."""
-    period = f"{1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz"
-    rows = [
-        ["instructions of an update, typical", f"{load.typical_instructions:,}"],
-        ["instructions of an update, worst", f"{load.worst_instructions:,}"],
-        ["cycles, worst, at most", f"{load.worst_cycles:,}"],
-    ]
-    if load.fix_instructions is not None:
-        rows.append(["instructions, worst, with a fix of the pose", f"{load.fix_instructions:,}"])
-    return [
-        *rows,
-        [f"share of {period}, worst", f"{100 * load.worst_share:.1f} %"],
-        ["highest rate", f"{load.highest_rate:,.0f} Hz"],
-        ["flash: library, robot.c and numbers", f"{load.flash:,} bytes"],
-        ["RAM: struct robot", f"{load.ram:,} bytes"],
-        ["stack of robot_step, at most", f"{load.stack:,} bytes"],
-    ]
 
 
 def export_report(
@@ -59,56 +24,76 @@ def export_report(
     findings: Sequence[Finding],
 ) -> Result:
     """Return the page of an exported firmware; `to_install` says what a measurement of the load needs."""
-    verdict = [("Firmware", _about(exported, controller))]
-    sections = [section("The controller", Sheet(headings=_HEADINGS, rows=_limit_rows(exported, controller)))]
-    undecided = [
-        "Whether motors, encoders and IMU are wired as the library expects: `ballbot run wiring` checks a robot."
+    robot, limits = controller.robot, exported.limits
+    parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
+    compensation = "no" if controller.compensation == "none" else controller.compensation
+    about = (
+        f"{len(exported.files)} files for {robot.name}. Estimator: {controller.estimator}; {compensation} "
+        f"friction compensation; parts: {parts}."
+    )
+    rows = [
+        ("period", f"{1e3 * controller.sample_time:g} ms"),
+        ("parameters of the controller (flash)", f"{exported.parameter_bytes} bytes"),
+        ("state (RAM)", f"{exported.state_bytes} bytes"),
+        ("torque limit", torque_limit_words(controller)),
+        ("stops beyond a lean of", f"{limits.lean:g} rad"),
+        ("stops if a sample takes longer than", f"{1e3 * limits.max_interval:g} ms"),
+        ("stops after missing", f"{limits.max_missing + 1} samples in a row"),
+        ("stops if a sensor repeats itself for", f"{limits.max_unchanged} samples"),
+        ("stops if a wheel does not turn under", f"{limits.turning_torque:.3g} N m"),
     ]
-    if load is None:
-        undecided.insert(0, f"What an update takes on the processor. {to_install}")
-    else:
-        verdict.append(
-            (
-                "Processor",
-                f"The worst update takes at most {load.worst_cycles:,} cycles, {100.0 * load.worst_share:.1f} % of the "
-                f"period of {1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz.",
-            )
-        )
-        caption = (
-            f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
-            f"({load.compiler}). Instructions are exact; cycles are an upper estimate, {CYCLES:g} for each instruction "
-            "in flash with two wait states."
-        )
-        table = Sheet(headings=_HEADINGS, rows=_load_rows(load), caption=caption)
-        sections.append(section("On the processor", table))
-        undecided.insert(
-            0, "What interrupts and drivers of a board take: they come on top of the library's cycles."
-        )
     return Result(
-        title=f"{controller.robot.name}: a controller as firmware",
+        title=f"{robot.name}: a controller as firmware",
         lead="In C99; README.md says how to build it.",
-        verdict=verdict,
-        sections=sections,
-        undecided=undecided,
+        verdict=[("Firmware", about), *([("Processor", _worst(load))] if load else [])],
+        sections=[
+            section("The controller", Sheet(headings=_HEADINGS, rows=rows)),
+            _processor_section(load) if load else None,
+        ],
+        undecided=[
+            "What interrupts and drivers of a board take: they come on top of the library's cycles."
+            if load
+            else f"What an update takes on the processor. {to_install}",
+            "Whether motors, encoders and IMU are wired as the library expects: `ballbot run wiring` checks a robot.",
+        ],
         findings=findings,
         data={
-            "robot": controller.robot.name,
+            "robot": robot.name,
             "estimator": controller.estimator,
             "sample_time": controller.sample_time,
-            "safety": exported.limits,
+            "safety": limits,
             "schema": FIRMWARE.digest,
             "parameter_bytes": exported.parameter_bytes,
             "state_bytes": exported.state_bytes,
-            "processor": None if load is None else load.to_dict(),
+            "processor": load and load.to_dict(),
         },
     )
 
 
-def _about(exported: Export, controller: Controller) -> str:
-    """Return what the firmware is, in a sentence or two."""
-    parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
-    compensation = "no" if controller.compensation == "none" else controller.compensation
+def _worst(load: ProcessorLoad) -> str:
     return (
-        f"{len(exported.files)} files for {controller.robot.name}. Estimator: {controller.estimator}; {compensation} "
-        f"friction compensation; parts: {parts}."
+        f"The worst update takes at most {load.worst_cycles:,} cycles, {100.0 * load.worst_share:.1f} % of the period "
+        f"of {1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz."
     )
+
+
+def _processor_section(load: ProcessorLoad) -> Section:
+    """Return the section on what a controller takes on its processor."""
+    fix = load.fix_instructions
+    rows = [
+        ("instructions of an update, typical", f"{load.typical_instructions:,}"),
+        ("instructions of an update, worst", f"{load.worst_instructions:,}"),
+        ("cycles, worst, at most", f"{load.worst_cycles:,}"),
+        *([] if fix is None else [("instructions, worst, with a fix of the pose", f"{fix:,}")]),
+        ("share of the period, worst", f"{100 * load.worst_share:.1f} %"),
+        ("highest rate", f"{load.highest_rate:,.0f} Hz"),
+        ("flash: library, robot.c and numbers", f"{load.flash:,} bytes"),
+        ("RAM: struct robot", f"{load.ram:,} bytes"),
+        ("stack of robot_step, at most", f"{load.stack:,} bytes"),
+    ]
+    caption = (
+        f"Measured over {load.samples} samples on an emulated Cortex-M4F, the library compiled by Clang with -O2 "
+        f"({load.compiler}). Instructions are exact; cycles are an upper estimate, {CYCLES:g} for each instruction "
+        "in flash with two wait states."
+    )
+    return section("On the processor", Sheet(headings=_HEADINGS, rows=rows, caption=caption))

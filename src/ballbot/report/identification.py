@@ -15,7 +15,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -58,7 +57,7 @@ def identification_report(
         verdict=[("Verdict", found.verdict.sentence), ("Friction", friction_sentence(found))],
         sections=[
             section("Parameters", *parameter_blocks(found, logs.values())),
-            *([section("Friction laws", _selection_sheet(selection))] if selection else []),
+            section("Friction laws", _selection_sheet(selection)) if selection else None,
             details(
                 "Errors on held-out windows",
                 _error_sheet(found, holdouts),
@@ -109,10 +108,11 @@ def _parameter_sheet(found: Identification) -> Sheet:
             *(label, BY_NAME[name].unit, digits(float(before[i])), *value_and_error(values[i], errors[i])),
             *(interval_text(of.get(label)) for of in (found.intervals, found.another_log)),
             *([] if other is None else [digits(float(other.values[i]))]),
-            _allowed(*found.bounds[i].tolist()),
+            f"{lower} .. {upper}" if upper != lower else f"held at {lower}",
         )
         for i, (label, name) in enumerate(zip(found.labels, names, strict=True))
         if name in found.names
+        for lower, upper in [map(digits, found.bounds[i])]
     ]
     rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in found.names)
     with_sweep = any(one.method == "with sweep" for one in found.intervals.values())
@@ -127,10 +127,6 @@ def _parameter_sheet(found: Identification) -> Sheet:
         "allowed",
     )
     return Sheet(headings=headings, rows=rows, caption=caption)
-
-
-def _allowed(lower: float, upper: float) -> str:
-    return f"{digits(lower)} .. {digits(upper)}" if upper > lower else f"held at {digits(lower)}"
 
 
 def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:
@@ -171,12 +167,9 @@ def _horizon_sheet(holdout: HoldoutResult) -> Sheet:
     return sheet_of(holdout.horizons, columns, caption=caption)
 
 
-#: of laws in words
-_DECISIONS = {"accepted": "taken", "rejected": "no useful gain", "undecided": "the data cannot decide"}
-
-
 def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
     """Return the laws with their errors and gains on windows held out."""
+    decisions = {"accepted": "taken", "rejected": "no useful gain", "undecided": "the data cannot decide"}
 
     def gain(one: Gain | None) -> str:
         return f"{100 * one.share:.1f} % ({100 * one.lower:.1f} .. {100 * one.upper:.1f})" if one else ""
@@ -187,7 +180,7 @@ def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
         Column("error", lambda one: f"{one.error:.3f}"),
         Column("compared with", lambda one: one.within or "no friction"),
         Column("gain, 95 % interval", lambda one: one.gain, gain),
-        Column("", lambda one: "best" if one is selection.best else _DECISIONS[one.decision]),
+        Column("", lambda one: "best" if one is selection.best else decisions[one.decision]),
     ]
     caption = "Friction laws on held-out windows: error relative to no friction."
     return sheet_of(selection.candidates, columns, caption=caption)
@@ -204,21 +197,13 @@ def friction_curve(
         robot = found.layout.robot_of(found.robot, values, asymmetric=directed)
         return wheel_friction(at, robot.friction)[:, wheel]
 
-    curve = torque(found.values)
+    curve, step = torque(found.values), 1e-5
     # differences; where a parameter is zero, to one side
-    steps = _STEP * np.where(found.values == 0.0, 1.0, found.values)
-    moved = [torque(found.values + step * one) for step, one in zip(steps, np.eye(len(steps)), strict=True)]
+    steps = step * np.where(found.values == 0.0, 1.0, found.values)
+    moved = [torque(found.values + one) for one in np.diag(steps)]
     gradient = (np.array(moved) - curve).T / steps
     variance = np.einsum("ki,ij,kj->k", gradient, found.assumed_covariance, gradient)
     return curve, np.sqrt(np.maximum(variance, 0.0))
-
-
-#: step of these differences, over each parameter
-_STEP = 1e-5
-
-
-#: wheel speeds shown reach this quantile of those in the logs; without logs, so many Stribeck speeds
-_SHOWN_QUANTILE, _SHOWN_SPEEDS = 0.995, 8.0
 
 
 def friction_figure(found: Identification, logs: Sequence[Log] = ()) -> Figure:
@@ -227,34 +212,29 @@ def friction_figure(found: Identification, logs: Sequence[Log] = ()) -> Figure:
     figure = Figure(figsize=(7.4, 3.1 if logs else 2.6), layout="constrained")
     heights = (3, 1) if logs else (1,)
     panels = figure.subplots(len(heights), n, sharex=True, sharey="row", height_ratios=heights, squeeze=False)
-    fastest = _SHOWN_SPEEDS * found.robot.friction.stribeck_speed
+    fastest = 8.0 * found.robot.friction.stribeck_speed
     if logs:
         speeds = np.concatenate([measured_wheel_speeds(log, found.robot) for log in logs])
         speeds = speeds[np.isfinite(speeds).all(axis=1)]
-        fastest = float(np.quantile(np.abs(speeds), _SHOWN_QUANTILE))
+        fastest = float(np.quantile(np.abs(speeds), 0.995))
         for axes, speed in zip(panels[1], speeds.T, strict=True):
             shares, edges = np.histogram(speed, bins=61, range=(-fastest, fastest))
             axes.stairs(100.0 * shares / len(speed), edges, fill=True, color=MUTED, alpha=0.55)
         panels[1, 0].set_ylabel("share of\nthe logs [%]")
     for wheel, axes in enumerate(panels[0]):
-        _draw_curve(axes, found, wheel, fastest)
+        for side in (-1.0, 1.0):
+            speed = side * np.geomspace(1e-3, 1.0, 160) * fastest
+            torque, error = friction_curve(found, wheel, speed)
+            low, high = torque - 1.96 * error, torque + 1.96 * error
+            axes.fill_between(speed, low, high, color=BLUE, alpha=0.2, linewidth=0)
+            axes.plot(speed, torque, color=BLUE, linewidth=1.4)
+        axes.axhline(0.0, color=MUTED, linewidth=0.6)
+        axes.axvline(0.0, color=MUTED, linewidth=0.6)
+        axes.set_title(f"wheel {wheel + 1}")
     for axes in panels[-1]:
         axes.set_xlabel("wheel speed [rad/s]")
     panels[0, 0].set_ylabel("friction torque [N m]")
     return figure
-
-
-def _draw_curve(axes: Axes, found: Identification, wheel: int, fastest: float) -> None:
-    for side in (-1.0, 1.0):
-        speed = side * np.geomspace(1e-3, 1.0, 160) * fastest
-        torque, error = friction_curve(found, wheel, speed)
-        axes.fill_between(
-            speed, torque - 1.96 * error, torque + 1.96 * error, color=BLUE, alpha=0.2, linewidth=0
-        )
-        axes.plot(speed, torque, color=BLUE, linewidth=1.4)
-    axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    axes.axvline(0.0, color=MUTED, linewidth=0.6)
-    axes.set_title(f"wheel {wheel + 1}")
 
 
 def friction_sentence(found: Identification) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -20,7 +19,6 @@ from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.limits import RobotLimits, TwinLimit
-from ballbot.workflows.recovery_region import Region
 
 #: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
 _LOOKS = (
@@ -34,13 +32,11 @@ _LOOKS = (
 #: more would look like one another
 MOST_CONTROLLERS = len(_LOOKS)
 _DEGREES = 180.0 / np.pi
-#: largest number of planes in a row
-_IN_ROW = 3
 
 
 def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
     """Draw the leans and lean rates that each controller recovers from, in its worst direction."""
-    columns = min(_IN_ROW, len(found))
+    columns = min(3, len(found))
     rows = -(-len(found) // columns)
     figure = Figure(figsize=(7.4, 0.8 + 2.5 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
@@ -48,7 +44,10 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
         axes.set_visible(False)
     for axes, (name, one) in zip(panels.flat, found.items(), strict=False):
         for region, color, style in ((one.plane.upper, UPPER, "--"), (one.plane.lower, LOWER, "-")):
-            _draw_region(axes, region, color, style)
+            lean, rate = np.degrees(region.across), np.degrees(region.along)
+            kept = region.kept.T.astype(np.float64)
+            axes.contourf(lean, rate, kept, levels=[0.5, 1.5], colors=[color])
+            axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
         axes.set_title(f"{label_of(name)}, towards {np.degrees(one.plane.direction):.0f}°")
@@ -91,21 +90,10 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
         Line2D([], [], color=color, marker=mark if on_twin else "", label=label_of(name), linewidth=width)
         for name, (color, mark, width) in zip(found, _LOOKS, strict=False)
     ]
-    handles += [
-        Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
-        Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"),
-    ]
-    if on_twin:
-        handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="marks: on the twin"))
+    handles.append(Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"))
+    handles.append(Line2D([], [], color=INK, linewidth=1.2, linestyle="--", label="wheels never slip"))
     figure.legend(handles=handles, loc="outside lower left", ncols=2)
     return figure
-
-
-def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
-    lean, rate = np.degrees(region.across), np.degrees(region.along)
-    kept = region.kept.T.astype(np.float64)
-    axes.contourf(lean, rate, kept, levels=[0.5, 1.5], colors=[color])
-    axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
 
 
 def limit_words(one: RobotLimits) -> str:
@@ -163,14 +151,23 @@ def limits_report(
         ),
         verdict=verdict,
         sections=[
-            *([section("On the twin", sheet_of(twins, _TWIN))] if twins else []),
+            section("On the twin", sheet_of(twins, _TWIN)) if twins else None,
             section(
                 "Over all directions",
                 drawn_picture("directions", partial(directions_figure, found, on_twin), directions),
             ),
             section("Tilt and tilt rate", drawn_picture("planes", partial(planes_figure, found), planes)),
         ],
-        undecided=_undecided(on_twin),
+        undecided=[
+            "The limit between the two bounds: above the lower one a wheel slips somewhere, and what follows depends "
+            "on its friction while it slips.",
+            "The grip of the real wheels on the real ball: it is an assumption (`--grip`).",
+            *(
+                []
+                if on_twin
+                else ["What play and sliding wheels take from the limits: `--twin` runs such a robot."]
+            ),
+        ],
         data={
             "robot": robot.name,
             "grip": grip,
@@ -180,16 +177,3 @@ def limits_report(
             },
         },
     )
-
-
-def _undecided(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[str]:
-    sentences = [
-        "The limit between the two bounds: above the lower one a wheel slips somewhere, and what follows depends on "
-        "its friction while it slips.",
-        "The grip of the real wheels on the real ball: it is an assumption (`--grip`).",
-    ]
-    if not on_twin:
-        sentences.append(
-            "What play and sliding wheels take from the limits: `--twin` runs a robot that has them."
-        )
-    return sentences

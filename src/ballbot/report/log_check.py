@@ -20,6 +20,7 @@ from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lin
 from ballbot.log.pose import with_position, with_rates
 from ballbot.report.blocks import Column, Result, Sheet, Verbatim, section, sheet_of
 from ballbot.report.run import over_time
+from ballbot.report.words import capital
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
@@ -130,8 +131,8 @@ _COLUMNS: tuple[Column[ColumnSummary], ...] = (
 def _wheel_table(wheels: WheelAgreement) -> Sheet:
     found = zip(wheels.order, wheels.signs, wheels.gains, wheels.correlations, strict=True)
     rows = [
-        (str(i), str(place), f"{sign:+d}", f"{gain:.4f}", f"{correlation:.4f}")
-        for i, (place, sign, gain, correlation) in enumerate(found, start=1)
+        (str(wheel), str(own), f"{sign:+d}", f"{gain:.4f}", f"{correlation:.4f}")
+        for wheel, (own, sign, gain, correlation) in enumerate(found, start=1)
     ]
     headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
     return Sheet(headings=headings, rows=rows, caption="Wheels, compared with the robot's kinematics.")
@@ -185,13 +186,13 @@ def proposal_report(
     return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
-        verdict=[("", f"{verdict[0].upper()}{verdict[1:]}")],
+        verdict=[("", capital(verdict))],
         sections=[
             section("What was found", said, _placement_table(proposal) if proposal.tested else None),
             section("The mapping file", Verbatim(text=found.text)),
-            *([section("The log that it makes", *over_time(found.log, robot))] if found.log else []),
+            section("The log that it makes", *over_time(found.log, robot)) if found.log else None,
         ],
-        undecided=[f"{one.text[0].upper()}{one.text[1:]}." for one in proposal.questions],
+        undecided=[f"{capital(one.text)}." for one in proposal.questions],
         findings=found.findings,
         accepted=False,
         data={

@@ -39,12 +39,12 @@ def render(result: Result, folder: Path, *, paged: bool = True) -> None:
 
 def page_of(report: Result) -> str:
     """Return the page of what a command found, as HTML."""
-    anchors = [_anchor(place, one.heading) for place, one in enumerate(report.sections)]
-    contents = list(zip(anchors, (one.heading for one in report.sections), strict=True))
+    anchors = [_anchor(place, one.heading) for place, one in enumerate(report.present)]
+    contents = list(zip(anchors, (one.heading for one in report.present), strict=True))
     contents += [("undecided", "What the data cannot decide")]
     contents += [("checks", "Checks of the inputs")] if report.findings is not None else []
     contents += [("reproduce", "How to reproduce this")] if report.made else []
-    blocks = [block for one in report.sections for block in one.blocks]
+    blocks = [block for one in report.present for block in one.blocks]
     films = [block.part for block in blocks if isinstance(block, Film)][:1]
     charts = any(isinstance(block, TimeSeries) for block in blocks)
     environment = Environment(
@@ -66,7 +66,7 @@ def page_of(report: Result) -> str:
         lead=report.lead,
         verdict=[(heading, with_symbols(words)) for heading, words in report.verdict],
         contents=contents,
-        sections=report.sections,
+        sections=report.present,
         anchors=anchors,
         next_step=report.next_step,
         undecided=[with_symbols(words) for words in report.undecided],

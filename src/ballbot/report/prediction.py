@@ -21,9 +21,6 @@ from ballbot.workflows.controller_prediction import (
     QuantityResult,
 )
 
-#: factor on the compensated friction that is tried first
-_WEAKER = 0.8
-
 
 def prediction_report(
     verdict: ControllerVerdict,
@@ -38,35 +35,6 @@ def prediction_report(
     course, differences = prediction.course, verdict.differences
     quantities = {one.name: to_results(one) | to_results(one.predicted) for one in verdict.quantities}
     own = {"next_steps": steps, "course": course, "controller": prediction.controller}
-    return Result(
-        title=title,
-        lead=(
-            f"The course {course.name}, {course.duration:g} s, with the controller {prediction.controller} of a "
-            f"study that predicted it from {prediction.draws} simulated robots (scenario "
-            f"{prediction.scenario})."
-        ),
-        verdict=[("", f"{verdict.reason} {verdict.recommendation.capitalize()} this controller.")],
-        sections=[
-            section("Predicted and measured", _quantities(verdict)),
-            section(
-                "What differs from the study's logs", Bullets(items=differences) if differences else None
-            ),
-            section("The run", *series),
-        ],
-        undecided=[
-            "Whether another run of the same controller would be inside: one log is one run.",
-            "What caused a difference: several faults move one number alike, and several may act at once.",
-        ],
-        findings=findings,
-        data={
-            "prediction": to_results(verdict) | {"quantities": quantities} | own,
-            "findings": finding_results(findings),
-        },
-    )
-
-
-def _quantities(verdict: ControllerVerdict) -> Sheet:
-    """Return each quantity as measured and as predicted."""
     none = verdict.none
     columns: list[Column[QuantityResult]] = [
         Column("quantity", lambda one: _name(one.name)),
@@ -80,7 +48,32 @@ def _quantities(verdict: ControllerVerdict) -> Sheet:
         "Predicted and measured. Of 50 simulated robots with unknown faults 92 % of all quantities were inside their "
         "intervals, 87 % of the peak errors."
     )
-    return sheet_of(verdict.quantities, columns, caption=caption, shaded=lambda one: one.worse)
+    table = sheet_of(verdict.quantities, columns, caption=caption, shaded=lambda one: one.worse)
+    return Result(
+        title=title,
+        lead=(
+            f"The course {course.name}, {course.duration:g} s, with the controller {prediction.controller} of a "
+            f"study that predicted it from {prediction.draws} simulated robots (scenario "
+            f"{prediction.scenario})."
+        ),
+        verdict=[("", f"{verdict.reason} {verdict.recommendation.capitalize()} this controller.")],
+        sections=[
+            section("Predicted and measured", table),
+            section("What differs from the study's logs", Bullets(items=differences))
+            if differences
+            else None,
+            section("The run", *series),
+        ],
+        undecided=[
+            "Whether another run of the same controller would be inside: one log is one run.",
+            "What caused a difference: several faults move one number alike, and several may act at once.",
+        ],
+        findings=findings,
+        data={
+            "prediction": to_results(verdict) | {"quantities": quantities} | own,
+            "findings": finding_results(findings),
+        },
+    )
 
 
 def predicted_sheet(prediction: Prediction) -> Sheet:
@@ -120,9 +113,7 @@ def next_steps(
     else:
         kind, compensation = CANDIDATES[prediction.controller]
         words = ["ballbot", "design", str(robot), "--kind", kind, "--compensation", compensation]
-        steps.append(
-            f"Compensate less friction: `{shell_line(words)} --compensation-gain {_WEAKER:g} --out weaker`."
-        )
+        steps.append(f"Compensate less friction: `{shell_line(words)} --compensation-gain 0.8 --out weaker`.")
     return [*steps, "Run `ballbot study` again with this log among its logs."]
 
 

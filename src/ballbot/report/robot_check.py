@@ -37,41 +37,42 @@ from ballbot.workflows.robot_check import (
 
 def robot_check_report(checked: CheckedRobot) -> Result:
     """Return the page."""
-    robot = checked.robot
+    robot, following, swing = checked.robot, checked.following, checked.swing
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    return Result(
-        title=f"{robot.name}: check of the robot file",
-        lead=f"A robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}.",
-        verdict=_verdict(checked),
-        sections=list(_sections(checked)),
-        undecided=_undecided(checked),
-        findings=checked.findings,
-        data=checked.to_dict(),
-    )
-
-
-def _verdict(checked: CheckedRobot) -> list[tuple[str, str]]:
     errors, warnings = (
         sum(one.severity == severity for one in checked.findings) for severity in ("error", "warning")
     )
     plausible = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
-    if not errors + warnings:
-        plausible = "Its numbers fit together."
     fastest = float(checked.poles[0].real)
     time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
     verdict = [
-        ("Plausible", plausible),
+        ("Plausible", plausible if errors + warnings else "Its numbers fit together."),
         ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(checked.spread)}"),
     ]
-    if checked.swing:
-        quantity, value, unit = checked.swing.rows()[0]
+    undecided = [
+        "Whether the numbers are those of the machine: they are checked against one another, and a wrong value that "
+        "fits the others is not found. Logs show more: `ballbot check-log LOG --robot ROBOT`."
+    ]
+    if swing:
+        quantity, value, unit = swing.rows()[0]
         verdict.append(("Swing", capital(f"{quantity}: {value} {unit}.")))
-    if checked.following:
-        verdict.append(
-            (f"Following {checked.following.name}", " ".join(reference_verdict(checked.following)))
+    if following:
+        verdict.append((f"Following {following.name}", " ".join(reference_verdict(following))))
+        undecided.append(
+            "How noise, delay and play change the run along the reference: `ballbot record` has them."
         )
-    return verdict
+    if swing:
+        undecided.append("The inertia about the vertical axis: the body does not turn about it in a swing.")
+    return Result(
+        title=f"{robot.name}: check of the robot file",
+        lead=f"A robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}.",
+        verdict=verdict,
+        sections=list(_sections(checked)),
+        undecided=undecided,
+        findings=checked.findings,
+        data=checked.to_dict(),
+    )
 
 
 def _uncertainty(spread: PoleSpread | None) -> str:
@@ -135,18 +136,3 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
             for name, words in MATRICES.items()
         ),
     )
-
-
-def _undecided(checked: CheckedRobot) -> list[str]:
-    """Return what a robot's file cannot show."""
-    sentences = [
-        "Whether the numbers are those of the machine: they are checked against one another, and a wrong value that "
-        "fits the others is not found. Logs show more: `ballbot check-log LOG --robot ROBOT`."
-    ]
-    if checked.following:
-        sentences.append(
-            "How noise, delay and play change the run along the reference: `ballbot record` has them."
-        )
-    if checked.swing:
-        sentences.append("The inertia about the vertical axis: the body does not turn about it in a swing.")
-    return sentences

@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding
+from ballbot.findings import Finding, finding_results
+from ballbot.link.wiring import Turn, WiringCheck
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.blocks import Block, Film, Paragraph, Result, Sheet, section
+from ballbot.report.blocks import Block, Column, Film, Paragraph, Result, Sheet, entries_of, section, sheet_of
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent
+from ballbot.twin.recording import Recording
 from ballbot.viewer.page import replay_part
 from ballbot.workflows.metrics import (
     BAND,
@@ -32,6 +34,7 @@ from ballbot.workflows.metrics import (
     settled,
     settling_time,
 )
+from ballbot.workflows.record import RecordJob
 
 _DEGREES = math.degrees(1.0)
 _REFERENCES = ("ref_x", "ref_y", "ref_psi")
@@ -74,6 +77,99 @@ def simulation_report(
         findings=findings,
         data=run_results(log),
     )
+
+
+_HELD = {"driveline_sweep": "the wheels in the air", "upside_down": "upside down with the ball on its wheels"}
+
+
+def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Finding]) -> Result:
+    """Return the page of a recorded run of the twin."""
+    held, log = job.experiment != "balance", recording.with_truth()
+    compensation = job.controller.compensation
+    lead = (
+        f"The robot held, {_HELD[job.experiment]}"
+        if held
+        else f"The reference {job.reference}, {'without' if compensation == 'none' else compensation} compensation"
+    )
+    return run_report(
+        log,
+        job.robot,
+        title=f"{job.robot.name}: a run of the twin",
+        lead=f"{lead}; scenario {job.scenario.name}, seed {job.seed}.",
+        undecided=[
+            "How the real robot runs: the twin has the faults of its scenario, and a robot has others. Compare a log "
+            "with `ballbot validate`.",
+            "How much runs differ: this is one seed.",
+        ],
+        held=held,
+        ending=f"{float(log.t[-1] - log.t[0]):.1f} s were recorded." if held else "",
+        findings=findings,
+        data={**({} if held else run_results(log)), **recording.results},
+    )
+
+
+def live_run_report(
+    log: Log, robot: Robot | None, *, held: bool, ending: str, about: str, data: Mapping[str, object]
+) -> Result:
+    """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
+    undecided = ["How much runs differ: this is one."]
+    if not held:
+        undecided.insert(
+            0,
+            "Where the robot truly was: position and heading are those that it computes on board, and they drift.",
+        )
+    if robot is None:
+        undecided.append("What is a wheel's share of its limit: the robot is not described (--robot).")
+    return run_report(
+        log,
+        robot,
+        title="A run of a live robot",
+        lead=about,
+        undecided=undecided,
+        held=held,
+        ending=ending,
+        data=data,
+    )
+
+
+def wiring_report(check: WiringCheck, *, about: str) -> Result:
+    """Return the page of a wiring check."""
+    undecided = [
+        "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs."
+    ]
+    if not check.passed:
+        undecided.append(
+            "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
+        )
+    columns: list[Column[Turn]] = [
+        Column("the robot was", lambda one: one.movement.words, key="movement"),
+        Column("attitude [deg]", lambda one: one.attitude, _in_degrees, key="attitude"),
+        Column("wheels [deg]", lambda one: one.wheels, _in_degrees, key="wheels"),
+    ]
+    wrong = "" if check.passed else f" {check.findings[0].text}"
+    caption = (
+        "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
+    )
+    return Result(
+        title="Wiring of a robot",
+        lead=about,
+        verdict=[("", f"The wiring is {'not ' if wrong else ''}right.{wrong}")],
+        sections=[section("Turns by hand", sheet_of(check.turns, columns, caption=caption))],
+        undecided=undecided,
+        findings=check.findings,
+        accepted=False,
+        data={
+            "passed": check.passed,
+            "turns": [entries_of(one, columns) for one in check.turns],
+            "wheel_scales": check.wheel_scales,
+            "findings": finding_results(check.findings),
+        },
+    )
+
+
+def _in_degrees(angles: NDArray[np.float64]) -> str:
+    # zero is added to a rounded number so that it is never written as -0
+    return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
 
 
 def run_report(

@@ -18,6 +18,7 @@ from ballbot.rounding import plus_minus, signed
 from ballbot.vision.spin import Spin, WheelComparison, spin_findings
 
 _AXES = ("x", "y", "z")
+_HEADINGS = ("quantity", "value", "unit")
 
 
 def _data(
@@ -61,13 +62,13 @@ def _data(
 def _wheels(comparison: WheelComparison) -> dict[str, object]:
     return {
         "clock": {
-            "offset": comparison.clock.offset,
-            "offset_half_width": comparison.offset_half_width,
-            "rate": comparison.clock.rate,
+            "offset": comparison.motion.clock.offset,
+            "offset_half_width": comparison.motion.offset_half_width,
+            "rate": comparison.motion.clock.rate,
         },
         "forward": comparison.forward,
         "camera_tilt": comparison.tilt,
-        "rotation_half_width": comparison.rotation_half_width,
+        "rotation_half_width": comparison.motion.rotation_half_width,
         "rms_difference": comparison.rms,
         "rms_difference_of_peak": comparison.rms_share,
         "peak": comparison.peak,
@@ -94,6 +95,14 @@ def spin_report(
         )
     if not spin.known.all():
         undecided.append("The velocity where the seam was lost, which is shaded.")
+    view, errors = spin.view, spin.calibration.errors
+    seen = [
+        ("ball's centre, across", plus_minus(view.x, errors[0]), "pixels"),
+        ("ball's centre, down", plus_minus(view.y, errors[1]), "pixels"),
+        ("ball's radius", plus_minus(view.radius, errors[2] * view.radius), "pixels"),
+        ("distance of the lens", plus_minus(view.distance, errors[3] * view.distance**2), "ball radii"),
+        ("frames with the seam tracked", f"{100.0 * float(np.mean(spin.track.tracked)):.1f}", "%"),
+    ]
     return Result(
         title=f"{video}: the ball's angular velocity",
         lead=f"{len(spin.t)} frames in {spin.t[-1] - spin.t[0]:.1f} s. Shape of the seam: {spin.seam.name}.",
@@ -103,10 +112,10 @@ def spin_report(
                 "What was seen",
                 Bullets(items=others) if others else None,
                 Picture(markup=partial(picture_data, picture), caption=overlay),
-                _view_sheet(spin),
+                Sheet(headings=_HEADINGS, rows=seen, caption="The camera's view. ±: standard errors."),
             ),
             section("Angular velocity", _velocity_series(spin, comparison)),
-            *([section("Video and wheels", _comparison_sheet(comparison))] if comparison else []),
+            section("Video and wheels", _comparison_sheet(comparison)) if comparison else None,
         ],
         undecided=undecided,
         findings=log_findings if comparison else None,
@@ -114,22 +123,8 @@ def spin_report(
     )
 
 
-def _view_sheet(spin: Spin) -> Sheet:
-    view, errors = spin.view, spin.calibration.errors
-    rows = [
-        ("ball's centre, across", plus_minus(view.x, errors[0]), "pixels"),
-        ("ball's centre, down", plus_minus(view.y, errors[1]), "pixels"),
-        ("ball's radius", plus_minus(view.radius, errors[2] * view.radius), "pixels"),
-        ("distance of the lens", plus_minus(view.distance, errors[3] * view.distance**2), "ball radii"),
-        ("frames with the seam tracked", f"{100.0 * float(np.mean(spin.track.tracked)):.1f}", "%"),
-    ]
-    return Sheet(
-        headings=("quantity", "value", "unit"), rows=rows, caption="The camera's view. ±: standard errors."
-    )
-
-
 def _comparison_sheet(comparison: WheelComparison) -> Sheet:
-    clock = signed(plus_minus(comparison.clock.offset, comparison.offset_half_width))
+    clock = signed(plus_minus(comparison.motion.clock.offset, comparison.motion.offset_half_width))
     rows = [
         ("clock of the video after the log's", clock, "s"),
         *(
@@ -138,7 +133,7 @@ def _comparison_sheet(comparison: WheelComparison) -> Sheet:
         ),
         ("RMS difference, of the peak", f"{100.0 * comparison.rms_share:.2g}", "%"),
     ]
-    return Sheet(headings=("quantity", "value", "unit"), rows=rows, caption="±: half widths of 95 %.")
+    return Sheet(headings=_HEADINGS, rows=rows, caption="±: half widths of 95 %.")
 
 
 def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeries:
@@ -165,3 +160,54 @@ def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeri
         shaded=true_spans(spin.t, ~spin.known),
         shade="lost",
     )
+
+
+def _data(
+    spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
+) -> dict[str, object]:
+    """Return what results.json holds of a video's ball."""
+    view, errors, colour, known = spin.view, spin.calibration.errors, spin.colour, spin.known
+    return {
+        "findings": finding_results([*log_findings, *spin_findings(spin, comparison)]),
+        "frames": len(spin.t),
+        "duration": float(spin.t[-1] - spin.t[0]),
+        "tracked_share": float(np.mean(spin.track.tracked)),
+        "stretches": int(spin.track.stretch.max()) + 1,
+        "seam": spin.seam.name,
+        "colours": {"seam": colour.seam, "ball": colour.ball, "separation": colour.separation},
+        "view": {
+            "x": view.x,
+            "y": view.y,
+            "radius": view.radius,
+            "distance": view.distance,
+            "focal_length": view.focal,
+            "standard_errors": {
+                "x": errors[0],
+                "y": errors[1],
+                "radius": errors[2] * view.radius,
+                "distance": errors[3] * view.distance**2,
+            },
+        },
+        "ball_omega": {
+            "peak": spin.peak,
+            "rms": np.sqrt(np.mean(spin.omega[known] ** 2, axis=0)),
+            "median_standard_error": np.median(spin.errors[known], axis=0),
+        },
+        "robot_camera_wxyz": spin.robot_camera.as_quat(canonical=True)[[3, 0, 1, 2]],
+        "wheels": comparison
+        and {
+            "clock": {
+                "offset": comparison.clock.offset,
+                "offset_half_width": comparison.offset_half_width,
+                "rate": comparison.clock.rate,
+            },
+            "forward": comparison.forward,
+            "camera_tilt": comparison.tilt,
+            "rotation_half_width": comparison.rotation_half_width,
+            "rms_difference": comparison.rms,
+            "rms_difference_of_peak": comparison.rms_share,
+            "peak": comparison.peak,
+            "gain": comparison.gain,
+            "gain_half_width": comparison.gain_half_width,
+        },
+    }

@@ -1,4 +1,4 @@
-"""A study in sentences, and its page: robot, friction, model, controller and prediction, the sentences first."""
+"""A study in sentences, its page, and the texts of its files."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.control.file import controller_text
@@ -23,21 +21,18 @@ from ballbot.report.blocks import (
     Column,
     Film,
     Paragraph,
-    Picture,
     Result,
     Section,
-    Sheet,
     details,
     entries_of,
     section,
     sheet_of,
 )
-from ballbot.report.comparison import RUN_LABELS, paths_figure, position_error_series
+from ballbot.report.comparison import CANDIDATE_NAMES, paths_figure, position_error_series
 from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
-from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_sheet
-from ballbot.report.style import drawn_picture, one_panel, plain_log_ticks
+from ballbot.report.style import drawn_picture
 from ballbot.report.validation import undecided_by, validation_results, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
 from ballbot.robot.file import robot_text
@@ -53,9 +48,6 @@ from ballbot.workflows.statistics import MedianEstimate
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
 from ballbot.workflows.twin_confirmation import Confirmation
-
-#: the status of a result that is not measured yet
-_PREDICTION = "This is a prediction until a log of the robot confirms it."
 
 
 def summary(study: Study) -> list[tuple[str, str]]:
@@ -193,58 +185,64 @@ def interval_words(estimate: MedianEstimate) -> str:
 
 def study_report(study: Study) -> Result:
     """Return the page of a study."""
+    found, choice, stiffness = study.found, study.choice, study.stiffness
+    controller = choice.controller or choice.trials["none"].controller
+    limit = Paragraph(text=f"Torque limit of each wheel: {torque_limit_words(controller)}.")
+    findings = Bullets(items=[with_symbols(text) for text in texts(model_findings(study.validation))])
+    first, *others = validation_sections(study.validation)
     return Result(
         title=f"{study.robot.name}: friction, model and controller",
         lead=f"{capital(logs_words({one.name: one.log for one in study.logs}))}.",
         verdict=summary(study),
         sections=[
             section("The controllers", *_comparison_blocks(study)),
-            details("Why this controller", Bullets(items=_reasons(study)), *_gain_blocks(study.choice)),
-            *_stiffness_sections(study.stiffness),
+            details(
+                "Why this controller", Bullets(items=_reasons(study)), gain_sheet(controller.gain), limit
+            ),
+            stiffness and _stiffness_section(stiffness),
             details("What the next log should show", *_prediction_blocks(study)),
-            details("Friction found", *parameter_blocks(study.found, [one.log for one in study.logs])),
-            *_validation(study),
+            details("Friction found", *parameter_blocks(found, [one.log for one in study.logs])),
+            replace(first, blocks=(findings, *first.blocks), folded=True),
+            *(replace(one, folded=True) for one in others),
         ],
-        undecided=[*texts(study.found.findings), *undecided_by(study.validation), _PREDICTION],
+        undecided=[
+            *texts(found.findings),
+            *undecided_by(study.validation),
+            "This is a prediction until a log of the robot confirms it.",
+        ],
         findings=study.log_findings,
         data=study_results(study),
     )
 
 
-def _comparison_blocks(study: Study) -> Iterator[Block]:
+def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     """Yield the candidates' paths and errors, and the replay of the soft gain beside the chosen controller."""
     choice = study.choice
     path = "Path over the floor on the first robot. Dot: start. Broad: the reference."
     yield drawn_picture("paths", partial(paths_figure, choice.runs), path)
-    yield _candidate_sheet(choice)
+    caption = (
+        f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
+        "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
+    )
+    yield sheet_of(choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption)
     yield position_error_series(choice.runs, "Distance from the reference over time on the first robot.")
-    if not study.options.quick and (film := _replay(study)):
-        yield film
-
-
-def _gain_blocks(choice: ControllerChoice) -> Iterator[Block]:
-    """Yield the gain of the chosen controller, or of the soft one if none is chosen."""
-    controller = choice.controller or choice.trials["none"].controller
-    yield gain_sheet(controller.gain)
-    yield Paragraph(text=f"Torque limit of each wheel: {torque_limit_words(controller)}.")
-
-
-def _validation(study: Study) -> list[Section]:
-    """Return the sections on the model, what was found in the first of them."""
-    found = Bullets(items=[with_symbols(text) for text in texts(model_findings(study.validation))])
-    first, *others = validation_sections(study.validation)
-    return [replace(one, folded=True) for one in (replace(first, blocks=(found, *first.blocks)), *others)]
-
-
-def _stiffness_sections(found: FrictionByStiffness | None) -> list[Section]:
-    if found is None:
-        return []
-    words = Paragraph(text=stiffness_sentences(found))
-    return [details("Where friction matters for this robot", words, _stiffness_picture(found))]
+    if study.options.quick:
+        return
+    shown = dict.fromkeys(("none", choice.chosen or "none"))
+    try:
+        part = replay_part(
+            {CANDIDATE_NAMES[name]: choice.runs[name] for name in shown},
+            study.found.robot,
+            colors=("orange", "blue"),
+        )
+    except InputError:  # a run that fell at once, or a course that is too long for a page
+        return
+    yield Film(
+        part=part, caption="The first robot with the soft gain and with the chosen controller. Drag to orbit."
+    )
 
 
 def _prediction_blocks(study: Study) -> Iterator[Block]:
-    """Yield what the next log should show."""
     course, prediction = study.choice.course, study.prediction
     if prediction is None:
         yield Paragraph(text=f"A prediction needs a controller, and {MIN_RUNS} simulated robots or more.")
@@ -257,54 +255,57 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
     yield predicted_sheet(prediction)
 
 
-def _candidate_sheet(choice: ControllerChoice) -> Sheet:
+def _stiffness_section(found: FrictionByStiffness) -> Section:
+    """Return the section on the peak error of each gain, with and without compensation and observer."""
+
+    def column(variant: Variant) -> Column[Stiffness]:
+        return Column(_variant_words(variant), lambda one: _reached(one.trials[variant]))
+
     caption = (
-        f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
-        "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
+        f"Peak error on {found.course.duration:g} s of the {found.course.name} over the torque that a metre of error "
+        f"asks of the wheels, up to that of the precise controller, {digits(found.precise_gain, 2)} N m/m, and beyond: "
+        "medians over the simulated robots. All have the Kalman filter, shaped references with feed-forward and the "
+        "lean limit; with the observer, integral action."
     )
-    return sheet_of(choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption)
-
-
-def _replay(study: Study) -> Film | None:
-    """Return the runs of the soft gain and of the chosen controller as a replay, if they can be shown."""
-    choice = study.choice
-    shown = {RUN_LABELS[name]: choice.runs[name] for name in dict.fromkeys(("none", choice.chosen or "none"))}
-    try:
-        part = replay_part(shown, study.found.robot, colors=("orange", "blue"))
-    except InputError:  # a run that fell at once, or a course that is too long for a page
-        return None
-    return Film(
-        part=part, caption="The first robot with the soft gain and with the chosen controller. Drag to orbit."
+    columns = [
+        Column[Stiffness]("gain [N m/m]", lambda one: digits(one.position_gain, 2)),
+        *map(column, VARIANTS),
+    ]
+    return details(
+        "Where friction matters for this robot",
+        Paragraph(text=stiffness_sentences(found)),
+        sheet_of(found.gains, columns, caption=caption),
     )
 
 
-_PLAIN = VARIANTS[0]
+def _variant_words(variant: Variant) -> str:
+    compensation = "full" if variant.compensation else "no"
+    return f"{compensation} compensation, {'observer' if variant.observer else 'no observer'}"
 
 
 def stiffness_sentences(found: FrictionByStiffness) -> str:
     """Return how stiff the robot may be, and up to which stiffness compensation pays."""
-    runs = len(found.gains[0].trials[_PLAIN].scores)
+    plain, softest = VARIANTS[0], found.gains[0]
+    runs = len(softest.trials[plain].scores)
     if runs < MIN_RUNS:
         return f"{too_few(runs)} where friction matters."
     pays = [
         f"{words} {_paying(found, observer)}"
         for observer, words in ((False, "without the observer"), (True, "with it"))
     ]
-    return f"{_stiffest_sentence(found)} Compensating the friction pays {', and '.join(pays)}."
-
-
-def _stiffest_sentence(found: FrictionByStiffness) -> str:
-    one, softest = found.stiffest(_PLAIN), found.gains[0]
-    if one is None:
-        return f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
-    beyond = "beyond, a run falls, the margins end or the error grows again"
-    if one is found.gains[-1]:
-        beyond = "beyond, the margins end" if found.margins_end else "stiffer gains were not tried"
-    return (
-        f"This robot may be as stiff as {_gain(one)}, {digits(one.position_gain / softest.position_gain, 2)} times the "
-        "soft gain: without compensation and observer the peak error is "
-        f"{millimetres(one.trials[_PLAIN].peak.median)} mm there; {beyond}."
-    )
+    stiffest = found.stiffest(plain)
+    if stiffest is None:
+        limit = f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
+    else:
+        beyond = "beyond, a run falls, the margins end or the error grows again"
+        if stiffest is found.gains[-1]:
+            beyond = "beyond, the margins end" if found.margins_end else "stiffer gains were not tried"
+        limit = (
+            f"This robot may be as stiff as {_gain(stiffest)}, "
+            f"{digits(stiffest.position_gain / softest.position_gain, 2)} times the soft gain: without compensation "
+            f"and observer the peak error is {millimetres(stiffest.trials[plain].peak.median)} mm there; {beyond}."
+        )
+    return f"{limit} Compensating the friction pays {', and '.join(pays)}."
 
 
 def _paying(found: FrictionByStiffness, observer: bool) -> str:
@@ -326,71 +327,13 @@ def _gain(one: Stiffness) -> str:
     return f"{digits(one.position_gain, 2)} N m/m"
 
 
-def _stiffness_picture(found: FrictionByStiffness) -> Picture:
-    """Return the peak error of each gain, with and without compensation and observer."""
-    runs = len(found.gains[0].trials[_PLAIN].scores)
-    caption = (
-        f"Peak error on {found.course.duration:g} s of the {found.course.name} over the torque that a metre of error "
-        f"asks of the wheels. Lines: medians over {runs} of the simulated robots; bands: eight of ten robots; crosses "
-        "at the top: gains with which a run fell. All have the Kalman filter, shaped references with feed-forward and "
-        "the lean limit; with the observer, integral action."
-    )
-    return drawn_picture("stiffness", partial(stiffness_figure, found), caption)
-
-
-def stiffness_figure(found: FrictionByStiffness) -> Figure:
-    """Draw the peak error over the position gain, a line and a band for each variant."""
-    figure, axes = one_panel("position gain [N m/m]", "peak error [mm]")
-    for variant in VARIANTS:
-        _draw(axes, found, variant)
-    axes.set(xscale="log", yscale="log")
-    for name, gain in (("soft", found.gains[0].position_gain), ("precise", found.precise_gain)):
-        axes.axvline(gain, color=MUTED, linestyle=":", linewidth=0.9)
-        place = axes.get_xaxis_transform()
-        axes.text(gain, 0.99, f" {name}", transform=place, va="top", color=INK, fontsize=7)
-    for axis in (axes.xaxis, axes.yaxis):
-        plain_log_ticks(axis)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
-    return figure
-
-
-def _draw(axes: Axes, found: FrictionByStiffness, variant: Variant) -> None:
-    color, dash = BLUE if variant.compensation else ORANGE, "-" if variant.observer else "--"
-    label = (
-        f"{'full' if variant.compensation else 'no'} compensation, "
-        f"{'observer' if variant.observer else 'no observer'}"
-    )
-    gains = np.array([one.position_gain for one in found.gains])
-    trials = [one.trials[variant] for one in found.gains]
-    peaks = [1e3 * trial.peaks[np.isfinite(trial.peaks)] for trial in trials]
-    low, middle, high = np.array(
-        [np.quantile(one, (0.1, 0.5, 0.9)) if len(one) else [np.nan] * 3 for one in peaks]
-    ).T
-    axes.fill_between(gains, low, high, color=color, alpha=0.13, linewidth=0)
-    axes.plot(gains, middle, color=color, linestyle=dash, marker="o", markersize=3, label=label)
-    fell = gains[[trial.falls > 0 for trial in trials]]
-    height = 0.96 - 0.04 * VARIANTS.index(variant)
-    mark = {"color": color, "marker": "x", "linestyle": "", "transform": axes.get_xaxis_transform()}
-    axes.plot(fell, np.full(len(fell), height), **mark)
-
-
-#: candidates in words
-CANDIDATE_NAMES = {
-    "none": "soft gain",
-    "full": "soft gain, full compensation",
-    "partial": "soft gain, partial compensation",
-    "precise": "precise",
-    "precise_without_compensation": "precise without compensation",
-}
-
-
 def study_results(study: Study) -> dict[str, object]:
     """Return what a study's results.json holds; the controller's kind is None if every candidate falls."""
     identification = study.found.to_dict()
     by_log = {one.name: part for one, part in zip(study.logs, study.by_log, strict=True)}
     validation = validation_results(study.validation, by_log)
     validation["held_out"] = {one.name: one.held_out for one in study.logs}
-    chosen = study.choice.controller
+    choice, chosen = study.choice, study.choice.controller
     return {
         "robot": study.robot.name,
         "parameters": identification.pop("parameters"),
@@ -399,7 +342,7 @@ def study_results(study: Study) -> dict[str, object]:
         "identification": identification,
         "validation": validation,
         "controller": {
-            "kind": study.choice.chosen,
+            "kind": choice.chosen,
             "compensation": chosen and chosen.compensation,
             "estimator": chosen and chosen.estimator,
             "gain": chosen and chosen.gain,
@@ -407,7 +350,18 @@ def study_results(study: Study) -> dict[str, object]:
             "nominal_gain": study.design.gain,
             "nominal_poles": study.design.poles,
         },
-        "comparison": _comparison(study),
+        "comparison": {
+            **{name: _trial(trial) for name, trial in choice.trials.items()},
+            "scenario": study.scenario.name,
+            "confirmation": study.confirmation and _confirmation(study.confirmation),
+            "draws": len(choice.plants),
+            "course": choice.course,
+            "chosen": choice.chosen,
+            "counted_as_equal": choice.equals,
+            "gain": choice.gain,
+            "compensated": choice.compensated,
+            "stiffness": study.stiffness and _stiffness(study.stiffness),
+        },
         "prediction": study.prediction,
     }
 
@@ -439,22 +393,6 @@ def _trial(trial: Trial) -> dict[str, object]:
     return entries_of(("", trial), _trial_columns(trial))
 
 
-def _comparison(study: Study) -> dict[str, object]:
-    choice = study.choice
-    return {
-        **{name: _trial(trial) for name, trial in choice.trials.items()},
-        "scenario": study.scenario.name,
-        "confirmation": study.confirmation and _confirmation(study.confirmation),
-        "draws": len(choice.plants),
-        "course": choice.course,
-        "chosen": choice.chosen,
-        "counted_as_equal": choice.equals,
-        "gain": choice.gain,
-        "compensated": choice.compensated,
-        "stiffness": study.stiffness and _stiffness(study.stiffness),
-    }
-
-
 def _confirmation(made: Confirmation) -> dict[str, object]:
     return {
         "course": made.course,
@@ -468,27 +406,29 @@ def _confirmation(made: Confirmation) -> dict[str, object]:
 
 def _stiffness(found: FrictionByStiffness) -> dict[str, object]:
     """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
-    gains = [
-        {
-            "position_gain": one.position_gain,
-            "compensation": variant.compensation,
-            "observer": variant.observer,
-            "sensitivity": one.sensitivity,
-            **_trial(trial),
-        }
-        for one in found.gains
-        for variant, trial in one.trials.items()
-    ]
-    verdicts = [
-        {
-            "observer": plain.observer,
-            "stiffest": None if (one := found.stiffest(plain)) is None else one.position_gain,
-            "compensation_pays_over": [one.position_gain for one in found.pays_over(observer=plain.observer)],
-        }
-        for plain in VARIANTS
-        if not plain.compensation
-    ]
-    return {"course": found.course, "gains": gains, "verdicts": verdicts}
+    stiffest = {plain.observer: found.stiffest(plain) for plain in VARIANTS if not plain.compensation}
+    return {
+        "course": found.course,
+        "gains": [
+            {
+                "position_gain": one.position_gain,
+                "compensation": variant.compensation,
+                "observer": variant.observer,
+                "sensitivity": one.sensitivity,
+                **_trial(trial),
+            }
+            for one in found.gains
+            for variant, trial in one.trials.items()
+        ],
+        "verdicts": [
+            {
+                "observer": observer,
+                "stiffest": one and one.position_gain,
+                "compensation_pays_over": [gain.position_gain for gain in found.pays_over(observer=observer)],
+            }
+            for observer, one in stiffest.items()
+        ],
+    }
 
 
 #: the files of a study besides results.json and its page

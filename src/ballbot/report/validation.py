@@ -6,7 +6,7 @@ In results.json a model's numbers stand under its name, with_friction and withou
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
 
@@ -37,10 +37,10 @@ from ballbot.report.words import state_mark, with_symbols
 from ballbot.results import to_results
 from ballbot.rounding import digits, unit_heading
 from ballbot.summary import counted
-from ballbot.validation import ErrorPair, ModelPair, StateErrors, Validation, findings
+from ballbot.validation import ErrorPair, ModelPair, Validation, findings
 from ballbot.validation.models import FINEST, Trajectories
-from ballbot.validation.prediction import HorizonComparison, Prediction
-from ballbot.validation.residuals import ResidualAnalysis, SpeedEffect, residual_findings
+from ballbot.validation.prediction import HorizonComparison
+from ballbot.validation.residuals import SpeedEffect, residual_findings
 from ballbot.validation.result import model_findings, whole_log_verdict
 from ballbot.validation.whole_log import QUANTITIES, RUNS, WholeLog
 
@@ -50,6 +50,11 @@ def validation_results(
 ) -> dict[str, object]:
     """Return what results.json holds of one validation, and of its logs if there are several."""
     loop, closed, models = validation.open_loop, validation.closed_loop, validation.models
+    horizon, found = validation.horizon, validation.residuals
+    white, spectrum, errors = found.whiteness, found.spectrum, horizon.errors
+    intervals = errors.ratio_interval().swapaxes(0, 1)  # (horizons, 2, 10)
+    # a state that did not move has no scale
+    spread = np.where(horizon.spread > FINEST, horizon.spread, np.nan)
     return {
         "models": [
             {"name": one.name, "robot": one.model.robot.name, "formulation": one.model.formulation}
@@ -59,7 +64,7 @@ def validation_results(
         "duration": validation.duration,
         "open_loop": loop
         and {
-            **_error_results(loop.errors, models),
+            **_pair_results(loop.errors, models),
             "noise_floor_rmse": _by_state(loop.noise_floor),
             "past_recovery": loop.past_recovery,
             "recoverable_lean": loop.recoverable_lean,
@@ -67,13 +72,40 @@ def validation_results(
         "no_open_loop": validation.no_open_loop,
         "closed_loop": closed
         and {
-            **_error_results(closed.restarted, models),
+            **_pair_results(closed.restarted, models),
             "restart_every": closed.restart_every,
             "whole_logs": [_whole_log_results(one, models) for one in closed.whole],
         },
         "no_closed_loop": validation.no_closed_loop,
-        "prediction": _prediction_results(validation.prediction, validation.residuals, models),
-        "horizon": _horizon_results(validation.horizon, models),
+        "prediction": {
+            "labels": validation.prediction.labels,
+            "correlation": found.correlations.matrix,
+            "significant": found.correlations.significant,
+            "effective_samples": found.correlations.counts,
+            **_pair_results(validation.prediction.errors, models),
+            "whiteness": white
+            and {
+                "verdict": _by_state(np.array(white.colours)),
+                "p_value": _by_state(white.p_value),
+                "predicted_share": _by_state(white.predicted_share),
+                "autocorrelation": _by_state(white.autocorrelation),
+            },
+            "spectrum": spectrum
+            and {
+                "resolution": spectrum.resolution,
+                "peaks": [to_results(peak) | {"state": STATE_NAMES[peak.state]} for peak in spectrum.peaks],
+            },
+            "wheels": {"refused": found.no_wheels, "by_speed": found.by_speed or ()},
+        },
+        "horizon": {
+            "seconds": errors.horizons,
+            **_by_model("rmse_", models, errors.rmse),
+            **_by_model("normalised_rmse_", models, errors.rmse / spread),
+            "ratio": _by_state(errors.ratio),
+            "ratio_interval": _by_state(intervals),
+            "verdict": [verdicts(interval) for interval in intervals],
+            "noise_floor_rmse": _by_state(horizon.noise_floor),
+        },
         "recovered_gain": validation.recovered,
         **({"by_log": {name: validation_results(one) for name, one in by_log.items()}} if by_log else {}),
     }
@@ -81,26 +113,19 @@ def validation_results(
 
 def _by_state(values: NDArray[np.generic]) -> dict[str, object]:
     """Return values (.., 10) by the states' names."""
-    return {name: values[..., place].tolist() for place, name in enumerate(STATE_NAMES)}
+    return {name: values[..., index].tolist() for index, name in enumerate(STATE_NAMES)}
 
 
-def key_of(name: str) -> str:
-    """Return a model's name as a key of results.json: with_friction, of_soft_toml."""
-    return re.sub(r"\W+", "_", name).strip("_")
+def _by_model(prefix: str, models: ModelPair, both: Iterable[NDArray[np.float64]]) -> dict[str, object]:
+    names = (prefix + re.sub(r"\W+", "_", name).strip("_") for name in models.names)
+    return dict(zip(names, map(_by_state, both), strict=True))
 
 
-def _by_model(
-    prefix: str, models: ModelPair, first: NDArray[np.float64], second: NDArray[np.float64]
-) -> dict[str, object]:
-    names = (f"{prefix}{key_of(name)}" for name in models.names)
-    return dict(zip(names, map(_by_state, (first, second)), strict=True))
-
-
-def _error_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
+def _pair_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
     return {
-        **_by_model("", models, pair.first.error, pair.second.error),
-        **_by_model("rmse_", models, pair.first.rmse, pair.second.rmse),
-        **_by_model("normalised_rmse_", models, *pair.normalised_rmse),
+        **_by_model("", models, (pair.first.error, pair.second.error)),
+        **_by_model("rmse_", models, (pair.first.rmse, pair.second.rmse)),
+        **_by_model("normalised_rmse_", models, pair.normalised_rmse),
         "ratio": _by_state(pair.ratio),
         "ratio_interval": _by_state(np.array(pair.ratio_interval())),
         "verdict": _by_state(np.array(pair.verdicts())),
@@ -111,63 +136,19 @@ def _error_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
 
 def _whole_log_results(whole: WholeLog, models: ModelPair) -> dict[str, object]:
     """Return RMS, amplitude and period of the log, and median and range of each model's runs."""
+    keys = (re.sub(r"\W+", "_", name).strip("_") for name in models.names)
     return {
         "duration": whole.duration,
         "runs": RUNS,
         **{
             quantity: {
                 "log": _by_state(whole.measured[k]),
-                **_by_model("median_", models, *whole.ranges[1, :, k]),
-                **_by_model("range_95_", models, *whole.ranges[::2, :, k].swapaxes(0, 1)),
+                **_by_model("median_", models, whole.ranges[1, :, k]),
+                **_by_model("range_95_", models, whole.ranges[::2, :, k].swapaxes(0, 1)),
             }
             for k, quantity in enumerate(QUANTITIES)
         },
-        "ended_early": dict(zip(map(key_of, models.names), whole.fell, strict=True)),
-    }
-
-
-def _horizon_results(horizon: HorizonComparison, models: ModelPair) -> dict[str, object]:
-    errors = horizon.errors
-    # a state that did not move has no scale
-    spread = np.where(horizon.spread > FINEST, horizon.spread, np.nan)
-    intervals = errors.ratio_interval().swapaxes(0, 1)  # (horizons, 2, 10)
-    return {
-        "seconds": errors.horizons,
-        **_by_model("rmse_", models, *errors.rmse),
-        **_by_model("normalised_rmse_", models, *(errors.rmse / spread)),
-        "ratio": _by_state(errors.ratio),
-        "ratio_interval": _by_state(intervals),
-        "verdict": [verdicts(interval) for interval in intervals],
-        "noise_floor_rmse": _by_state(horizon.noise_floor),
-    }
-
-
-def _prediction_results(
-    prediction: Prediction, found: ResidualAnalysis, models: ModelPair
-) -> dict[str, object]:
-    whiteness, spectrum = found.whiteness, found.spectrum
-    return {
-        "labels": prediction.labels,
-        "correlation": found.correlations.matrix,
-        "significant": found.correlations.significant,
-        "effective_samples": found.correlations.counts,
-        **_error_results(prediction.errors, models),
-        "whiteness": whiteness
-        and {
-            "verdict": _by_state(np.array(whiteness.colours)),
-            "p_value": _by_state(whiteness.p_value),
-            "predicted_share": _by_state(whiteness.predicted_share),
-            "autocorrelation": _by_state(whiteness.autocorrelation),
-        },
-        "spectrum": spectrum
-        and {
-            "resolution": spectrum.resolution,
-            "peaks": [to_results(peak) | {"state": STATE_NAMES[peak.state]} for peak in spectrum.peaks],
-        },
-        "wheels": {
-            "refused": found.no_wheels,
-            "by_speed": found.by_speed or (),
-        },
+        "ended_early": dict(zip(keys, whole.fell, strict=True)),
     }
 
 
@@ -180,15 +161,13 @@ def validation_report(
 ) -> Result:
     """Return a validation's own page."""
     verdict, *others = (finding.text for finding in model_findings(validation))
-    sections = validation_sections(validation)
-    if others:
-        found = details("What else was found", Bullets(items=[with_symbols(one) for one in others]))
-        sections.insert(1, found)
+    first, *rest = validation_sections(validation)
+    found = details("What else was found", Bullets(items=[with_symbols(one) for one in others]))
     return Result(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
-        sections=sections,
+        sections=[first, found if others else None, *rest],
         undecided=undecided_by(validation),
         findings=validation.log_findings,
         data={
@@ -281,43 +260,35 @@ def _residual_blocks(validation: Validation) -> Iterator[Block]:
 
 def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with what they lack."""
-    both = validation.models.names
-    lower, upper = pair.ratio_interval()
-    verdicts_of = pair.verdicts()
+    names = validation.models.names
+    both, verdicts_of, interval = (
+        (pair.first, pair.second),
+        pair.verdicts(),
+        np.transpose(pair.ratio_interval()),
+    )
+    known = np.isfinite(interval[:, 0])
 
-    def shown(errors: StateErrors, place: int) -> tuple[str, str]:
-        """Return 1000 times the error, and the RMSE; no digits of what is only rounding."""
-        rmse = errors.rmse[place]
-        if rmse <= FINEST:
-            return "≈ 0", "≈ 0"
-        return digits(1e3 * errors.error[place]), digits(rmse)
+    def shown(value: float, rmse: float) -> str:
+        return "≈ 0" if rmse <= FINEST else digits(value)  # no digits of what is only rounding
 
-    rows, shaded = [], set()
-    for i, name in enumerate(STATE_NAMES):
-        known = bool(np.isfinite(lower[i]))
-        (first, rmse_first), (second, rmse_second) = shown(pair.first, i), shown(pair.second, i)
-        interval = f"{digits(lower[i])} – {digits(upper[i])}" if known else "too few"
-        verdict = verdicts_of[i] if known else "–"
-        if verdict != "better":
-            shaded.add(i)
-        rows.append(
-            (
-                unit_heading(state_mark(name), STATE_UNITS[name]),
-                *(first, second, digits(pair.ratio[i]), interval, verdict),
-                *(rmse_first, rmse_second),
-            )
+    rows = [
+        (
+            unit_heading(state_mark(name), STATE_UNITS[name]),
+            *(shown(1e3 * one.error[i], one.rmse[i]) for one in both),
+            digits(pair.ratio[i]),
+            " – ".join(map(digits, interval[i])) if known[i] else "too few",
+            verdicts_of[i] if known[i] else "–",
+            *(shown(one.rmse[i], one.rmse[i]) for one in both),
         )
+        for i, name in enumerate(STATE_NAMES)
+    ]
     return Sheet(
         groups=(("", 1), ("1000 |x−x̂|/n", 2), ("ratio", 3), ("RMSE", 2)),
-        headings=("state", *both, "", "95 %", "verdict", *both),
+        headings=("state", *names, "", "95 %", "verdict", *names),
         rows=rows,
         caption=caption,
-        shaded=frozenset(shaded),
+        shaded=frozenset(i for i, row in enumerate(rows) if row[5] != "better"),
     )
-
-
-#: the states that an example shows
-_SHOWN = ("x", "y", "theta", "phi", "psi", "psi_dot")
 
 
 def _trajectories(shown: Trajectories, validation: Validation, caption: str) -> TimeSeries:
@@ -328,7 +299,7 @@ def _trajectories(shown: Trajectories, validation: Validation, caption: str) -> 
         Line(f"model {first}", shown.first, "first"),
         Line(f"model {second}", shown.second, "second"),
     )
-    panels = state_panels(_SHOWN, lines)
+    panels = state_panels(("x", "y", "theta", "phi", "psi", "psi_dot"), lines)
     return TimeSeries(t=shown.t, panels=panels, caption=caption, across="time of the log [s]")
 
 
@@ -366,10 +337,6 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
     return figure
 
 
-#: sides of a map of few cells and of all [in]
-_SMALLEST, _LARGEST = 3.2, 5.6
-
-
 def correlation_figure(
     labels: Sequence[str],
     correlation: NDArray[np.float64],
@@ -380,12 +347,12 @@ def correlation_figure(
 
     Cells that are `marked`, the significant ones, have a frame.
     """
-    known, inches = np.flatnonzero(np.isfinite(correlation).any(axis=1)).tolist(), _LARGEST
+    known = np.flatnonzero(np.isfinite(correlation).any(axis=1))
+    inches = 5.6  # of all; a map of few cells is smaller
     if 0 < len(known) < len(labels):
-        among = np.ix_(known, known)
-        inches = max(_SMALLEST, inches * len(known) / len(labels))
-        labels, correlation = [labels[place] for place in known], correlation[among]
-        marked = None if marked is None else marked[among]
+        inches = max(3.2, inches * len(known) / len(labels))
+        labels, correlation = [labels[int(k)] for k in known], correlation[np.ix_(known, known)]
+        marked = None if marked is None else marked[np.ix_(known, known)]
     figure, axes = one_panel("", "", width=inches, height=inches)
     for (row, column), value in np.ndenumerate(correlation[::-1]):
         if not np.isfinite(value):
@@ -394,31 +361,24 @@ def correlation_figure(
         fill = to_rgba(ORANGE if value > 0.0 else BLUE, alpha=min(abs(value), 1.0))
         axes.add_patch(Rectangle((column, row), 1.0, 1.0, facecolor=fill, edgecolor="white", linewidth=0.6))
         if abs(value) >= 0.095:
-            color = "white" if abs(value) > 0.6 else INK
-            at = (column + 0.5, row + 0.5)
-            axes.text(*at, _two_digits(value), ha="center", va="center", fontsize=6.3, color=color)
-    if marked is not None:
-        for row, column in np.argwhere(marked[::-1]):
-            place = (column + 0.06, row + 0.06)
-            axes.add_patch(Rectangle(place, 0.88, 0.88, fill=False, edgecolor=INK, linewidth=0.8))
+            text = f"{value:.2f}".replace("0.", ".").removesuffix(".00")
+            ink = "white" if abs(value) > 0.6 else INK
+            axes.text(column + 0.5, row + 0.5, text, ha="center", va="center", fontsize=6.3, color=ink)
+    for row, column in [] if marked is None else np.argwhere(marked[::-1]):
+        frame = Rectangle((column + 0.06, row + 0.06), 0.88, 0.88, fill=False, edgecolor=INK, linewidth=0.8)
+        axes.add_patch(frame)
     count = len(labels)
     axes.set(xlim=(0.0, count), ylim=(0.0, count), aspect="equal")
     axes.set_xticks(np.arange(count) + 0.5, labels, rotation=90)
     axes.set_yticks(np.arange(count) + 0.5, labels[::-1])
     axes.grid(visible=False)
     axes.tick_params(length=0, labelsize=7.5, labelcolor=INK)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    axes.spines[:].set_visible(False)
     legend = [Patch(color=ORANGE, label="positive"), Patch(color=BLUE, label="negative")]
     if marked is not None:
         legend.append(Patch(facecolor="none", edgecolor=INK, label="significant"))
     figure.legend(handles=legend, loc="outside upper left", ncols=len(legend))
     return figure
-
-
-def _two_digits(value: float) -> str:
-    text = f"{value:.2f}".replace("0.", ".")
-    return {"1.00": "1", "-1.00": "-1"}.get(text, text)
 
 
 def symbols(labels: Sequence[str]) -> list[str]:

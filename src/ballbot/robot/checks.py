@@ -14,7 +14,6 @@ from itertools import combinations
 from numbers import Integral, Real
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError, nearest, suggest
 from ballbot.robot.components import (
@@ -28,7 +27,16 @@ from ballbot.robot.components import (
     deviation_labels,
     parameters_of_robot,
 )
-from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, numbers_of, to_si, value_of
+from ballbot.robot.parameters import (
+    DIMENSIONLESS,
+    SOURCES,
+    UNITS,
+    Parameter,
+    numbers_of,
+    parameters_of,
+    to_si,
+    value_of,
+)
 
 #: fraction by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
@@ -67,10 +75,10 @@ _ROUNDED_CORRELATION = 1e-3
 
 
 def check_deviations(robot: RobotValues) -> None:
-    """Raise InputError if a standard deviation is invalid.
+    """Raise InputError if a standard deviation or an interval is invalid.
 
-    InputError if a name is no parameter's, the parameter is a whole number, a standard deviation is not a number of
-    zero or more, one for each of the parameter's, or an interval is not one about a number whose deviation is infinite.
+    A standard deviation is a number of zero or more for each number of a parameter, whole numbers excepted; one that is
+    infinite needs an interval about the number.
     """
     for name, deviation in robot.standard_deviations.items():
         if name not in BY_NAME or BY_NAME[name].shape == "whole number":
@@ -89,16 +97,12 @@ def check_deviations(robot: RobotValues) -> None:
         for label, name, place, size in deviation_labels(robot.standard_deviations)
         if math.isinf(size)
     }
-    for label in unknown:
-        if label not in robot.intervals:
+    for label in {*unknown, *robot.intervals}:
+        least, most = robot.intervals.get(label, (math.nan, math.nan))
+        if not -math.inf < least <= float(unknown.get(label, math.nan)) <= most < math.inf:
             raise InputError(
-                f"{label} has the standard deviation inf, unknown; give its least and greatest value under [intervals]."
-            )
-    for label, (least, most) in robot.intervals.items():
-        if label not in unknown or not -math.inf < least <= float(unknown[label]) <= most < math.inf:
-            raise InputError(
-                f"intervals has {label!r} from {least:g} to {most:g}; these must be finite and contain that number of "
-                "the robot, whose standard deviation must be inf."
+                f"A standard deviation of inf, unknown, and an interval belong together: {label} has the interval "
+                f"{least:g} to {most:g}, which must be finite and contain that number of the robot."
             )
 
 
@@ -108,31 +112,24 @@ def check_correlation(robot: RobotValues) -> None:
     InputError if a number has no finite standard deviation or is listed twice, a row has not one number for each column
     up to its own, the diagonal is not 1, or no errors can have such correlations.
     """
-    correlation = robot.correlation
-    if not correlation.of and not correlation.lower:
-        return
+    labels, rows = robot.correlation.of, robot.correlation.lower
     known = {label for label, *_, size in deviation_labels(robot.standard_deviations) if math.isfinite(size)}
-    for label in correlation.of:
-        if label not in known:
-            raise InputError(
-                f"correlation.of has {label!r}, which has no finite standard deviation above zero; "
-                f"{suggest(label, known, otherwise='there are') if known else 'no number of this robot has one.'}"
-            )
-    if len(set(correlation.of)) < len(correlation.of):
-        raise InputError("correlation.of has a number twice.")
-    sizes = [len(row) for row in correlation.lower]
-    if sizes != list(range(1, len(correlation.of) + 1)):
+    if unknown := [label for label in labels if label not in known]:
         raise InputError(
-            f"correlation.lower has rows of {sizes} numbers; it needs rows of 1 to {len(correlation.of)}, one for "
-            "each number of correlation.of."
+            f"correlation.of has {unknown[0]!r}, which has no finite standard deviation above zero."
         )
-    matrix = correlation.matrix()
-    if not np.isfinite(matrix).all() or np.any(np.abs(matrix) > 1.0) or np.any(matrix.diagonal() != 1.0):
-        raise InputError("correlation.lower must have numbers from -1 to 1, and 1 at the end of each row.")
-    if np.linalg.eigvalsh(matrix)[0] < -_ROUNDED_CORRELATION:
+    if len(set(labels)) < len(labels) or [len(row) for row in rows] != list(range(1, len(labels) + 1)):
         raise InputError(
-            "correlation.lower has correlations that no errors can have: the matrix has a negative "
-            "eigenvalue. Remove the table [correlation], or identify again."
+            f"[correlation] must list a number once, and have rows of 1 to {len(labels)} numbers, one for each of them."
+        )
+    if not labels:
+        return
+    matrix = robot.correlation.matrix()
+    impossible = not np.isfinite(matrix).all() or np.any(matrix.diagonal() != 1.0)
+    if impossible or np.linalg.eigvalsh(matrix)[0] < -_ROUNDED_CORRELATION:
+        raise InputError(
+            "correlation.lower has correlations that no errors can have: the matrix has a negative eigenvalue, or no 1 "
+            "at the end of a row. Remove the table [correlation], or identify again."
         )
 
 
@@ -179,30 +176,41 @@ def check_number(
     value: object,
 ) -> None:
     """Raise InputError if a value is not a finite number, has the wrong sign or is larger than that of any robot."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise InputError(f"{label} is {value!r}; it must be a number.")
-    if parameter.shape == "whole number" and not isinstance(value, Integral):
-        raise InputError(f"{label} is {value!r}; it must be a whole number.")
-    number = float(value)
+    whole = parameter.shape == "whole number"
+    if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
+        raise InputError(f"{label} is {value!r}; it must be a {'whole ' if whole else ''}number.")
+    number, least, most = float(value), parameter.least, parameter.most
     statement = f"{label} is {_with_unit(number, parameter.unit)}"
     if not math.isfinite(number):
         raise InputError(f"{statement}; it must be finite.")
-    if number < 0.0 and parameter.least >= 0.0:
+    if number < 0.0 <= least:
         raise InputError(f"{statement}; it cannot be negative.")
-    if number == 0.0 and not (
-        parameter.least < 0.0 or (parameter.least == 0.0 and parameter.least_is_allowed)
-    ):
-        raise InputError(f"{statement}; it must be above zero.")
-    if number < parameter.least:
-        raise InputError(
-            f"{statement}, less than any ball-balancing robot has; it must be at least {parameter.least:g}."
-        )
-    if abs(number) > parameter.most and parameter.unit == DIMENSIONLESS:
-        raise InputError(f"{statement}; it must be at most {parameter.most:g}.")
-    if abs(number) > parameter.most:
-        meant = _meant(number, parameter.unit, parameter.most)
-        hint = f"did you mean {meant}?" if meant else f"it must be at most {parameter.most:g}."
-        raise InputError(f"{statement}, more than any ball-balancing robot has; {hint}")
+    if number < least or (number == least and not parameter.least_is_allowed):
+        raise InputError(f"{statement}; it must be {f'at least {least:g}' if least else 'above zero'}.")
+    if abs(number) > most:
+        meant = _meant(number, parameter.unit, most)
+        hint = f"did you mean {meant}?" if meant else f"it must be at most {most:g}."
+        unlike = "" if parameter.unit == DIMENSIONLESS else ", more than any ball-balancing robot has"
+        raise InputError(f"{statement}{unlike}; {hint}")
+
+
+def check_parameters(record: object) -> None:
+    """Raise InputError if a number of a class of parameters, or of the tables in it, is out of its bounds."""
+    for one in parameters_of(type(record)):
+        if one.shape not in ("text", "truth value"):
+            for value in _values_at(record, one.name):
+                check_number(one, one.name, value)
+
+
+def _values_at(record: object, name: str) -> Iterator[object]:
+    """Yield the numbers of a dotted name: nothing for a fault that is off, one or more for each push."""
+    key, _, rest = name.partition(".")
+    content = getattr(record, key)
+    for one in content if isinstance(content, tuple) else (content,):
+        if not rest:
+            yield one
+        elif one is not None:
+            yield from _values_at(one, rest)
 
 
 def _meant(number: float, si_unit: str, largest: float) -> str:
@@ -229,41 +237,21 @@ def _check_ball(ball: Ball) -> None:
 
 
 def _check_body(body: Body) -> None:
-    about = "the ball's centre" if body.inertia_about == "ball_center" else "the centre of mass"
-    moments = _principal_moments(body.inertia_matrix())
-    fault = _fault_of(moments)
-    if fault:
-        raise InputError(
-            f"body.inertia has the principal moments {_listed(moments)} kg m^2 about {about}; {fault}."
-        )
-    central = _principal_moments(body.inertia_about_center_of_mass())
-    if body.inertia_about == "ball_center" and _fault_of(central):
-        raise InputError(
-            f"body.inertia less m l^2 = {body.mass * body.center_of_mass**2:.3g} kg m^2 "
-            f"leaves the principal moments {_listed(central)} kg m^2 about the centre of "
-            "mass, which no body has. The inertia may be about the centre of mass "
-            'already (about = "center_of_mass"), or the mass or the height is too large.'
-        )
-
-
-def _principal_moments(inertia: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the principal moments of an inertia matrix (3, 3), smallest first."""
-    smallest, middle, largest = (float(moment) for moment in np.linalg.eigvalsh(inertia))
-    return smallest, middle, largest
-
-
-def _fault_of(moments: tuple[float, float, float]) -> str:
-    """Return the fault of three principal moments, smallest first ("" if they are possible)."""
-    if moments[0] <= 0.0:
-        return "each must be above zero"
+    moments = np.linalg.eigvalsh(body.inertia_about_center_of_mass())  # smallest first
     # a flat body meets the inequality with equality, up to rounding
-    if moments[0] + moments[1] < moments[2] * (1.0 - 1e-9):
-        return "no body has one larger than the sum of the other two"
-    return ""
-
-
-def _listed(moments: tuple[float, float, float]) -> str:
-    return ", ".join(f"{moment:.4g}" for moment in moments)
+    if moments[0] > 0.0 and moments[0] + moments[1] >= moments[2] * (1.0 - 1e-9):
+        return
+    listed = ", ".join(f"{moment:.4g}" for moment in moments)
+    if body.inertia_about == "center_of_mass":
+        raise InputError(
+            f"body.inertia has the principal moments {listed} kg m^2 about the centre of mass; each must be above zero"
+            ", and no body has one larger than the sum of the other two."
+        )
+    raise InputError(
+        f"body.inertia less m l^2 = {body.mass * body.center_of_mass**2:.3g} kg m^2 leaves the principal moments "
+        f"{listed} kg m^2 about the centre of mass, which no body has. The inertia may be about the centre of mass "
+        'already (about = "center_of_mass"), or the mass or the height is too large.'
+    )
 
 
 def _check_wheels(wheels: Wheels) -> None:
@@ -279,8 +267,10 @@ def _check_wheels(wheels: Wheels) -> None:
                 f"wheels.azimuths[{i}] and [{j}] are both {math.degrees(first):g} deg; the "
                 "wheels must be at different places to give three independent torques."
             )
-    strengths = np.linalg.svd(_axles(wheels), compute_uv=False)
-    if strengths[-1] < _WEAKEST_AXIS:
+    azimuths, lean = np.array(wheels.azimuths), math.cos(wheels.tilt)
+    rise = np.full(len(azimuths), math.sin(wheels.tilt))
+    axles = np.column_stack((-lean * np.cos(azimuths), -lean * np.sin(azimuths), rise))  # a_i, body frame
+    if np.linalg.svd(axles, compute_uv=False)[-1] < _WEAKEST_AXIS:
         places = ", ".join(f"{math.degrees(one):.4g}" for one in wheels.azimuths)
         # 0, 2.09 and 4.19 written as degrees
         radians = 0.0 < max(map(math.degrees, map(abs, wheels.azimuths))) <= 2.0 * math.pi
@@ -298,15 +288,6 @@ def _check_wheels(wheels: Wheels) -> None:
             f"wheels.rollers.radius is {wheels.rollers.radius:g} m; it "
             f"must be below the radius of the wheel, {wheels.radius:g} m."
         )
-
-
-def _axles(wheels: Wheels) -> NDArray[np.float64]:
-    """Return the axles a_i (n, 3), unit vectors in the body frame."""
-    azimuths = np.array(wheels.azimuths)
-    lean, rise = math.cos(wheels.tilt), math.sin(wheels.tilt)
-    return np.column_stack(
-        [-lean * np.cos(azimuths), -lean * np.sin(azimuths), np.full(len(azimuths), rise)],
-    )
 
 
 def _check_law(robot: RobotValues) -> None:

@@ -20,51 +20,51 @@ from numpy.typing import NDArray
 from ballbot.arrays import LONGEST_SAMPLE, SHORTEST_SAMPLE
 from ballbot.errors import InputError
 from ballbot.robot.friction_law import CLASSICAL, OWN_PARAMETERS, FrictionLaw, friction_law
-from ballbot.robot.parameters import Parameter, Value, components, parameter, parameters_of, table
+from ballbot.robot.parameters import (
+    Parameter,
+    Value,
+    components,
+    parameter,
+    parameter_class,
+    parameters_of,
+    stated,
+    table,
+)
 
 InertiaPoint = Literal["ball_center", "center_of_mass"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Ball:
     """The ball: a sphere whose inertia is the same about every axis."""
 
-    radius: float = field(metadata=parameter("r_b, outer radius", unit="m", most=1.0))
-    mass: float = field(metadata=parameter("m_b, mass of the ball", unit="kg", most=200.0))
-    inertia: float = field(metadata=parameter("j_b, about the ball's centre", unit="kg m^2"))
+    radius: float = parameter("r_b, outer radius", "m", most=1.0, usual=(0.03, 0.5))
+    mass: float = parameter("m_b, mass of the ball", "kg", most=200.0)
+    inertia: float = parameter("j_b, about the ball's centre", "kg m^2")
 
 
-def _moment(meaning: str) -> Mapping[str, object]:
-    return parameter(meaning, unit="kg m^2", most=2e4)
-
-
-def _product(axes: str) -> Mapping[str, object]:
-    meaning = f"element of the matrix, minus the integral of {axes} dm"
-    return parameter(meaning, unit="kg m^2", least=-math.inf)
-
-
-_INERTIA = components(
-    'The body\'s inertia, wheels locked, about "ball_center" or about "center_of_mass".',
-    {
-        "xx": _moment("j_rx, about the axis that points forward"),
-        "yy": _moment("j_ry, about the axis that points left"),
-        "zz": _moment("j_rz, about the axis that points up"),
-        "xy": _product("x y"),
-        "xz": _product("x z"),
-        "yz": _product("y z"),
-    },
-)
-
-
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Body:
     """Everything that leans: frame, motors and the locked wheels."""
 
-    mass: float = field(metadata=parameter("m_r, with motors and wheels", unit="kg", most=2000.0))
-    center_of_mass: float = field(
-        metadata=parameter("l, its height above the ball's centre", unit="m", most=3.0)
+    mass: float = parameter("m_r, with motors and wheels", "kg", most=2000.0)
+    center_of_mass: float = parameter("l, its height above the ball's centre", "m", most=3.0)
+    inertia: tuple[float, float, float, float, float, float] = components(
+        'The body\'s inertia, wheels locked, about "ball_center" or about "center_of_mass".',
+        {
+            "xx": stated("j_rx, about the axis that points forward", "kg m^2", most=2e4),
+            "yy": stated("j_ry, about the axis that points left", "kg m^2", most=2e4),
+            "zz": stated("j_rz, about the axis that points up", "kg m^2", most=2e4),
+            **{
+                axes: stated(
+                    f"element of the matrix, minus the integral of {axes[0]} {axes[1]} dm",
+                    "kg m^2",
+                    least=-math.inf,
+                )
+                for axes in ("xy", "xz", "yz")
+            },
+        },
     )
-    inertia: tuple[float, float, float, float, float, float] = field(metadata=_INERTIA)
     inertia_about: InertiaPoint  #: the point that `inertia` is about
 
     def inertia_about_ball_center(self) -> NDArray[np.float64]:
@@ -88,70 +88,48 @@ class Body:
         return np.diag([ml2, ml2, 0.0])
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Rollers:
     """The rollers of one omni-wheel, as the twin builds them."""
 
-    rows: int = field(metadata=parameter("rings of rollers on a wheel", most=10))
-    per_row: int = field(metadata=parameter("rollers in a ring", most=500))
-    radius: float = field(
-        metadata=parameter("of a roller at its middle", unit="m", written_in="mm", most=0.3)
-    )
-    row_spacing: float = field(
-        metadata=parameter(
-            "between the planes of neighbouring rings", unit="m", written_in="mm", least=0.0, most=0.5
-        )
+    rows: int = parameter("rings of rollers on a wheel", most=10)
+    per_row: int = parameter("rollers in a ring", most=500, usual=(4.0, 60.0))
+    radius: float = parameter("of a roller at its middle", "m", written_in="mm", most=0.3)
+    row_spacing: float = parameter(
+        "between the planes of neighbouring rings", "m", written_in="mm", least=0.0, most=0.5
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Wheels:
     """The omni-wheels: three or four of them, at any azimuth, all of one tilt."""
 
-    radius: float = field(metadata=parameter("r_w, to the middle of a roller's outside", unit="m", most=1.0))
-    inertia: float = field(
-        metadata=parameter("j_w, one wheel about its axle", unit="kg m^2", least=0.0, most=1.0)
+    radius: float = parameter("r_w, to the middle of a roller's outside", "m", most=1.0)
+    inertia: float = parameter("j_w, one wheel about its axle", "kg m^2", least=0.0, most=1.0)
+    tilt: float = parameter("alpha, from the ball's zenith to the contact point", "rad", written_in="deg")
+    azimuths: tuple[float, ...] = parameter(
+        "beta_i, from forward towards the left", "rad", written_in="deg", least=-math.inf, most=2.0 * math.pi
     )
-    tilt: float = field(
-        metadata=parameter("alpha, from the ball's zenith to the contact point", unit="rad", written_in="deg")
-    )
-    azimuths: tuple[float, ...] = field(
-        metadata=parameter(
-            "beta_i, from forward towards the left",
-            unit="rad",
-            written_in="deg",
-            least=-math.inf,
-            most=2.0 * math.pi,
-        )
-    )
-    rollers: Rollers = field(metadata=table("The rollers of one wheel."))
+    rollers: Rollers = table("The rollers of one wheel.")
 
 
-def _rotor(meaning: str) -> Mapping[str, object]:
-    return parameter(meaning, unit="kg m^2", written_in="g cm^2", least=0.0, most=0.1)
-
-
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Drive:
     """Motor, gearbox, driver and supply of one wheel."""
 
-    gear_ratio: float = field(metadata=parameter("n, motor turns a wheel turn"))
-    motor_inertia: float = field(metadata=_rotor("j_m, the rotor, on the motor's side"))
-    gear_inertia: float = field(metadata=_rotor("j_g, the gearbox, on the motor's side"))
-    torque_constant: float = field(
-        metadata=parameter("k_t, at the motor's shaft", unit="N m/A", written_in="mN m/A", most=10.0)
+    gear_ratio: float = parameter("n, motor turns a wheel turn", usual=(1.0, 200.0))
+    motor_inertia: float = parameter(
+        "j_m, the rotor, on the motor's side", "kg m^2", written_in="g cm^2", least=0.0, most=0.1
     )
-    speed_constant: float = field(
-        metadata=parameter("of the motor without load", unit="rad/s/V", written_in="rpm/V")
+    gear_inertia: float = parameter(
+        "j_g, the gearbox, on the motor's side", "kg m^2", written_in="g cm^2", least=0.0, most=0.1
     )
-    supply_voltage: float = field(metadata=parameter("of the batteries", unit="V", most=1000.0))
-    torque_limit: float = field(
-        metadata=parameter("largest torque commanded at a wheel", unit="N m", most=1000.0)
-    )
-    backlash: float = field(
-        metadata=parameter(
-            "play at the wheel, from stop to stop", unit="rad", written_in="deg", least=0.0, most=0.3
-        )
+    torque_constant: float = parameter("k_t, at the motor's shaft", "N m/A", written_in="mN m/A", most=10.0)
+    speed_constant: float = parameter("of the motor without load", "rad/s/V", written_in="rpm/V")
+    supply_voltage: float = parameter("of the batteries", "V", most=1000.0, usual=(3.0, 120.0))
+    torque_limit: float = parameter("largest torque commanded at a wheel", "N m", most=1000.0)
+    backlash: float = parameter(
+        "play at the wheel, from stop to stop", "rad", written_in="deg", least=0.0, most=0.3
     )
 
     @property
@@ -165,48 +143,41 @@ class Drive:
         return self.gear_ratio**2 * (self.motor_inertia + self.gear_inertia)
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Sensors:
     """Encoders and IMU, and the rate at which the controller reads them."""
 
-    sample_time: float = field(
-        metadata=parameter(
-            "of the controller", unit="s", written_in="ms", least=SHORTEST_SAMPLE, most=LONGEST_SAMPLE
-        )
+    sample_time: float = parameter(
+        "of the controller",
+        "s",
+        written_in="ms",
+        least=SHORTEST_SAMPLE,
+        most=LONGEST_SAMPLE,
+        usual=(2e-4, 1.0),
     )
-    encoder_counts: int = field(metadata=parameter("a motor turn, quadrature"))
-    gyro_noise: float = field(
-        metadata=parameter(
-            "standard deviation of a sample", unit="rad/s", written_in="deg/s", least=0.0, most=1.0
-        )
+    encoder_counts: int = parameter("a motor turn, quadrature")
+    gyro_noise: float = parameter(
+        "standard deviation of a sample", "rad/s", written_in="deg/s", least=0.0, most=1.0, usual=(0.0, 0.1)
     )
-    attitude_noise: float = field(
-        metadata=parameter(
-            "standard deviation of the lean angles", unit="rad", written_in="deg", least=0.0, most=0.2
-        )
+    attitude_noise: float = parameter(
+        "standard deviation of the lean angles",
+        "rad",
+        written_in="deg",
+        least=0.0,
+        most=0.2,
+        usual=(0.0, 0.03),
     )
-    heading_drift: float = field(
-        metadata=parameter(
-            "rate at which the heading runs away",
-            unit="rad/s",
-            written_in="deg/min",
-            least=-math.inf,
-            most=1.0,
-        )
-    )
-
-
-def _dry(meaning: str) -> Mapping[str, object]:
-    return parameter(meaning, unit="N m", least=0.0, most=200.0, usual=(0.0, 0.5))
-
-
-def _asymmetry(meaning: str) -> Mapping[str, object]:
-    return parameter(
-        meaning, unit="N m", least=-math.inf, most=200.0, usual=(-0.2, 0.2), written="if changed"
+    heading_drift: float = parameter(
+        "rate at which the heading runs away",
+        "rad/s",
+        written_in="deg/min",
+        least=-math.inf,
+        most=1.0,
+        usual=(-0.1, 0.1),
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Friction:
     """The friction of a robot's wheels and of its ball on the floor; `ballbot.mechanics.friction` has the law.
 
@@ -217,35 +188,40 @@ class Friction:
     lubricant separates the surfaces (Armstrong-Helouvry, Dupont and Canudas de Wit, 1994).
     """
 
-    viscous: tuple[float, ...] = field(
-        metadata=parameter(
-            "b_i, torque for each rad/s", unit="N m s/rad", least=0.0, most=20.0, usual=(0.0, 0.1)
-        )
+    viscous: tuple[float, ...] = parameter(
+        "b_i, torque for each rad/s", "N m s/rad", least=0.0, most=20.0, usual=(0.0, 0.1)
     )
-    coulomb: tuple[float, ...] = field(metadata=_dry("c_i, dry friction at speed"))
-    stribeck: tuple[float, ...] = field(metadata=_dry("s_i, break-away torque above c_i"))
-    stribeck_speed: float = field(
-        metadata=parameter("v_s, speed at which s_i has fallen to 37 %", unit="rad/s", usual=(0.1, 3.0))
+    coulomb: tuple[float, ...] = parameter(
+        "c_i, dry friction at speed", "N m", least=0.0, most=200.0, usual=(0.0, 0.5)
     )
-    stribeck_exponent: float = field(metadata=parameter("delta, how sharply it falls", usual=(0.3, 10.0)))
-    rolling: float = field(metadata=parameter("C_rr, ball on floor", least=0.0, most=1.0, usual=(0.0, 0.05)))
-    coulomb_asymmetry: tuple[float, ...] = field(
+    stribeck: tuple[float, ...] = parameter(
+        "s_i, break-away torque above c_i", "N m", least=0.0, most=200.0, usual=(0.0, 0.5)
+    )
+    stribeck_speed: float = parameter("v_s, speed at which s_i has fallen to 37 %", "rad/s", usual=(0.1, 3.0))
+    stribeck_exponent: float = parameter("delta, how sharply it falls", usual=(0.3, 10.0))
+    rolling: float = parameter("C_rr, ball on floor", least=0.0, most=1.0, usual=(0.0, 0.05))
+    coulomb_asymmetry: tuple[float, ...] = parameter(
+        "d_i, c_i forward less its mean of both directions",
+        "N m",
         default=(),
-        metadata=_asymmetry("d_i, c_i forward less its mean of both directions"),
+        least=-math.inf,
+        most=200.0,
+        usual=(-0.2, 0.2),
     )
-    stribeck_asymmetry: tuple[float, ...] = field(
+    stribeck_asymmetry: tuple[float, ...] = parameter(
+        "e_i, s_i forward less its mean of both directions",
+        "N m",
         default=(),
-        metadata=_asymmetry("e_i, s_i forward less its mean of both directions"),
+        least=-math.inf,
+        most=200.0,
+        usual=(-0.2, 0.2),
     )
-    load: tuple[float, ...] = field(
+    load: tuple[float, ...] = parameter(
+        "mu_i, dry friction for each N m of the motor's torque",
         default=(),
-        metadata=parameter(
-            "mu_i, dry friction for each N m of the motor's torque",
-            least=0.0,
-            most=1.0,
-            usual=(0.0, 0.5),
-            written="if changed",
-        ),
+        least=0.0,
+        most=1.0,
+        usual=(0.0, 0.5),
     )
     law: str = CLASSICAL  #: the friction law, as a robot file names it; see `ballbot.robot.friction_law`
     own: tuple[tuple[str, Value], ...] = ()  #: its parameters that are not among the above, as (name, value)
@@ -333,31 +309,24 @@ class Correlation:
     def of_matrix(labels: Sequence[str], matrix: NDArray[np.float64]) -> Correlation:
         """Return the correlations (k, k) of k numbers, rounded to five decimals."""
         rows = np.round(matrix, 5).tolist()
-        return Correlation(
-            of=tuple(labels),
-            lower=tuple((*row[:i], 1.0) for i, row in enumerate(rows)),
-        )
+        return Correlation(of=tuple(labels), lower=tuple((*row[:i], 1.0) for i, row in enumerate(rows)))
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class RobotValues:
     """Name, components, gravity and sources of a robot, unchecked."""
 
     name: str
-    ball: Ball = field(metadata=table("The ball: a sphere, its inertia about its centre."))
-    body: Body = field(metadata=table("The body: all that leans, with motors and wheels."))
-    wheels: Wheels = field(
-        metadata=table("The omni-wheels: three or four, numbered as their azimuths are listed.")
+    ball: Ball = table("The ball: a sphere, its inertia about its centre.")
+    body: Body = table("The body: all that leans, with motors and wheels.")
+    wheels: Wheels = table("The omni-wheels: three or four, numbered as their azimuths are listed.")
+    drive: Drive = table("Motor, gearbox and supply of one wheel.")
+    sensors: Sensors = table("Encoders, IMU and the controller's sample time.")
+    friction: Friction = table(
+        "Wheel friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr."
     )
-    drive: Drive = field(metadata=table("Motor, gearbox and supply of one wheel."))
-    sensors: Sensors = field(metadata=table("Encoders, IMU and the controller's sample time."))
-    friction: Friction = field(
-        metadata=table(
-            "Wheel friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr."
-        )
-    )
-    gravity: float = field(
-        default=9.81, metadata=parameter("g, the acceleration of free fall", unit="m/s^2", most=30.0)
+    gravity: float = parameter(
+        "g, the acceleration of free fall", "m/s^2", default=9.81, most=30.0, usual=(9.7, 9.9)
     )
     #: where each value came from, by dotted name ("ball.radius": "measured"), with detail after a colon where
     #: there is more to say ("data sheet: Maxon 449470"); not part of equality
@@ -434,40 +403,24 @@ def scaled_friction(
 ) -> Friction:
     """Return friction whose torques and whose rolling friction are that many times as large; v_s and delta stay.
 
-    Parameters
-    ----------
-    friction : Friction
-    factor : float or sequence of float
-        Of every term, of all wheels or of each.
-    rolling_factor : float, optional
-        Of the rolling friction C_rr; needed if each wheel has a factor of its own, `factor` by default.
+    The factor is that of every term, of all wheels or of each. `rolling_factor` is that of C_rr, needed if each wheel
+    has a factor of its own, and `factor` by default.
     """
-    count = len(friction.coulomb)
-    if isinstance(factor, Sequence):
-        factors, of_floor = factor, rolling_factor
-    else:
-        factors, of_floor = (factor,) * count, factor if rolling_factor is None else rolling_factor
-    assert of_floor is not None
-
-    def each(values: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(one * value for one, value in zip(factors, values, strict=True)) if values else values
-
+    factors = factor if isinstance(factor, Sequence) else (factor,) * len(friction.coulomb)
+    of_floor = factor if rolling_factor is None else rolling_factor
+    assert not isinstance(of_floor, Sequence)
     law = friction.own_law
     proportional = {one.name for one in law.own if one.is_proportional} if law else ()
 
-    def scaled(name: str, value: Value) -> Value:
-        if name not in proportional:
-            return value
-        return each(value) if isinstance(value, tuple) else value * max(factors)
+    def scaled(value: Value) -> Value:
+        if isinstance(value, tuple):
+            return tuple(one * number for one, number in zip(factors, value, strict=True)) if value else value
+        return value * max(factors)
 
+    names = ("viscous", "coulomb", "stribeck", "coulomb_asymmetry", "stribeck_asymmetry", "load")
     return replace(
         friction,
-        viscous=each(friction.viscous),
-        coulomb=each(friction.coulomb),
-        stribeck=each(friction.stribeck),
+        **{name: scaled(getattr(friction, name)) for name in names},
         rolling=of_floor * friction.rolling,
-        coulomb_asymmetry=each(friction.coulomb_asymmetry),
-        stribeck_asymmetry=each(friction.stribeck_asymmetry),
-        load=each(friction.load),
-        own=tuple((name, scaled(name, value)) for name, value in friction.own),
+        own=tuple((name, scaled(one) if name in proportional else one) for name, one in friction.own),
     )

@@ -99,6 +99,8 @@ def derived_quantities(robot: Robot) -> list[Derived]:
     swing = math.sqrt(body.mass * robot.gravity * body.center_of_mass / float(pivot[0]))
     step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio)
     about = {"pivot": (pivot, "the ball's centre"), "central": (central, "its centre of mass")}
+    rotor, stuck = drive.reflected_inertia, max(robot.friction.breakaway)
+    hung = "frequency at which the body swings, hung upside down at the ball's centre"
     rows = [
         ("total_mass", ball.mass + body.mass, "kg", "mass of ball and body"),
         ("ball_inertia_thin_shell", shell, "kg m^2", "inertia of the ball, were it a thin shell"),
@@ -108,27 +110,12 @@ def derived_quantities(robot: Robot) -> list[Derived]:
             for key, (moments, words) in about.items()
             for axis, value in zip(("xx", "yy", "zz"), moments, strict=True)
         ),
-        (
-            "swing_frequency",
-            swing,
-            "rad/s",
-            "frequency at which the body swings, hung upside down at the ball's centre",
-        ),
+        ("swing_frequency", swing, "rad/s", hung),
         ("speed_ratio", ball.radius / wheels.radius, "1", "radius of the ball over that of a wheel"),
-        (
-            "reflected_rotor_inertia",
-            drive.reflected_inertia,
-            "kg m^2",
-            "inertia of motor and gear at a wheel, n^2 (j_m + j_g)",
-        ),
+        ("reflected_rotor_inertia", rotor, "kg m^2", "inertia of motor and gear at a wheel, n^2 (j_m + j_g)"),
         ("wheel_speed_limit", drive.top_speed, "rad/s", "wheel speed at full supply without load"),
         ("encoder_step", step, "rad", "wheel angle of one count of the encoder"),
-        (
-            "break_away_torque",
-            max(robot.friction.breakaway),
-            "N m",
-            "largest break-away torque of a wheel, c + s",
-        ),
+        ("break_away_torque", stuck, "N m", "largest break-away torque of a wheel, c + s"),
         ("rolling_resistance", robot.rolling_force, "N", "rolling resistance on level ground"),
     ]
     return [

@@ -26,7 +26,6 @@ unknown. The table `[intervals]` has its least and greatest value, as far as the
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -38,7 +37,7 @@ from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
 from ballbot.robot.components import BY_NAME, PARAMETERS, RobotValues, parameters_of_robot
-from ballbot.robot.friction_law import CLASSICAL, OWN_PARAMETERS, FrictionLaw, friction_law
+from ballbot.robot.friction_law import CLASSICAL, OWN_PARAMETERS, friction_law
 from ballbot.robot.parameters import (
     ASSUMED,
     DIMENSIONLESS,
@@ -86,17 +85,8 @@ class IdentificationTables(BaseModel):
     identified_from: dict[Literal["rows"], list[str]] = {}
 
 
-@dataclass(frozen=True, kw_only=True)
-class ParsedEntry:
-    """One parameter as `Robot` holds it, in SI units."""
-
-    value: Value
-    source: str
-    standard_deviation: Value | None  #: of the value's shape; None where the file gives none
-
-
-def parse_entry(parameter: Parameter, raw: object) -> ParsedEntry:
-    """Return a parameter's value, source and standard deviation.
+def parse_entry(parameter: Parameter, raw: object) -> tuple[Value, str, Value | None]:
+    """Return a parameter's value and source, and its standard deviation if there is one; both numbers in SI units.
 
     InputError if a key is missing, unknown or of the wrong type, or the unit or the source is not understood.
     """
@@ -111,12 +101,16 @@ def parse_entry(parameter: Parameter, raw: object) -> ParsedEntry:
     if parameter.unit != DIMENSIONLESS and "unit" not in entry.model_fields_set:
         raise InputError(f'{parameter.name} has no unit; write unit = "{parameter.written_in}".')
     check_source(parameter.name, entry.source)
-    deviation = entry.standard_deviation
-    return ParsedEntry(
-        value=_in_si(parameter, entry.value, entry.unit),
-        source=entry.source,
-        standard_deviation=None if deviation is None else _deviation_in_si(parameter, entry, deviation),
-    )
+    value, deviation = _in_si(parameter, entry.value, entry.unit), entry.standard_deviation
+    if deviation is None:
+        return value, entry.source, None
+    if parameter.shape == "whole number":
+        raise InputError(f"{parameter.name} is a whole number and cannot have a standard deviation.")
+    if isinstance(entry.value, list) and not isinstance(
+        deviation, list
+    ):  # one number stands for every wheel's
+        deviation = [float(deviation)] * len(entry.value)
+    return value, entry.source, _in_si(parameter, deviation, entry.unit)
 
 
 def example(parameter: Parameter, value: object = None) -> str:
@@ -126,15 +120,6 @@ def example(parameter: Parameter, value: object = None) -> str:
         number = repr(value)
     unit = "" if parameter.written_in == DIMENSIONLESS else f'unit = "{parameter.written_in}", '
     return f'{parameter.key} = {{ value = {number}, {unit}source = "assumed" }}'
-
-
-def _deviation_in_si(parameter: Parameter, entry: Entry, deviation: float | list[float]) -> Value:
-    """Return a standard deviation in SI units; one number stands for every wheel's."""
-    if parameter.shape == "whole number":
-        raise InputError(f"{parameter.name} is a whole number and cannot have a standard deviation.")
-    if isinstance(entry.value, list) and not isinstance(deviation, list):
-        deviation = [float(deviation)] * len(entry.value)
-    return _in_si(parameter, deviation, entry.unit)
 
 
 def _in_si(parameter: Parameter, value: float | list[float], unit: str) -> Value:
@@ -148,17 +133,19 @@ def _in_si(parameter: Parameter, value: float | list[float], unit: str) -> Value
         if isinstance(value, list):
             return tuple(to_si(float(one), unit, parameter.unit) for one in value)
         converted = to_si(float(value), unit, parameter.unit)
-    except OverflowError:
-        raise InputError(f"{parameter.name} has a value too large for a number.") from None
     except InputError as error:
         raise InputError(f"{parameter.name}: {error}.") from None
     return int(value) if parameter.shape == "whole number" else converted
 
 
-#: the two texts of a file, each as it could be written; every other key is a parameter
-_TEXTS = {"name": 'name = "myrobot"', "body.inertia.about": 'about = "ball_center"'}
-#: the text that may be left out, and the table of what it names
+#: a friction law, and the table of its own parameters
 _LAW, _OWN = "friction.law", "friction.own"
+#: the texts of a file, each as it could be written; every other key is a parameter
+_TEXTS = {
+    "name": 'name = "myrobot"',
+    "body.inertia.about": 'about = "ball_center"',
+    _LAW: 'law = "FILE.py:NAME"',
+}
 
 _HEADER = """\
 # A ball-balancing robot for Ballbot. Check it with: ballbot check FILE
@@ -180,13 +167,7 @@ def read_robot(path: str | Path, kind: type[R]) -> R:
         tree = take_format(tree, "robot")
         tables = {name: tree.pop(name) for name in IdentificationTables.model_fields if name in tree}
         stated = validate_table(IdentificationTables, tables, of="a robot file")
-        friction = tree.get("friction", {})
-        law = (
-            friction_law(_in_folder(friction.pop("law", CLASSICAL), path))
-            if isinstance(friction, dict)
-            else None
-        )
-        return build(kind, _fields(dict(_leaves(tree)), stated, law))
+        return build(kind, _fields(dict(_leaves(tree)), stated, Path(path).parent))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -235,8 +216,8 @@ def _identification_lines(robot: RobotValues) -> Iterator[str]:
 
 def _lines(robot: RobotValues, table: str) -> Iterator[str]:
     for parameter in parameters_of_robot(robot):
-        if parameter.table == table and not _left_out(robot, parameter):
-            values = [value_of(robot, parameter)]
+        if parameter.table == table and (value := value_of(robot, parameter)) != ():
+            values = [value]
             if parameter.name in robot.standard_deviations:
                 values.append(robot.standard_deviations[parameter.name])
             texts, unit = _written(values, parameter)
@@ -245,15 +226,6 @@ def _lines(robot: RobotValues, table: str) -> Iterator[str]:
             source = toml_string(robot.sources.get(parameter.name, ASSUMED))
             yield f"# {parameter.meaning}"
             yield f"{parameter.key} = {{ value = {texts[0]}, {unit_text}{deviation}source = {source} }}"
-
-
-def _left_out(robot: RobotValues, parameter: Parameter) -> bool:
-    """Return whether a file need not have the parameter: reading gives the same value, source and deviation."""
-    value = value_of(robot, parameter)
-    if parameter.written != "if changed" or value != parameter.default:
-        return False
-    stated = robot.sources.get(parameter.name, ASSUMED) != ASSUMED
-    return value == () or not (stated or parameter.name in robot.standard_deviations)
 
 
 def _written(values: Sequence[Value], parameter: Parameter) -> tuple[list[str], str]:
@@ -289,38 +261,29 @@ def _nearest(key: str, table: str) -> str:
     return suggest(key, siblings, otherwise=f"{f'[{table}]' if table else 'the top level'} has")
 
 
-def _in_folder(law: object, path: str | Path) -> str:
-    """Return a law as a robot file names it; a Python file's path is relative to that file's folder."""
-    if not isinstance(law, str):
-        raise InputError(f'friction.law is {law!r}; it must be a text in quotes, such as "FILE.py:NAME".')
-    file, _, name = law.rpartition(":")
-    return f"{Path(path).parent / file}:{name}" if file else law
-
-
-def _fields(
-    leaves: Mapping[str, object], stated: IdentificationTables, law: FrictionLaw | None
-) -> dict[str, object]:
+def _fields(leaves: Mapping[str, object], stated: IdentificationTables, folder: Path) -> dict[str, object]:
     """Return the values of a robot's fields by dotted name, in SI units."""
     name, about = _text(leaves, "name"), _text(leaves, "body.inertia.about")
-    values: dict[str, Value] = {}
-    sources: dict[str, str] = {}
-    deviations: dict[str, Value] = {}
+    # a Python file's path is relative to the folder of the robot file
+    file, _, law_name = _text(leaves, _LAW, default=CLASSICAL).rpartition(":")
+    law = friction_law(f"{folder / file}:{law_name}" if file else law_name)
     own = {one.stated.name: one for one in law.own} if law else {}
     for key in leaves:
         if key in OWN_PARAMETERS and key not in own:
             raise InputError(f"{key} is no parameter of the friction law {law.name if law else CLASSICAL}.")
+    values: dict[str, Value] = {}
+    sources: dict[str, str] = {}
+    deviations: dict[str, Value] = {}
     for parameter in (*PARAMETERS, *(one.stated for one in own.values())):
-        if parameter.name not in leaves and parameter.default is not None:
-            sources[parameter.name] = ASSUMED
-            continue
-        if parameter.name not in leaves:
-            raise InputError(
-                f"{parameter.name} is missing; add {example(parameter)} {_place(parameter.name)}."
-            )
-        entry = parse_entry(parameter, leaves[parameter.name])
-        values[parameter.name], sources[parameter.name] = entry.value, entry.source
-        if entry.standard_deviation is not None:
-            deviations[parameter.name] = entry.standard_deviation
+        key = parameter.name
+        if key in leaves:
+            values[key], sources[key], deviation = parse_entry(parameter, leaves[key])
+            if deviation is not None:
+                deviations[key] = deviation
+        elif parameter.default is not None:
+            sources[key] = ASSUMED
+        else:
+            raise InputError(f"{key} is missing; add {example(parameter)} {_place(key)}.")
     together = stated.correlation
     return {
         **values,
@@ -337,8 +300,8 @@ def _fields(
     }
 
 
-def _text(leaves: Mapping[str, object], name: str) -> str:
-    text = leaves.get(name)
+def _text(leaves: Mapping[str, object], name: str, *, default: str | None = None) -> str:
+    text = leaves.get(name, default)
     if text is None:
         raise InputError(f"{name} is missing; add {_TEXTS[name]} {_place(name)}.")
     if not isinstance(text, str):

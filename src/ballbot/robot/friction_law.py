@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ballbot.errors import InputError, suggest
-from ballbot.robot.parameters import DIMENSIONLESS, Parameter, parameter
+from ballbot.robot.parameters import DIMENSIONLESS, Parameter, stated
 from ballbot.user_files import user_module
 
 #: fields of `Friction` that a law may take
@@ -70,17 +70,13 @@ class LawParameter:
     def stated(self) -> Parameter:
         """The line of a robot file."""
         low, _ = self.usual
-        metadata = parameter(
-            f"{self.symbol}, {self.meaning}",
-            unit=self.unit,
-            least=None if low > 0.0 else 0.0 if low == 0.0 else -math.inf,
-            usual=self.usual,
-        )
-        one = metadata["parameter"]
-        assert isinstance(one, Parameter)
-        shape = "list" if self.each_wheel else "number"
+        least = None if low > 0.0 else 0.0 if low == 0.0 else -math.inf
         return replace(
-            one, name=f"friction.own.{self.name}", field="friction.own", place=self.name, shape=shape
+            stated(f"{self.symbol}, {self.meaning}", self.unit, least=least, usual=self.usual),
+            name=f"friction.own.{self.name}",
+            field="friction.own",
+            place=self.name,
+            shape="list" if self.each_wheel else "number",
         )
 
 
@@ -158,38 +154,23 @@ def register_friction_law(
     name = name or size.__name__
     arguments = list(signature(size).parameters)
     own = {one.name: one for one in parameters}
+    takes = tuple(arguments[2:])
     if not name.isidentifier() or name == CLASSICAL:
         raise InputError(
             f"A friction law cannot have the name {name!r}; it must be an identifier of its own."
         )
-    if (
-        arguments[:2] != ["speed", "load"]
-        or len(own) != len(parameters)
-        or len(arguments) > 2 + MOST_PARAMETERS
-    ):
+    described = len(own) == len(parameters) and set(own) == set(takes) - set(SHARED)
+    if arguments[:2] != ["speed", "load"] or len(takes) > MOST_PARAMETERS or not described:
         raise InputError(
-            f"The law {name} has the arguments {', '.join(arguments)}; they must be speed, load and at most "
-            f"{MOST_PARAMETERS} parameters."
+            f"The law {name} has the arguments {', '.join(arguments)} and describes the parameters "
+            f"{', '.join(own) or 'none'}; they must be speed, load and at most {MOST_PARAMETERS} parameters, each "
+            f"described or one of {', '.join(SHARED)}."
         )
-    takes = tuple(arguments[2:])
-    for one in takes:
-        if one not in own and one not in SHARED:
-            hint = suggest(one, [*own, *SHARED], otherwise="there are")
-            raise InputError(
-                f"The law {name} has the argument {one}, which is not described by a parameter; {hint}"
-            )
+    others = {one.name: (one, law.name) for law in _LAWS.values() if law.name != name for one in law.own}
     for one in own.values():
-        if one.name in SHARED or one.name not in takes:
-            raise InputError(f"The law {name} does not take {one.name} as a parameter of its own.")
-        for other in _LAWS.values():
-            if (
-                other.name != name
-                and one.name in {two.name: two for two in other.own}
-                and one not in other.own
-            ):
-                raise InputError(
-                    f"The law {other.name} has another parameter {one.name}; give it a name of its own."
-                )
+        other, of_law = others.get(one.name, (one, ""))
+        if other != one:
+            raise InputError(f"The law {of_law} has another parameter {one.name}; give it a name of its own.")
     law = FrictionLaw(
         name=name,
         size=size,

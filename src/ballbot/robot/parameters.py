@@ -1,9 +1,11 @@
-"""Robot parameters, each stated once beside its field of the robot, and the units that files may use.
+"""Robot parameters, each stated once as its field of the robot, and the units that files may use.
 
-    radius: float = field(metadata=parameter("r_b, outer radius", unit="m", most=1.0))
+    @parameter_class
+    class Ball:
+        radius: float = parameter("r_b, outer radius", "m", most=1.0, usual=(0.03, 0.5))
 
-Robot files, checks, `ballbot check` and the documentation all walk along `parameters_of(Robot)`. A parameter is added
-by adding such a field: one with a default may be missing from a file.
+Robot files, checks, bounds of estimates, `ballbot check` and the documentation all walk along `parameters_of(Robot)`. A
+parameter is added by adding such a field: one with a default may be missing from a file.
 
 Units. 39.3 cm must be the same float as 0.393 m, so that powers of ten shift the decimal point of what is written; a
 float's product or quotient would be off by a rounding.
@@ -13,11 +15,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from decimal import Decimal
 from functools import cache
 from operator import attrgetter
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, dataclass_transform, get_args, get_origin, get_type_hints
 
 from ballbot.errors import InputError, either
 
@@ -47,7 +49,6 @@ class Parameter:
     #: least and greatest value of robots of 5 to 50 kg, SI units: within them an estimate is sought, and a value beyond
     #: them is unusual; infinite where no such range is stated
     usual: tuple[float, float]
-    written: Literal["always", "if changed"]  #: whether a file is written without a value that is the default
     name: str = ""  #: dotted, as in a file: "ball.radius"
     field: str = ""  #: dotted, as in the dataclass; differs from the name for the parts of an inertia
     place: int | str | None = None  #: of the part within such a field, or its name
@@ -70,21 +71,17 @@ class Parameter:
         return self.name.rpartition(".")[2]
 
 
-def parameter(
-    meaning: str,  # symbol and meaning, as a robot file and the documentation show them
+def stated(
+    meaning: str,
+    unit: str = DIMENSIONLESS,
     *,
-    unit: str = DIMENSIONLESS,  # SI unit that the field holds; one of `UNITS`
-    written_in: str | None = None,  # unit that files are written in; the SI unit if not given
-    # smallest allowed value; -inf if it may be negative. If not given, the value must be above zero.
-    least: float | None = None,
-    most: float = math.inf,  # largest magnitude of any ball-balancing robot [SI units]
-    # least and greatest value of robots of 5 to 50 kg [SI units]: the bounds of an estimate
+    written_in: str | None = None,  # `unit` by default
+    least: float | None = None,  # -inf if it may be negative; above zero if not given
+    most: float = math.inf,
     usual: tuple[float, float] = (-math.inf, math.inf),
-    # whether files are written without a value that is the field's default and has no source of its own
-    written: Literal["always", "if changed"] = "always",
-) -> Mapping[str, object]:
-    """Return the metadata of a field that is a robot parameter."""
-    stated = Parameter(
+) -> Parameter:
+    """Return a parameter without its place in a file; see `Parameter`."""
+    return Parameter(
         meaning=meaning,
         unit=unit,
         written_in=written_in or unit,
@@ -92,23 +89,45 @@ def parameter(
         least_is_allowed=least is not None,
         most=most,
         usual=usual,
-        written=written,
     )
-    return {"parameter": stated}
 
 
-def components(heading: str, parts: Mapping[str, Mapping[str, object]]) -> Mapping[str, object]:
-    """Return the metadata of a tuple whose numbers are parameters with names of their own, in a table of their own."""
-    return {"heading": heading, "components": parts}
+def parameter(
+    meaning: str,
+    unit: str = DIMENSIONLESS,
+    *,
+    default: object = MISSING,
+    written_in: str | None = None,
+    least: float | None = None,
+    most: float = math.inf,
+    usual: tuple[float, float] = (-math.inf, math.inf),
+) -> Any:  # as `dataclasses.field`
+    """Return a field that is a parameter; the arguments are those of `stated`, and the field's default."""
+    one = stated(meaning, unit, written_in=written_in, least=least, most=most, usual=usual)
+    return field(default=default, metadata={"parameter": one})
+
+
+def components(heading: str, parts: Mapping[str, Parameter]) -> Any:  # as `dataclasses.field`
+    """Return a field that is a tuple whose numbers are parameters with names of their own, in a table of their own."""
+    return field(metadata={"heading": heading, "components": parts})
 
 
 def table(
     heading: str,
     *,
+    default: object = MISSING,
     example: object = None,  # what a file shows commented out if the table is off
-) -> Mapping[str, object]:
-    """Return the metadata of a field that is a table of a file; the heading stands above it as a comment."""
-    return {"heading": heading, "example": example}
+) -> Any:  # as `dataclasses.field`
+    """Return a field that is a table of a file; the heading stands above it as a comment."""
+    return field(default=default, metadata={"heading": heading, "example": example})
+
+
+@dataclass_transform(
+    kw_only_default=True, frozen_default=True, field_specifiers=(parameter, components, table, field)
+)
+def parameter_class(kind: type[T]) -> type[T]:
+    """Make a class of parameters a frozen dataclass with keyword arguments."""
+    return dataclass(frozen=True, kw_only=True)(kind)
 
 
 @cache
@@ -168,19 +187,19 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _walk(kind: type, place: str = "") -> Iterator[tuple[str, Field[object], Any]]:
-    """Yield dotted name, field and type of each field of a dataclass and of the dataclasses in it."""
+    """Yield dotted name, field and type of each field of a dataclass and of its tables."""
     for one in _fields(kind):
         name, hint = f"{place}{one.name}", _hints(kind)[one.name]
         yield name, one, hint
-        if below := _table_of(hint):
+        if "heading" in one.metadata and (below := _table_of(hint)):
             yield from _walk(below, f"{name}.")
 
 
 def _parameters(kind: type) -> Iterator[Parameter]:
     for name, one, hint in _walk(kind):
         if "components" in one.metadata:
-            for index, (key, metadata) in enumerate(one.metadata["components"].items()):
-                yield replace(metadata["parameter"], name=f"{name}.{key}", field=name, place=index)
+            for index, (key, part) in enumerate(one.metadata["components"].items()):
+                yield replace(part, name=f"{name}.{key}", field=name, place=index)
         elif "parameter" in one.metadata:
             default = None if one.default is MISSING else one.default
             stated = one.metadata["parameter"]
@@ -203,44 +222,28 @@ def _table_of(hint: object) -> type | None:
     return found[0] if len(found) == 1 else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Scale:
-    """A unit in SI: 10^exponent times factor."""
+_DEGREE, _TURN_A_MINUTE = math.pi / 180.0, math.pi / 30.0
 
-    exponent: int = 0
-    factor: float = 1.0
-
-
-_ONE = Scale()
-_CENTI, _MILLI = Scale(exponent=-2), Scale(exponent=-3)
-_DEGREE = Scale(factor=math.pi / 180.0)
-_TURN_A_MINUTE = Scale(factor=math.pi / 30.0)
-
-#: for each SI unit, the units that are understood in its place
-UNITS: Mapping[str, Mapping[str, Scale]] = {
-    DIMENSIONLESS: {DIMENSIONLESS: _ONE},
-    "m": {"m": _ONE, "cm": _CENTI, "mm": _MILLI},
-    "kg": {"kg": _ONE, "g": _MILLI},
-    "kg m^2": {
-        "kg m^2": _ONE,
-        "kg cm^2": Scale(exponent=-4),
-        "g m^2": _MILLI,
-        "g cm^2": Scale(exponent=-7),
-    },
-    "rad": {"rad": _ONE, "deg": _DEGREE},
+#: for each SI unit, units understood in its place: one of them is 10^exponent times factor in SI, (exponent, factor)
+UNITS: Mapping[str, Mapping[str, tuple[int, float]]] = {
+    DIMENSIONLESS: {DIMENSIONLESS: (0, 1.0)},
+    "m": {"m": (0, 1.0), "cm": (-2, 1.0), "mm": (-3, 1.0)},
+    "kg": {"kg": (0, 1.0), "g": (-3, 1.0)},
+    "kg m^2": {"kg m^2": (0, 1.0), "kg cm^2": (-4, 1.0), "g m^2": (-3, 1.0), "g cm^2": (-7, 1.0)},
+    "rad": {"rad": (0, 1.0), "deg": (0, _DEGREE)},
     "rad/s": {
-        "rad/s": _ONE,
-        "deg/s": _DEGREE,
-        "deg/min": Scale(factor=math.pi / 10800.0),
-        "rpm": _TURN_A_MINUTE,
+        "rad/s": (0, 1.0),
+        "deg/s": (0, _DEGREE),
+        "deg/min": (0, math.pi / 10800.0),
+        "rpm": (0, _TURN_A_MINUTE),
     },
-    "s": {"s": _ONE, "ms": _MILLI},
-    "V": {"V": _ONE, "mV": _MILLI},
-    "N m": {"N m": _ONE, "mN m": _MILLI},
-    "N m/A": {"N m/A": _ONE, "mN m/A": _MILLI},
-    "rad/s/V": {"rad/s/V": _ONE, "rpm/V": _TURN_A_MINUTE},
-    "N m s/rad": {"N m s/rad": _ONE, "mN m s/rad": _MILLI},
-    "m/s^2": {"m/s^2": _ONE},
+    "s": {"s": (0, 1.0), "ms": (-3, 1.0)},
+    "V": {"V": (0, 1.0), "mV": (-3, 1.0)},
+    "N m": {"N m": (0, 1.0), "mN m": (-3, 1.0)},
+    "N m/A": {"N m/A": (0, 1.0), "mN m/A": (-3, 1.0)},
+    "rad/s/V": {"rad/s/V": (0, 1.0), "rpm/V": (0, _TURN_A_MINUTE)},
+    "N m s/rad": {"N m s/rad": (0, 1.0), "mN m s/rad": (-3, 1.0)},
+    "m/s^2": {"m/s^2": (0, 1.0)},
 }
 
 
@@ -249,8 +252,8 @@ def to_si(value: float, unit: str, si_unit: str) -> float:
 
     InputError if `unit` is not one that `si_unit` can be written in.
     """
-    scale = _scale(unit, si_unit)
-    return _shifted(value, scale.exponent) * scale.factor
+    exponent, factor = _scale(unit, si_unit)
+    return _shifted(value, exponent) * factor
 
 
 def from_si(value: float, unit: str, si_unit: str) -> float | None:
@@ -258,8 +261,8 @@ def from_si(value: float, unit: str, si_unit: str) -> float | None:
 
     A file can then say 45 deg and still give back the very float that it was written from.
     """
-    scale = _scale(unit, si_unit)
-    raw = _shifted(value / scale.factor, -scale.exponent)
+    exponent, factor = _scale(unit, si_unit)
+    raw = _shifted(value / factor, -exponent)
     for digits in range(1, 18):
         candidate = float(f"{raw:.{digits}g}")
         if to_si(candidate, unit, si_unit) == value:
@@ -272,8 +275,8 @@ def _shifted(value: float, exponent: int) -> float:
     return float(Decimal(repr(float(value))).scaleb(exponent)) if exponent else value
 
 
-def _scale(unit: str, si_unit: str) -> Scale:
-    known = UNITS.get(si_unit, {si_unit: _ONE})
+def _scale(unit: str, si_unit: str) -> tuple[int, float]:
+    known = UNITS.get(si_unit, {si_unit: (0, 1.0)})
     spelled = unit.replace("²", "^2").replace("·", " ").replace("°", "deg").strip()
     if spelled not in known:
         quoted = either(f'"{one}"' for one in known)

@@ -1,8 +1,9 @@
 """Whether a robot's numbers go together: sizes, masses, inertias, motors and rates against one another.
 
-`ballbot.robot.checks` refuses impossible robots. The table `_CHECKS` finds possible but improbable ones, each a
-finding: an error where a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is
-unusual. The ranges are wide: the presets, published robots of 0.6 to 52 kg, lie well within them.
+`ballbot.robot.checks` refuses impossible robots. `robot_findings` finds improbable ones, each a finding: an
+error where a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is unusual. The
+ranges are wide: the presets, published robots of 0.6 to 52 kg, lie well within them. A single value is held against the
+usual values of its parameter.
 
 A slip of units is searched for among the parameters of each error: one parameter that, had it been meant in another
 unit, explains the findings on a robot.
@@ -12,8 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from operator import attrgetter
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,268 +24,144 @@ from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Value, numbers_of, to
 from ballbot.robot.robot import Robot, with_values
 
 Range = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class _Check:
-    """What a number that follows from a robot's parameters is on robots."""
-
-    code: str  #: of its findings
-    names: str  #: of the parameters that the sentence shows, with blanks between
-    usual: Range
-    possible: Range  #: a value beyond is an error
-    meaning: str = ""  #: the number in words, {} for itself; empty if it is the parameter's own
-
+#: what a number that follows from parameters is on robots: the table and the names of the parameters, its value, its
+#: usual range, the range beyond which it is an error, and the number in words, {} for itself
+Relation = tuple[str, str, float, Range, Range, str]
 
 _ANY = (-math.inf, math.inf)
-_CHECKS = {
-    # from the equator to the poles with a margin; from the Moon to Jupiter
-    "gravity": _Check("robot-gravity", "gravity", (9.7, 9.9), (1.5, 26.0)),
-    # a basketball has 84 kg/m^3, a bowling ball 1300; an inflated film and solid steel are possible
-    "density": _Check(
-        "robot-ball", "ball.radius ball.mass", (30.0, 2500.0), (5.0, 9000.0), "a mean density of {} kg/m^3"
-    ),
-    "ball.radius": _Check("robot-ball", "ball.radius", (0.03, 0.5), (0.01, 1.0)),
-    "body_over_ball": _Check(
-        "robot-ball", "ball.mass body.mass", (0.7, 100.0), (0.1, 1000.0), "the body weighs {} times the ball"
-    ),
-    "height": _Check(
-        "robot-body",
-        "body.center_of_mass ball.radius",
-        (1.2, 10.0),
-        (1.0, 25.0),
-        "{} ball radii above its centre",
-    ),
-    # a body of rods and plates rocks about its centre of mass like a mass at this fraction of l from it
-    **{
-        f"gyration_{axis}": _Check(
-            "robot-body",
-            f"body.mass body.center_of_mass body.inertia.{axis}",
-            (0.15, 1.2),
-            (0.04, 2.5),
-            "the radius of gyration about the centre of mass is {} times that height",
-        )
-        for axis in ("xx", "yy")
-    },
-    "gyration_zz": _Check(
-        "robot-body",
-        "body.inertia.zz body.mass ball.radius",
-        (0.2, 4.0),
-        (0.05, 12.0),
-        "the body's mass lies {} ball radii from its vertical axis",
-    ),
-    "inequality": _Check(
-        "robot-body",
-        "body.inertia.xx body.inertia.yy",
-        (1.0, 3.0),
-        (1.0, 40.0),
-        "about the centre of mass they differ {} times; check that xx, yy and zz are in their order",
-    ),
-    "wheel_over_ball": _Check(
-        "robot-wheels",
-        "wheels.radius ball.radius",
-        (0.15, 0.9),
-        (0.03, 1.5),
-        "a wheel has {} times the ball's radius",
-    ),
-    "tilt": _Check(
-        "robot-wheels", "wheels.tilt", (25.0, 65.0), (10.0, 80.0), "{} deg from the ball's zenith"
-    ),
-    "crowding": _Check(
-        "robot-wheels",
-        "wheels.radius wheels.tilt wheels.azimuths ball.radius",
-        (0.0, 1.0),
-        (0.0, 1.0),
-        "neighbouring wheels cut into each other, with {} times the radius at which they touch",
-    ),
-    "roller": _Check(
-        "robot-wheels",
-        "wheels.rollers.radius wheels.radius",
-        (0.0, 0.35),
-        (0.0, 0.525),
-        "{} of the wheel's radius",
-    ),
-    "spacing": _Check(
-        "robot-wheels",
-        "wheels.rollers.row_spacing wheels.radius",
-        (0.0, 1.0),
-        (0.0, 1.5),
-        "{} of the wheel's radius",
-    ),
-    "wheels.rollers.per_row": _Check("robot-wheels", "wheels.rollers.per_row", (4.0, 60.0), (3.0, 1000.0)),
-    "rims": _Check(
-        "robot-wheels",
-        "wheels.inertia wheels.radius body.mass",
-        (1e-4, 1.0),
-        (0.0, 2.0),
-        "even with all their mass at the rim, the wheels would weigh {} times the body with its wheels",
-    ),
-    "drive.gear_ratio": _Check(
-        "robot-drive", "drive.gear_ratio", (1.0, 200.0), (0.8, 600.0), "{} motor turns for a wheel turn"
-    ),
-    "rotor": _Check(
-        "robot-drive",
-        "drive.gear_ratio drive.motor_inertia drive.gear_inertia wheels.inertia",
-        (0.0, 0.5),
-        (0.0, 3.0),
-        "on the ball, a rotor and its wheel have {} times the body's inertia",
-    ),
-    "rim_speed": _Check(
-        "robot-drive",
-        "drive.supply_voltage drive.speed_constant drive.gear_ratio wheels.radius",
-        (0.2, 25.0),
-        (0.05, 100.0),
-        "the wheels reach {} m/s at their rim",
-    ),
-    "current": _Check(
-        "robot-drive",
-        "drive.torque_limit drive.torque_constant drive.gear_ratio",
-        (0.2, 120.0),
-        (0.02, 600.0),
-        "takes {} A",
-    ),
-    "drive.supply_voltage": _Check("robot-drive", "drive.supply_voltage", (3.0, 120.0), (0.5, 800.0)),
-    "play": _Check("robot-drive", "drive.backlash", (0.0, 5.0), _ANY, "{} deg at the wheel"),
-    "lean": _Check(
-        "robot-balance",
-        "drive.torque_limit body.mass body.center_of_mass",
-        (2.0, 90.0),
-        (0.5, 90.0),
-        "holds a lean of {} deg",
-    ),
-    "fall": _Check(
-        "robot-balance",
-        "sensors.sample_time",
-        (0.0, 0.15),
-        (0.0, 0.5),
-        "{} of the time in which the body falls e-fold",
-    ),
-    "sensors.sample_time": _Check("robot-sensors", "sensors.sample_time", (2e-4, 1.0), (2e-5, 1.0)),
-    # of poor sensors; more was meant in degrees
-    "sensors.gyro_noise": _Check(
-        "robot-sensors", "sensors.gyro_noise", (0.0, 0.1), _ANY, "was it meant in deg/s?"
-    ),
-    "sensors.attitude_noise": _Check(
-        "robot-sensors", "sensors.attitude_noise", (0.0, 0.03), _ANY, "was it meant in degrees?"
-    ),
-    "sensors.heading_drift": _Check(
-        "robot-sensors", "sensors.heading_drift", (-0.1, 0.1), _ANY, "was it meant in deg/s?"
-    ),
-    "dry_friction": _Check(
-        "robot-friction",
-        "friction.coulomb friction.stribeck drive.torque_limit",
-        (0.0, 0.5),
-        (0.0, 0.999),
-        "a wheel's dry friction c + s takes {} of the motor's largest torque",
-    ),
-    "viscous_speed": _Check(
-        "robot-friction",
-        "friction.viscous drive.torque_limit",
-        (0.3, math.inf),
-        (0.03, math.inf),
-        "against viscous friction alone a wheel's rim reaches {} m/s",
-    ),
-    "friction.rolling": _Check(
-        "robot-friction",
-        "friction.rolling",
-        BY_NAME["friction.rolling"].usual,
-        (0.0, 0.6),
-        "it brakes as a floor that rises by {} in 1",
-    ),
-    **{
-        name: _Check("robot-friction", name, BY_NAME[name].usual, (1e-9, math.inf))
-        for name in ("friction.stribeck_speed", "friction.stribeck_exponent")
-    },
-}
+#: a single value this many times beyond the usual ones is an error; friction may be, after a poor identification
+_FAR = 10.0
 
 
-def _of_body(robot: Robot) -> dict[str, float]:
-    """Return the numbers of `_CHECKS` that follow from ball and body."""
+def _of_body(robot: Robot) -> Iterator[Relation]:
     ball, body = robot.ball, robot.body
+    r_b, height = ball.radius, body.center_of_mass
     moments = np.diag(body.inertia_about_center_of_mass())
     xx, yy, zz = (math.sqrt(max(float(moment), 0.0) / body.mass) for moment in moments)
-    inertia = float(np.diag(body.inertia_about_ball_center())[:2].max())
-    weight = body.mass * robot.gravity * body.center_of_mass
-    # (r_b / r_w) cos(tilt) sum |cos(beta - direction)| u, at its least over directions
-    directions = np.linspace(0.0, math.pi, 61)[:, None]
-    strongest = np.abs(np.cos(np.array(robot.wheels.azimuths) - directions)).sum(axis=1).min()
-    lever = ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
-    held = float(strongest) * lever * robot.drive.torque_limit
-    return {
-        "density": ball.mass / (4.0 / 3.0 * math.pi * ball.radius**3),
-        "body_over_ball": body.mass / ball.mass,
-        "height": body.center_of_mass / ball.radius,
-        "gyration_xx": xx / body.center_of_mass,
-        "gyration_yy": yy / body.center_of_mass,
-        "gyration_zz": zz / ball.radius,
-        "inequality": float(moments[:2].max() / moments[:2].min()),
-        "lean": math.degrees(math.asin(min(1.0, held / weight))),
-        "fall": robot.sensors.sample_time * math.sqrt(weight / inertia),
-    }
+    # a basketball has 84 kg/m^3, a bowling ball 1300; an inflated film and solid steel are possible
+    density = ball.mass / (4.0 / 3.0 * math.pi * r_b**3)
+    words = "a mean density of {} kg/m^3"
+    yield "ball", "ball.radius ball.mass", density, (30.0, 2500.0), (5.0, 9000.0), words
+    words = "the body weighs {} times the ball"
+    yield "ball", "ball.mass body.mass", body.mass / ball.mass, (0.7, 100.0), (0.1, 1000.0), words
+    words = "{} ball radii above its centre"
+    yield "body", "body.center_of_mass ball.radius", height / r_b, (1.2, 10.0), (1.0, 25.0), words
+    # a body of rods and plates rocks about its centre of mass like a mass at this fraction of l from it
+    words = "the radius of gyration about the centre of mass is {} times that height"
+    for axis, arm in (("xx", xx), ("yy", yy)):
+        names = f"body.mass body.center_of_mass body.inertia.{axis}"
+        yield "body", names, arm / height, (0.15, 1.2), (0.04, 2.5), words
+    words = "the body's mass lies {} ball radii from its vertical axis"
+    yield "body", "body.inertia.zz body.mass ball.radius", zz / r_b, (0.2, 4.0), (0.05, 12.0), words
+    ratio = float(moments[:2].max() / moments[:2].min())
+    words = "about the centre of mass they differ {} times; check that xx, yy and zz are in their order"
+    yield "body", "body.inertia.xx body.inertia.yy", ratio, (1.0, 3.0), (1.0, 40.0), words
 
 
-def _of_wheels(robot: Robot) -> dict[str, float]:
-    """Return those that follow from the wheels and their places."""
-    wheels, ball = robot.wheels, robot.ball
+def _of_wheels(robot: Robot) -> Iterator[Relation]:
+    wheels, r_b, r_w = robot.wheels, robot.ball.radius, robot.wheels.radius
+    words = "a wheel has {} times the ball's radius"
+    yield "wheels", "wheels.radius ball.radius", r_w / r_b, (0.15, 0.9), (0.03, 1.5), words
+    words = "{} deg from the ball's zenith"
+    yield "wheels", "wheels.tilt", math.degrees(wheels.tilt), (25.0, 65.0), (10.0, 80.0), words
     azimuths = np.sort(np.mod(wheels.azimuths, 2.0 * math.pi))
     gap = float(np.diff(np.append(azimuths, azimuths[0] + 2.0 * math.pi)).min())
-    room = (ball.radius + wheels.radius) * math.sin(wheels.tilt) * math.tan(0.5 * min(gap, 3.0))
-    return {
-        "wheel_over_ball": wheels.radius / ball.radius,
-        "tilt": math.degrees(wheels.tilt),
-        "crowding": wheels.radius / room,
-        "roller": wheels.rollers.radius / wheels.radius,
-        "spacing": wheels.rollers.row_spacing / wheels.radius,
-        # without inertia, wheels are light
-        "rims": robot.wheel_count * wheels.inertia / wheels.radius**2 / robot.body.mass or math.nan,
-    }
+    room = (r_b + r_w) * math.sin(wheels.tilt) * math.tan(0.5 * min(gap, 3.0))
+    names = "wheels.radius wheels.tilt wheels.azimuths ball.radius"
+    words = "neighbouring wheels cut into each other, with {} times the radius at which they touch"
+    yield "wheels", names, r_w / room, (0.0, 1.0), (0.0, 1.0), words
+    words = "{} of the wheel's radius"
+    for name, size, most in (
+        ("radius", wheels.rollers.radius, 0.35),
+        ("row_spacing", wheels.rollers.row_spacing, 1.0),
+    ):
+        yield (
+            "wheels",
+            f"wheels.rollers.{name} wheels.radius",
+            size / r_w,
+            (0.0, most),
+            (0.0, 1.5 * most),
+            words,
+        )
+    rims = (
+        robot.wheel_count * wheels.inertia / r_w**2 / robot.body.mass or math.nan
+    )  # without inertia, wheels are light
+    words = "even with all their mass at the rim, the wheels would weigh {} times the body with its wheels"
+    yield "wheels", "wheels.inertia wheels.radius body.mass", rims, (1e-4, 1.0), (0.0, 2.0), words
 
 
-def _of_drive(robot: Robot) -> dict[str, float]:
-    """Return those that follow from motors, sensors and friction."""
-    drive, wheels, friction = robot.drive, robot.wheels, robot.friction
-    on_ball = (drive.reflected_inertia + wheels.inertia) * (robot.ball.radius / wheels.radius) ** 2
-    return {
-        "rotor": on_ball / float(np.diag(robot.body.inertia_about_ball_center())[:2].min()),
-        "rim_speed": drive.top_speed * wheels.radius,
-        "current": drive.torque_limit / (drive.gear_ratio * drive.torque_constant),
-        "play": math.degrees(drive.backlash),
-        "dry_friction": max(friction.breakaway) / drive.torque_limit,
-        "viscous_speed": drive.torque_limit / max(max(friction.viscous), 1e-300) * wheels.radius,
-    }
+def _of_drive(robot: Robot) -> Iterator[Relation]:
+    body, wheels, drive, friction = robot.body, robot.wheels, robot.drive, robot.friction
+    r_b, r_w = robot.ball.radius, robot.wheels.radius
+    about_ball = np.diag(body.inertia_about_ball_center())[:2]
+    weight = body.mass * robot.gravity * body.center_of_mass
+    rotor = (drive.reflected_inertia + wheels.inertia) * (r_b / r_w) ** 2 / float(about_ball.min())
+    names = "drive.gear_ratio drive.motor_inertia drive.gear_inertia wheels.inertia"
+    words = "on the ball, a rotor and its wheel have {} times the body's inertia"
+    yield "drive", names, rotor, (0.0, 0.5), (0.0, 3.0), words
+    names = "drive.supply_voltage drive.speed_constant drive.gear_ratio wheels.radius"
+    words = "the wheels reach {} m/s at their rim"
+    yield "drive", names, drive.top_speed * r_w, (0.2, 25.0), (0.05, 100.0), words
+    current = drive.torque_limit / (drive.gear_ratio * drive.torque_constant)
+    names = "drive.torque_limit drive.torque_constant drive.gear_ratio"
+    yield "drive", names, current, (0.2, 120.0), (0.02, 600.0), "takes {} A"
+    yield "drive", "drive.backlash", math.degrees(drive.backlash), (0.0, 5.0), _ANY, "{} deg at the wheel"
+
+    # (r_b / r_w) cos(tilt) sum |cos(beta - direction)| u, at its least over directions
+    directions = np.linspace(0.0, math.pi, 61)[:, None]
+    strongest = np.abs(np.cos(np.array(wheels.azimuths) - directions)).sum(axis=1).min()
+    held = float(strongest) * r_b / r_w * math.cos(wheels.tilt) * drive.torque_limit
+    lean = math.degrees(math.asin(min(1.0, held / weight)))
+    names = "drive.torque_limit body.mass body.center_of_mass"
+    yield "balance", names, lean, (2.0, 90.0), (0.5, 90.0), "holds a lean of {} deg"
+    fall = robot.sensors.sample_time * math.sqrt(weight / float(about_ball.max()))
+    words = "{} of the time in which the body falls e-fold"
+    yield "balance", "sensors.sample_time", fall, (0.0, 0.15), (0.0, 0.5), words
+
+    dry = max(friction.breakaway) / drive.torque_limit
+    names = "friction.coulomb friction.stribeck drive.torque_limit"
+    words = "a wheel's dry friction c + s takes {} of the motor's largest torque"
+    yield "friction", names, dry, (0.0, 0.5), (0.0, 0.999), words
+    rim = drive.torque_limit / max(max(friction.viscous), 1e-300) * r_w
+    words = "against viscous friction alone a wheel's rim reaches {} m/s"
+    yield "friction", "friction.viscous drive.torque_limit", rim, (0.3, math.inf), (0.03, math.inf), words
+
+
+def _single(robot: Robot) -> Iterator[Relation]:
+    """Yield each number that has usual values."""
+    for one in PARAMETERS:
+        value, (low, high), table = value_of(robot, one), one.usual, one.table.partition(".")[0]
+        if isinstance(value, tuple) or math.isinf(low):
+            continue
+        if one.key.startswith("stribeck_") and not any(robot.friction.stribeck):
+            continue  # the speed and the exponent of a term that no wheel has
+        possible = _ANY if table == "friction" else (low / _FAR if low > 0.0 else -math.inf, _FAR * high)
+        slip = f"was it meant in {one.written_in}?" if value > high and one.written_in != one.unit else ""
+        yield table or one.name, one.name, value, one.usual, possible, slip
 
 
 def _of_table(robot: Robot) -> Iterator[Finding]:
     """Yield a finding for each number that is beyond what robots have."""
-    own = {name: attrgetter(name)(robot) for name in _CHECKS if name in BY_NAME}
-    if not any(robot.friction.stribeck):  # the speed and the exponent of a term that no wheel has
-        own |= {"friction.stribeck_speed": math.nan, "friction.stribeck_exponent": math.nan}
-    numbers = own | _of_body(robot) | _of_wheels(robot) | _of_drive(robot)
-    for key, check in _CHECKS.items():
-        value, (least, most), names = numbers[key], check.usual, check.names.split()
+    for code, columns, value, (least, most), possible, meaning in (
+        *_single(robot),
+        *_of_body(robot),
+        *_of_wheels(robot),
+        *_of_drive(robot),
+    ):
         if math.isnan(value) or least <= value <= most:
             continue
+        names = columns.split()
         said = every(f"{name} {_with_unit(name, value_of(robot, BY_NAME[name]))}" for name in names)
-        meaning = f": {check.meaning.format(f'{value:.3g}')}" if check.meaning else ""
+        words = f": {meaning.format(f'{value:.3g}')}" if meaning else ""
         usual = f"{least:g} to {most:g}" if math.isfinite(most) else f"{least:g} or more"
-        found = warning if check.possible[0] <= value <= check.possible[1] else error
-        yield found(check.code, f"{said}{meaning} (usual: {usual}).", *names)
+        found = warning if possible[0] <= value <= possible[1] else error
+        yield found(f"robot-{code}", f"{said}{words} (usual: {usual}).", *names)
 
 
 def robot_findings(robot: Robot, *, file: str = "") -> tuple[Finding, ...]:
-    """Return the unusual and impossible values of a robot as findings, errors first.
+    """Return the unusual and impossible values of a robot, which `checks` has passed, as findings, errors first.
 
-    Parameters
-    ----------
-    robot : Robot
-        One that `ballbot.robot.checks` has passed.
-    file : str
-        The place of the findings, for messages that are about files as well.
-
-    Returns
-    -------
-    tuple of Finding
-        The place's columns name the parameters.
+    Their place is `file`, for messages that are about files as well, and its columns name the parameters.
     """
     findings = _findings(robot)
     errors = [one for one in findings if one.severity == "error"]

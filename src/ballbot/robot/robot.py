@@ -267,10 +267,7 @@ RobotLike = Robot | str | Path
 def as_robot(source: RobotLike) -> Robot:
     """Return the robot itself, the preset of that name, or the robot in that file.
 
-    Raises
-    ------
-    InputError
-        If it is none of these.
+    InputError if it is none of these.
     """
     return source if isinstance(source, Robot) else Robot.load(source)
 
@@ -303,10 +300,7 @@ def _shaped(robot: Robot, name: str, value: Value | str) -> Value:
 def with_values(robot: Robot, changes: Mapping[str, Value]) -> Robot:
     """Return the robot with other values of some parameters, by dotted name; without its standard deviations.
 
-    Raises
-    ------
-    InputError
-        If that is not a robot.
+    InputError if that is not a robot.
     """
     values = {one.name: value_of(robot, one) for one in PARAMETERS} | dict(changes)
     own = {name: values.pop(f"friction.own.{name}", value) for name, value in robot.friction.own}

@@ -48,10 +48,7 @@ T = TypeVar("T")
 class Verdict:
     """When a lane's outcome counts as known, so that it need not be run on.
 
-    Raises
-    ------
-    InputError
-        If the bounds are not rows of ten numbers, or a limit is not above zero.
+    InputError if the bounds are not rows of ten numbers, or a limit is not above zero.
     """
 
     #: rows c (m, 10): settled where |c e| <= 1 for each, e = S(psi) (r - x) the error in the heading frame;

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
-from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.simulation.model_plant import FALLEN, LIFTED
+from ballbot.simulation.model_plant import LIFTED, fallen_words
 from ballbot.summary import Summary, counted, range_words, summarized
 
 #: the reference's columns in a log, and their places in the state
@@ -72,10 +71,7 @@ class ClosedLoopBatch:
     def log(self, lane: int) -> Log:
         """Return a lane's run as `simulate` gives it, but for columns of an accelerometer.
 
-        Raises
-        ------
-        InputError
-            If not every sample was recorded, or there is no such lane.
+        InputError if not every sample was recorded, or there is no such lane.
         """
         lanes, records, n = self.torques.shape
         if records != len(self.references):
@@ -110,7 +106,7 @@ class ClosedLoopBatch:
         elif self.lifted[lane]:
             why = LIFTED
         else:
-            why = FALLEN if limit == LARGEST_LEAN else f"fallen: lean past {limit:g} rad"
+            why = fallen_words(limit)
         return f"{why} at t = {self.ended[lane]:.3f} s"
 
     def summary(self) -> Summary:

@@ -21,19 +21,7 @@ from ballbot.robot import Robot
 
 @compiled
 def run_driveline(law, inertia, speed, torques, sample_time, steps, out):
-    """Turn one driveline; `out` (2, samples) takes speed and angle.
-
-    Parameters
-    ----------
-    law, inertia : named tuple
-    speed : float
-        At the start [rad/s].
-    torques : ndarray (samples,)
-    sample_time : float
-    steps : int
-        Inner steps a sample.
-    out : ndarray (2, samples)
-    """
+    """Turn one driveline from a speed [rad/s] by torques (samples,); `out` (2, samples) takes speed and angle."""
     h, angle = sample_time / steps, 0.0
     for sample in range(len(torques)):
         for _ in range(steps):
@@ -54,38 +42,20 @@ class TorqueSpeedCurve:
     no_load_speed: float  #: w_0 [rad/s]
     stall_torque: float  #: T_stall [N m] at full supply, whatever the driver's own limit
 
-    def __post_init__(self) -> None:
-        for name, value in (("no-load speed", self.no_load_speed), ("stall torque", self.stall_torque)):
-            if not 0.0 < value < np.inf:
-                raise InputError(f"The torque-speed curve's {name} is {value:g}; it must be above zero.")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Driveline:
-    """Motor, gearbox and wheel, free to turn.
-
-    Raises
-    ------
-    InputError
-        If the inertia is not above zero.
-    """
+    """Motor, gearbox and wheel, free to turn."""
 
     inertia: float  #: j_w + j_r [kg m^2]
     friction: Classical
     speed_limit: TorqueSpeedCurve | None = None
 
-    def __post_init__(self) -> None:
-        if not 0.0 < self.inertia < np.inf:
-            raise InputError(f"The driveline's inertia is {self.inertia:g} kg m^2; it must be above zero.")
-
     @staticmethod
     def of_wheel(robot: Robot, wheel: int, *, speed_limit: TorqueSpeedCurve | None = None) -> Driveline:
         """Return the driveline of a robot's wheel (0 for the first) with the robot's friction.
 
-        Raises
-        ------
-        InputError
-            If the robot has no such wheel.
+        InputError if the robot has no such wheel.
         """
         if not 0 <= wheel < robot.wheel_count:
             raise InputError(
@@ -131,32 +101,14 @@ class DrivelineMotion:
 
 
 def simulate_driveline(
-    line: Driveline,
-    torques: ArrayLike,
-    *,
-    sample_time: float,
-    step: float = 1e-3,
-    initial_speed: float = 0.0,
+    line: Driveline, torques: ArrayLike, *, sample_time: float, step: float = 1e-3, initial_speed: float = 0.0
 ) -> DrivelineMotion:
-    """Turn a driveline by torques held over each sample.
+    """Turn a driveline by torques u (samples,) [N m] held over each sample [s].
 
-    Parameters
-    ----------
-    line : Driveline
-    torques : array_like (samples,)
-        u [N m].
-    sample_time : float
-        [s]
-    step : float
-        Longest inner step [s]; it is shorter where the driveline's fastest rate asks for that.
-    initial_speed : float
-        [rad/s]
+    An inner step lasts at most `step` [s], and less where the driveline's fastest rate asks for that.
 
-    Raises
-    ------
-    InputError
-        If the torques are no row of finite numbers, a time is not allowed, or the inertia is too small for its
-        friction.
+    InputError if the torques are no row of finite numbers, a time is not allowed, or the inertia is too small for its
+    friction.
     """
     inputs = real_array(torques, ("samples",), "The array of torques")
     speed = real_number(initial_speed, "The initial speed")

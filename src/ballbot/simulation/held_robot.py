@@ -39,17 +39,10 @@ _TILT_TIME, _SHORTEST_TILT = 4.0, 0.5
 
 
 class HeldRobot:
-    """A held robot behind the plant's seam.
+    """A held robot, with its friction, behind the plant's seam.
 
-    Parameters
-    ----------
-    robot : Robot
-        With its friction.
-    sensors : Sensors, optional
-        The sensors' errors; the robot's own by default.
-    hold : {"on_ball", "in_air", "upside_down"}
-    torque_noise : float
-        Standard deviation of each sample's torque [N m].
+    The sensors' errors are the robot's own by default; `torque_noise` is the standard deviation of each sample's torque
+    [N m].
     """
 
     def __init__(
@@ -85,15 +78,7 @@ class HeldRobot:
         return self._t < self._tilt_end
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
-        """Hold the robot still and return the first measurement.
-
-        Parameters
-        ----------
-        initial_state : array_like (10,) or None
-            Its x, y and psi are where the robot is held.
-        seed : int
-            All noise follows from it.
-        """
+        """Hold the robot still at x, y, psi of a state (10,), and return the measurement; the seed is of all noise."""
         given = np.zeros(10) if initial_state is None else real_array(initial_state, (10,), "The state")
         self._place = given[:2].copy()
         self._random = np.random.default_rng([seed, 17])
@@ -108,10 +93,7 @@ class HeldRobot:
     def tilt(self, attitude: ArrayLike) -> None:
         """Let the hand move the body to theta, phi, psi (3,) [rad], from the next sample on.
 
-        Raises
-        ------
-        InputError
-            If the attitude is not three finite numbers.
+        InputError if the attitude is not three finite numbers.
         """
         target = real_array(attitude, (3,), "The attitude")
         self._from, _ = self._hand()

@@ -39,7 +39,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import checked_sample_time, positive_number, real_number, whole_number
 from ballbot.control.records import MAX_WHEELS, fill_record, number, schema_of, whole
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
@@ -48,8 +47,9 @@ from ballbot.mechanics.geometry import contact_directions, rotation_to, transfor
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import pack
 from ballbot.robot import Robot, Rollers, Sensors
+from ballbot.robot.checks import check_parameters
 from ballbot.robot.derived import encoder_step
-from ballbot.robot.parameters import parameter
+from ballbot.robot.parameters import parameter, parameter_class, table
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 
 #: fraction of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
@@ -62,23 +62,19 @@ MAX_DELAY = 1000
 _LONGEST_WINDOW = 10_000
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Push:
     """A force on the body for a limited time, in the world frame; it starts and ends at a sample."""
 
-    time: float = field(metadata=parameter("start of the push", unit="s", least=-math.inf))
-    duration: float = field(metadata=parameter("of the push", unit="s"))
-    force: tuple[float, float, float] = field(
-        metadata=parameter("in the world frame: x, y, z", unit="N", least=-math.inf)
-    )
-    height: float = field(
-        metadata=parameter(
-            "of its point of application above the ball's centre, along the body's axis", unit="m", least=0.0
-        )
+    time: float = parameter("start of the push", "s", least=-math.inf)
+    duration: float = parameter("of the push", "s")
+    force: tuple[float, float, float] = parameter("in the world frame: x, y, z", "N", least=-math.inf)
+    height: float = parameter(
+        "of its point of application above the ball's centre, along the body's axis", "m", least=0.0
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Supply:
     """A battery and the motors' windings: the voltage left after the back-EMF drives the current.
 
@@ -86,8 +82,8 @@ class Supply:
     current I = sum (T w + R i^2) / V_0. Without it the supply sets a fixed speed limit.
     """
 
-    winding_resistance: float = field(metadata=parameter("of a motor", unit="ohm"))
-    internal_resistance: float = field(metadata=parameter("of the battery", unit="ohm", least=0.0))
+    winding_resistance: float = parameter("of a motor", "ohm")
+    internal_resistance: float = parameter("of the battery", "ohm", least=0.0)
 
 
 class DriveLimits:
@@ -135,82 +131,62 @@ class RollerContacts:
     relaxation: float = 0.0  #: time constant of a contact's spring and damper [s]
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Imperfections:
     """A robot's sensors, drive and floor, beyond what its model has; all is off by default but the drive's limits.
 
-    Raises
-    ------
-    InputError
-        If a value is not a number of its kind, or out of its bounds.
+    InputError if a value is not a number of its kind, or out of its bounds.
     """
 
-    #: the sensors as they really are; their sample time is the plant's. None if the controller sees the true state
-    sensors: Sensors | None = None
-    speed_window: int = 1  #: samples over which encoder counts are differenced into a speed
+    #: their sample time is the plant's; None if the controller sees the true state
+    sensors: Sensors | None = table("The sensors as they really are.", default=None)
+    speed_window: int = parameter(
+        "samples over which encoder counts are differenced into a speed", default=1, most=_LONGEST_WINDOW
+    )
     sensor_faults: SensorFaults | None = None
     accelerometer: Accelerometer | None = None
     fix: FixSource | None = None
-    delay: int = 0  #: samples by which torques come later than they were computed
-    jitter: float = 0.0  #: largest deviation of a sampling instant [s]
-    torque_noise: float = 0.0  #: standard deviation of each sample's torque [N m]
-    lag: float = 0.0  #: time constant with which a motor's torque follows its command [s]
-    backlash: float = 0.0  #: gearbox play at the wheel, from stop to stop [rad]
+    delay: int = parameter(
+        "samples by which torques come later than they were computed", default=0, least=0.0, most=MAX_DELAY
+    )
+    jitter: float = parameter("largest deviation of a sampling instant", "s", default=0.0, least=0.0)
+    torque_noise: float = parameter(
+        "standard deviation of each sample's torque", "N m", default=0.0, least=0.0
+    )
+    lag: float = parameter(
+        "time constant with which a motor's torque follows its command", "s", default=0.0, least=0.0
+    )
+    backlash: float = parameter("gearbox play at the wheel, from stop to stop", "rad", default=0.0, least=0.0)
     contacts: RollerContacts | None = None  #: None if each wheel touches in a single point
-    load_dependence: float = 0.0  #: fraction of the dry driveline friction that follows the contact's force
+    load_dependence: float = parameter(
+        "fraction of the dry driveline friction that follows the contact's force",
+        default=0.0,
+        least=0.0,
+        most=1.0,
+    )
     supply: Supply | None = None  #: a battery in place of the fixed limit of the motors' speed
     slope: tuple[float, float] = (0.0, 0.0)  #: rise of the floor along x and along y [-]
     #: mass times distance of the body's centre of mass from its axis, forward and to the left [kg m]
     imbalance: tuple[float, float] = (0.0, 0.0)
     pushes: tuple[Push, ...] = ()
-    #: samples without a measurement, in a row from sample `missing_from` on; the law gives no torque in them
-    missing: int = 0
-    missing_from: int = 0
-    fallen_lean: float = LARGEST_LEAN  #: lean at which a run ends [rad]
+    #: in a row from sample `missing_from` on; the law gives no torque in them
+    missing: int = parameter("samples without a measurement", default=0, least=0.0)
+    missing_from: int = parameter("the first of them", default=0, least=0.0)
+    fallen_lean: float = parameter("lean at which a run ends", "rad", default=LARGEST_LEAN, most=LARGEST_LEAN)
     known: Robot | None = None  #: the robot that the estimator knows; the true one by default
     seed: int = 0  #: all that is random in a batch's lane follows from it
 
     def __post_init__(self) -> None:
-        if self.sensors is not None:
-            _check_sensors(self.sensors)
-        if whole_number(self.speed_window, "speed_window", least=1) > _LONGEST_WINDOW:
-            raise InputError(f"speed_window is {self.speed_window}; it must be at most {_LONGEST_WINDOW}.")
-        for name in ("torque_noise", "backlash", "lag", "jitter"):
-            if not real_number(getattr(self, name), name) >= 0.0:
-                raise InputError(f"{name} is {getattr(self, name):g}; it must be zero or more.")
-        if not positive_number(self.fallen_lean, "fallen_lean") <= LARGEST_LEAN:
-            raise InputError(
-                f"fallen_lean is {self.fallen_lean:g} rad; the model holds up to {LARGEST_LEAN:g} rad."
-            )
-        for name in ("missing", "missing_from"):
-            whole_number(getattr(self, name), name, least=0)
-        if not isinstance(self.delay, int) or self.delay < 0:
-            raise InputError(f"The delay is {self.delay!r} samples; it must be a whole number, zero or more.")
-        if self.delay > MAX_DELAY:
-            raise InputError(
-                f"The delay is {self.delay} samples; it must be at most {MAX_DELAY}, by when any robot has fallen."
-            )
+        check_parameters(self)
         if not np.hypot(*self.slope) <= MAX_SLOPE:
             raise InputError(
                 f"The slope of the floor is {np.hypot(*self.slope):.3g}; it must be at most {MAX_SLOPE:g}."
             )
 
-        if not 0.0 <= real_number(self.load_dependence, "load_dependence") <= 1.0:
-            raise InputError(f"load_dependence is {self.load_dependence:g}; it must be from 0 to 1.")
-
     @property
     def random(self) -> bool:
         """Whether anything in a run depends on its seed besides the sampling instants and the place in the play."""
         return self.sensors is not None or self.torque_noise > 0.0
-
-
-def _check_sensors(sensors: Sensors) -> None:
-    checked_sample_time(sensors.sample_time, "sample_time of the sensors")
-    whole_number(sensors.encoder_counts, "encoder_counts of the sensors", least=1)
-    for name in ("gyro_noise", "attitude_noise"):
-        if not real_number(getattr(sensors, name), f"{name} of the sensors") >= 0.0:
-            raise InputError(f"{name} of the sensors is {getattr(sensors, name):g}; it must be zero or more.")
-    real_number(sensors.heading_drift, "heading_drift of the sensors")
 
 
 def off_axis(robot: Robot, imbalance: tuple[float, float]) -> NDArray[np.float64]:
@@ -313,23 +289,11 @@ LOOP = schema_of(LoopRecord)
 
 
 def loop_record(
-    one: Imperfections,
-    robot: Robot,
-    *,
-    estimator: EstimatorName | None,
-    sample_time: float,
+    one: Imperfections, robot: Robot, *, estimator: EstimatorName | None, sample_time: float
 ) -> NDArray[np.float64]:
-    """Return the row of numbers, the float64 view of a record of `LOOP`; raise InputError for play without rotors.
+    """Return the row of numbers, the float64 view of a record of `LOOP`, of the true robot.
 
-    Parameters
-    ----------
-    one : Imperfections
-    robot : Robot
-        The true one.
-    estimator : {"onboard", "kalman"} or None
-        Where there are sensors; None if they are read elsewhere.
-    sample_time : float
-        Of the controller and the sensors [s].
+    The estimator is where there are sensors; None if they are read elsewhere. InputError for play without rotors.
     """
     drive = robot.drive
     rotor = drive.reflected_inertia
@@ -397,11 +361,7 @@ def _of_contacts(one: Imperfections, robot: Robot) -> dict[str, object]:
 
 
 def _of_sensors(
-    one: Imperfections,
-    sensors: Sensors,
-    robot: Robot,
-    estimator: EstimatorName,
-    sample_time: float,
+    one: Imperfections, sensors: Sensors, robot: Robot, estimator: EstimatorName, sample_time: float
 ) -> dict[str, object]:
     faults, known = one.sensor_faults or SensorFaults(), one.known or robot
     memory = math.exp(-sample_time / faults.lean_error_time)

@@ -27,13 +27,7 @@ from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES, ROWS, load_parameters, put_robot, under_torque
 from ballbot.mechanics.engine.run import load_state, simulate_one, start_lane
-from ballbot.mechanics.engine.smooth import (
-    acceleration,
-    ball_velocity,
-    body_velocity,
-    net_torques,
-    pose,
-)
+from ballbot.mechanics.engine.smooth import acceleration, ball_velocity, body_velocity, net_torques, pose
 from ballbot.mechanics.engine.tracing import greatest, least, traced, where
 from ballbot.mechanics.engine.vector import add, cross, dot, each, from_array, rotate_back, scale
 from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles
@@ -161,6 +155,11 @@ FALLEN = f"fallen: lean past {LARGEST_LEAN:g} rad"
 LIFTED = "lifted: the floor would have to pull"
 
 
+def fallen_words(limit: float) -> str:
+    """Return why a run ends past a lean [rad]."""
+    return FALLEN if limit == LARGEST_LEAN else f"fallen: lean past {limit:g} rad"
+
+
 class ModelPlant:
     """A `Model` behind the plant's seam. Its measurements are the true state.
 
@@ -188,10 +187,7 @@ class ModelPlant:
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:  # noqa: ARG002
         """Start at t = 0 from a state (10,), or upright at rest at the origin; nothing here is random.
 
-        Raises
-        ------
-        InputError
-            If the state is not ten finite numbers with a lean of at most 1.2 rad.
+        InputError if the state is not ten finite numbers with a lean of at most 1.2 rad.
         """
         self._state = np.zeros(5 + self.model.velocity_count)
         if initial_state is not None:
@@ -204,10 +200,7 @@ class ModelPlant:
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
         """Hold the torques (n,) [N m] for a duration [s] and return the measurement at its end.
 
-        Raises
-        ------
-        InputError
-            If they are not n finite numbers, or the duration is not above zero.
+        InputError if they are not n finite numbers, or the duration is not above zero.
         """
         torques = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
@@ -232,19 +225,10 @@ class ModelPlant:
         return self._measure(None)
 
     def push(self, impulse: ArrayLike) -> None:
-        """Change the velocities at once by an impulse of a force from outside: M(q) dq_dot = p.
+        """Change the velocities at once by an impulse p (5,) of x, y [N s], theta, phi, psi [N m s]: M(q) dq_dot = p.
 
-        A force that lasts is an impulse before each sample, exact to first order in the sample time.
-
-        Parameters
-        ----------
-        impulse : array_like (5,)
-            p, of x, y [N s], theta, phi and psi [N m s].
-
-        Raises
-        ------
-        InputError
-            If it is not five finite numbers.
+        A force that lasts is an impulse before each sample, exact to first order in the sample time. InputError if it
+        is not five finite numbers.
         """
         p = real_array(impulse, (5,), "The impulse")
         padded = np.concatenate((p, np.zeros(self.model.velocity_count - 5)))
@@ -270,10 +254,7 @@ class ModelPlant:
 def checked_states(states: ArrayLike) -> NDArray[np.float64]:
     """Return a copy of initial states (10,) or (lanes, 10) as rows (lanes, 10).
 
-    Raises
-    ------
-    InputError
-        If they are not rows of ten finite numbers with a lean of at most 1.2 rad.
+    InputError if they are not rows of ten finite numbers with a lean of at most 1.2 rad.
     """
     given = real_array(states, ("...", 10), "The initial state")
     if given.ndim > 2 or given.size == 0:

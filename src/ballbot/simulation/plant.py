@@ -46,14 +46,9 @@ class Plant(Protocol):
         ...
 
     def reset(self, initial_state: ArrayLike | None, *, seed: int) -> Measurement:
-        """Start again at t = 0 and return the first measurement.
+        """Start again at t = 0 from a true state (10,), or upright at rest at the origin; return the first measurement.
 
-        Parameters
-        ----------
-        initial_state : array_like (10,) or None
-            True state to start from; None is upright at rest at the origin.
-        seed : int
-            Everything random in the run to come follows from it: equal seeds give equal runs, bit for bit.
+        Everything random in the run to come follows from the seed: equal seeds give equal runs, bit for bit.
         """
         ...
 

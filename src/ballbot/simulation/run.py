@@ -18,8 +18,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.heading import Heading
 from ballbot.log import Log
 from ballbot.mechanics.model import Model, ModelLike, as_model
-from ballbot.notebook import in_notebook
-from ballbot.progress import Progress, ProgressCallback
+from ballbot.progress import Progress, ProgressCallback, in_notebook
 from ballbot.simulation.batch_result import REFERENCES, column_names
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
@@ -149,10 +148,7 @@ def _active(plant: Plant | ModelLike, controller: ControllerLike, scenario: Scen
 def sample_count(duration: float, sample_time: float) -> int:
     """Return how many samples a duration has.
 
-    Raises
-    ------
-    InputError
-        If it is not at least one, or more than a log can hold.
+    InputError if it is not at least one, or more than a log can hold.
     """
     if not (np.isfinite(duration) and duration / sample_time > 0.5):
         raise InputError(

@@ -25,7 +25,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.draws import draws_of, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, Imperfections, loop_record, packed_on_floor
 from ballbot.simulation.loop import Inputs, Sampling, new_block, start_alone, step_alone
-from ballbot.simulation.model_plant import FALLEN, LIFTED, checked_states, lift_off, pack_contacts
+from ballbot.simulation.model_plant import LIFTED, checked_states, fallen_words, lift_off, pack_contacts
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 
@@ -33,30 +33,16 @@ from ballbot.simulation.sensors import SensorSuite, sensor_samples
 class SensedPlant:
     """A model behind a robot's own sensors, drive and floor.
 
-    Parameters
-    ----------
-    model : Model
-        The true mechanics, friction and limits of the drive. Of the exact formulation, whose wheel speeds are those
-        that encoders see.
-    imperfections : Imperfections
-        Without sensors the state is the true one, at the sample time of the robot's own sensors.
-    estimator : {"onboard", "kalman"} or Estimator
-        A name makes a new one for the robot that `imperfections.known` has; another estimator is reset and updated by
-        the plant.
+    The model, of the exact formulation, has the true mechanics, friction and limits of the drive. Without sensors among
+    the imperfections the state is the true one, at the sample time of the robot's own sensors. The name of an estimator
+    makes one for the robot that `imperfections.known` has; another estimator is reset and updated by the plant.
 
-    Raises
-    ------
-    InputError
-        If the formulation is not "exact", the known robot has another number of wheels, or motors with play have no
-        inertia.
+    InputError if the formulation is not "exact", the known robot has another number of wheels, or motors with play have
+    no inertia.
     """
 
     def __init__(
-        self,
-        model: Model,
-        imperfections: Imperfections,
-        *,
-        estimator: EstimatorName | Estimator = "onboard",
+        self, model: Model, imperfections: Imperfections, *, estimator: EstimatorName | Estimator = "onboard"
     ) -> None:
         if model.formulation != "exact":
             raise InputError(
@@ -140,20 +126,10 @@ class SensedPlant:
         return self._block.work[first * LANES : (first + self.robot.wheel_count) * LANES : LANES].copy()
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
-        """Start at t = 0 and return the sensors' measurement.
+        """Start at t = 0 from a true state (10,), by default upright at rest at the origin, and return the measurement.
 
-        Parameters
-        ----------
-        initial_state : array_like (10,) or None
-            True state; None is upright at rest at the origin.
-        seed : int
-            All noise, the wheels' angles, and where in its play each gearbox rests, follow from it: equal seeds give
-            equal runs, bit for bit.
-
-        Raises
-        ------
-        InputError
-            If the state is not ten finite numbers with a lean of at most 1.2 rad.
+        All noise, the wheels' angles, and where in its play each gearbox rests, follow from the seed: equal seeds give
+        equal runs, bit for bit. InputError if the state is not ten finite numbers with a lean of at most 1.2 rad.
         """
         state = np.zeros(10) if initial_state is None else checked_states(initial_state)[0]
         self._inputs.initial[0] = state
@@ -170,19 +146,10 @@ class SensedPlant:
         return self._measure()
 
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
-        """Hold the torques for a duration and return the sensors' measurement at its end.
+        """Hold commanded torques (n,) [N m] for whole sample times [s]; return the measurement at the end.
 
-        Parameters
-        ----------
-        torques : array_like (n,)
-            Commanded torques at the wheels [N m]; delay, noise, lag, torque limit and supply limit come upon them.
-        duration : float
-            A whole number of the sensors' sample times [s]; the sensors are read at each.
-
-        Raises
-        ------
-        InputError
-            If the torques are not n finite numbers, or the duration is no such number.
+        The sensors are read at each sample. Delay, noise, lag, torque limit and supply limit come upon the torques.
+        InputError if they are not n finite numbers, or the duration is no such number.
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
@@ -237,6 +204,5 @@ class SensedPlant:
     def _why_ended(self, t: float) -> str | None:
         if self._out.ended[0] > self._sample:
             return None
-        limit = self.imperfections.fallen_lean
-        why = FALLEN if limit == LARGEST_LEAN else f"fallen: lean past {limit:g} rad"
-        return f"{LIFTED if self._out.lifted[0] else why} at t = {t:.3f} s"
+        why = LIFTED if self._out.lifted[0] else fallen_words(self.imperfections.fallen_lean)
+        return f"{why} at t = {t:.3f} s"

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,20 +31,14 @@ from ballbot.estimation.interface import Fix, Reading
 from ballbot.mechanics.geometry import rotation, turned_about_vertical
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import encoder_step
-from ballbot.robot.parameters import parameter
+from ballbot.robot.parameters import parameter, parameter_class
 
 
 class Encoders:
     """Encoders on the motors' shafts, seen at the wheels: whole counts, and speeds differenced from them.
 
-    Parameters
-    ----------
-    robot : Robot
-        Its gear ratio multiplies the counts of a motor turn.
-    sensors : Sensors
-        Counts a motor turn and sample time.
-    window : int
-        Samples over which counts are differenced into a speed; more are smoother, and later by half as much.
+    The robot's gear ratio multiplies the counts of a motor turn. Counts are differenced over `window` samples; more are
+    smoother, and later by half as much.
     """
 
     def __init__(self, robot: Robot, sensors: Sensors, *, window: int = 1) -> None:
@@ -71,7 +64,7 @@ class Encoders:
         return counted, (self._recent[-1] - self._recent[0]) / self._window_time
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class SensorFaults:
     """Errors of an AHRS beyond white noise; all are off at their defaults.
 
@@ -79,66 +72,48 @@ class SensorFaults:
     drift in the robot's file.
     """
 
-    gyro_bias: float = field(
+    gyro_bias: float = parameter(
+        "standard deviation of each axis at the start; it makes the heading drift",
+        "rad/s",
         default=0.0,
-        metadata=parameter(
-            "standard deviation of each axis at the start; it makes the heading drift",
-            unit="rad/s",
-            least=0.0,
-        ),
+        least=0.0,
     )
-    gyro_bias_walk: float = field(
-        default=0.0, metadata=parameter("random walk of the biases", unit="rad/s/sqrt(s)", least=0.0)
+    gyro_bias_walk: float = parameter("random walk of the biases", "rad/s/sqrt(s)", default=0.0, least=0.0)
+    lean_error: float = parameter(
+        "standard deviation of a slow error of theta and phi", "rad", default=0.0, least=0.0
     )
-    lean_error: float = field(
-        default=0.0,
-        metadata=parameter("standard deviation of a slow error of theta and phi", unit="rad", least=0.0),
-    )
-    lean_error_time: float = field(
-        default=10.0, metadata=parameter("correlation time of that error", unit="s", most=1e6)
-    )
-    latency: float = field(
-        default=0.0,
-        metadata=parameter("delay of gyro and attitude, in whole samples", unit="s", least=0.0, most=10.0),
+    lean_error_time: float = parameter("correlation time of that error", "s", default=10.0, most=1e6)
+    latency: float = parameter(
+        "delay of gyro and attitude, in whole samples", "s", default=0.0, least=0.0, most=10.0
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Accelerometer:
     """Where an accelerometer sits and how noisy it is."""
 
-    position: tuple[float, float, float] = field(
-        default=(0.0, 0.0, 0.3),
-        metadata=parameter("from the ball's centre: forward, left, up", unit="m", least=-math.inf),
+    position: tuple[float, float, float] = parameter(
+        "from the ball's centre: forward, left, up", "m", default=(0.0, 0.0, 0.3), least=-math.inf
     )
-    noise: float = field(
-        default=0.02, metadata=parameter("standard deviation of each sample", unit="m/s^2", least=0.0)
-    )
+    noise: float = parameter("standard deviation of each sample", "m/s^2", default=0.02, least=0.0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class FixSource:
     """How often a fix comes and how good it is; in the world's frame and at once."""
 
-    rate: float = field(metadata=parameter("fixes per second", unit="Hz"))
-    position: bool = field(default=True, metadata=parameter("whether it measures x and y"))
-    heading: bool = field(default=True, metadata=parameter("whether it measures psi"))
-    position_noise: float = field(
-        default=0.005, metadata=parameter("standard deviation of x and of y", unit="m")
-    )
-    heading_noise: float = field(default=0.02, metadata=parameter("standard deviation of psi", unit="rad"))
-    missing: float = field(
-        default=0.0, metadata=parameter("fraction of fixes that are lost", least=0.0, most=1.0)
-    )
+    rate: float = parameter("fixes per second", "Hz")
+    position: bool = parameter("whether it measures x and y", default=True)
+    heading: bool = parameter("whether it measures psi", default=True)
+    position_noise: float = parameter("standard deviation of x and of y", "m", default=0.005)
+    heading_noise: float = parameter("standard deviation of psi", "rad", default=0.02)
+    missing: float = parameter("fraction of fixes that are lost", default=0.0, least=0.0, most=1.0)
 
 
 def sensor_samples(duration: float, sample_time: float) -> int:
     """Return how many samples of the sensors [s] a controller holds its torques for.
 
-    Raises
-    ------
-    InputError
-        If the duration [s] is not a whole multiple of the sample time, at least one.
+    InputError if the duration [s] is not a whole multiple of the sample time, at least one.
     """
     samples = round(duration / sample_time)
     if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
@@ -152,19 +127,8 @@ def sensor_samples(duration: float, sample_time: float) -> int:
 class SensorSuite:
     """All sensors of one robot: encoders and AHRS, and an accelerometer and fixes where there are any.
 
-    Parameters
-    ----------
-    robot : Robot
-        Gear ratio and gravity; its own sensors are not looked at.
-    sensors : Sensors
-        Sizes of the errors.
-    window : int
-        Samples over which encoder counts are differenced into a speed.
-    faults : SensorFaults, optional
-        Errors of the AHRS beyond noise.
-    accelerometer : Accelerometer, optional
-    fix : FixSource, optional
-        The first fix comes at 1 / rate.
+    The robot gives gear ratio and gravity; its own sensors are not looked at. `window` is the number of samples over
+    which encoder counts are differenced into a speed. The first fix comes at 1 / rate.
     """
 
     def __init__(
@@ -208,18 +172,10 @@ class SensorSuite:
         body_velocity: NDArray[np.float64],
         motor_angles: NDArray[np.float64],
     ) -> Reading:
-        """Return the sensors' readings.
+        """Return the readings of a true state (10,) at t [s] since the start, when the AHRS's frame is the world's.
 
-        Parameters
-        ----------
-        t : float
-            Time since the start [s]; the AHRS's frame is the world's at 0.
-        truth : array (10,)
-            The state as it is.
-        body_velocity : array (6,)
-            Velocity of the body's point at the ball's centre, world frame [m/s]; angular velocity, body frame [rad/s].
-        motor_angles : array (n,)
-            Of the motors, seen at the wheels [rad].
+        The velocity (6,) is that of the body's point at the ball's centre, world frame [m/s], and its angular velocity,
+        body frame [rad/s]; the motors' angles (n,) [rad] are seen at the wheels.
         """
         rate = body_velocity[3:]
         gyro, attitude = self._read_ahrs(t, rate, truth[2:5])

@@ -141,20 +141,9 @@ def _in_parts(ball, u, omega, signs, h, end, rates, middle):
 
 @compiled
 def run_ball(ball, omega, torques, sample_time, steps, out):
-    """Turn one ball on clamped wheels.
+    """Turn one ball on clamped wheels from omega (3,) [rad/s], which is changed, by torques (samples, n).
 
-    Parameters
-    ----------
-    ball : BallNumbers
-    omega : ndarray (3,)
-        At the start [rad/s]; it is changed.
-    torques : ndarray (samples, n)
-        Each held over a sample.
-    sample_time : float
-    steps : int
-        Inner steps a sample.
-    out : ndarray (samples, 3)
-        Omega after each sample.
+    `out` (samples, 3) takes Omega after each sample of so many inner steps.
     """
     n, h = len(ball.A), sample_time / steps
     signs, end, rates, middle = np.empty(n), np.empty(3), np.empty(3), np.empty(3)
@@ -201,32 +190,12 @@ def simulate_balls(
     sample_time: float,
     step: float = 1e-3,
 ) -> NDArray[np.float64]:
-    """Turn the ball by torques held over each sample, through every window.
+    """Return Omega (windows, samples, 3) [rad/s] after each sample of torques (windows, samples, n) [N m].
 
-    Parameters
-    ----------
-    ball : ClampedBall
-    friction : Friction
-        Of the wheels; rolling friction has no part here.
-    initial : array_like (windows, 3)
-        Omega at the start of each window [rad/s], in the robot's frame.
-    torques : array_like (windows, samples, n)
-        [N m].
-    sample_time : float
-        [s]
-    step : float
-        Longest inner step [s]. The method is RK4 while no wheel's speed changes sign and of first order where one
-        does.
+    Windows start at Omega `initial` (windows, 3) [rad/s], in the robot's frame. Rolling friction has no part here. An
+    inner step lasts at most `step` [s]; the method is RK4 while no wheel's speed changes sign, and else of first order.
 
-    Returns
-    -------
-    ndarray (windows, samples, 3)
-        Omega after each sample [rad/s].
-
-    Raises
-    ------
-    InputError
-        If shapes disagree, a number is not finite, or a time is not above zero.
+    InputError if shapes disagree, a number is not finite, or a time is not above zero.
     """
     n = len(ball.A)
     friction.check_classical("The plant of the robot upside down")

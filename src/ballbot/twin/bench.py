@@ -45,25 +45,12 @@ def run_bench(
     seed: int = 0,
     progress: ProgressCallback = ignore_progress,
 ) -> BenchRun:
-    """Drive the motors of a clamped robot.
+    """Drive the motors of a clamped robot by torques (N, n) [N m], commanded at each sample, before noise and limits.
 
-    Parameters
-    ----------
-    robot : Robot
-    scenario : Scenario
-        Its pushes, bumps, timing and IMU have no effect here.
-    torques : array (N, n)
-        Commanded at each sample [N m], before noise and limits.
-    bench : {"stand", "upside_down"}
-    seed : int
-        Random seed of wheels, play and noise. The same seed gives the same result.
-    progress : callable, optional
-        Called with the progress of the run.
+    The scenario's pushes, bumps, timing and IMU have no effect here. The same seed, of wheels, play and noise, gives
+    the same result.
 
-    Raises
-    ------
-    InputError
-        If the torques are not rows of n finite numbers, or the scenario does not fit the robot.
+    InputError if the torques are not rows of n finite numbers, or the scenario does not fit the robot.
     """
     count = robot.wheel_count
     if torques.ndim != 2 or torques.shape[1] != count or not len(torques) or not np.isfinite(torques).all():

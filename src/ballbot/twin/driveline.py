@@ -31,15 +31,7 @@ from ballbot.twin.scenario import Scenario
 
 
 class Shafts:
-    """The shafts of one twin.
-
-    Parameters
-    ----------
-    robot : Robot
-    scenario : Scenario
-    engine : Engine
-        Has a hinge "wheel 1" to "wheel n", and "play 1" to "play n" if the scenario has play or a spring.
-    """
+    """The shafts of one twin: hinges "wheel 1" to "wheel n", and "play 1" to "play n" with play or a spring."""
 
     def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
         count = robot.wheel_count
@@ -95,17 +87,7 @@ def _stribeck_sizes(speeds, coulomb, stribeck, slowness, exponent, sizes) -> flo
 
 
 class Driveline:
-    """The motors of one twin, and friction that follows the speed.
-
-    Parameters
-    ----------
-    robot : Robot
-        Torque limit, supply and drive.
-    scenario : Scenario
-        Has the true friction.
-    engine : Engine
-        Has a hinge and a motor "wheel 1" to "wheel n".
-    """
+    """The motors of one twin, hinges "wheel 1" to "wheel n", and friction that follows the speed."""
 
     def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
         wheels = engine.velocities("wheel", robot.wheel_count)

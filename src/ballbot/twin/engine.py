@@ -20,10 +20,7 @@ class Engine:
 
     The arrays are views into MuJoCo's memory: values written into them take effect, and `step` changes them.
 
-    Raises
-    ------
-    InputError
-        If MuJoCo is not installed, or refuses the document.
+    InputError if MuJoCo is not installed, or refuses the document.
     """
 
     def __init__(self, document: str) -> None:
@@ -56,14 +53,9 @@ class Engine:
         return int(self.data.ncon)
 
     def pressures(self, groups: NDArray[np.intp], count: int) -> NDArray[np.float64]:
-        """Return the sums (count,) of the last step's normal forces [N] over groups of geoms.
+        """Return the sums (count,) of the last step's normal forces [N] over `count` groups of geoms.
 
-        Parameters
-        ----------
-        groups : array (geoms,)
-            The group of each geom, or -1. A contact belongs to the group of either of its geoms.
-        count : int
-            Number of groups.
+        `groups` has the group of each geom, or -1; a contact belongs to the group of either of its geoms.
         """
         contact = self.data.contact
         address = contact.efc_address
@@ -126,12 +118,8 @@ def _compiled(mujoco, document: str, *, refusal: str):  # its classes have no ty
 def foreign_model(document: str, *, source: str):  # MjModel and MjData have no types
     """Return a document in MJCF or URDF compiled, and its data in the document's pose; a refusal names `source`.
 
-    Meshes and what they need are left out, so that no file beside the document is needed.
-
-    Raises
-    ------
-    InputError
-        If MuJoCo is not installed, or refuses the document, or a mass comes from a mesh.
+    Meshes and what they need are left out, so that no file beside the document is needed. InputError if MuJoCo is not
+    installed, or refuses the document, or a mass comes from a mesh.
     """
     mujoco = _mujoco()
     heard: list[str] = []
@@ -175,15 +163,7 @@ def _evenly_spaced(first: int, second: int, count: int) -> slice:
 
 
 def attitude_of(quaternion_wxyz: NDArray[np.float64], *, near_psi: float) -> NDArray[np.float64]:
-    """Return theta, phi, psi (3,) [rad] of R = Rx(theta) Ry(phi) Rz(psi).
-
-    Parameters
-    ----------
-    quaternion_wxyz : array (4,)
-        Unit quaternion, body to world.
-    near_psi : float
-        A heading [rad]; psi is within half a turn of it.
-    """
+    """Return theta, phi, psi (3,) [rad] of R = Rx(theta) Ry(phi) Rz(psi), psi within half a turn of `near_psi`."""
     w, x, y, z = quaternion_wxyz.tolist()
     theta = math.atan2(2 * (w * x - y * z), 1 - 2 * (x * x + y * y))
     phi = math.asin(max(-1.0, min(1.0, 2 * (x * z + w * y))))

@@ -42,7 +42,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -75,13 +75,10 @@ _IMPEDANCE_RATIO = 100.0  # of friction to normal force; 10 elsewhere
 _LARGEST_STEP = 1.0  # k d h^2 and b h at most: beyond, the contact jumps from step to step
 
 
-def add_roller_contacts(root: ET.Element, scenario: Scenario) -> None:
+def _add_roller_contacts(root: ET.Element, scenario: Scenario) -> None:
     """Add the contacts of the rollers with the ball, each by itself: MuJoCo need not seek who touches.
 
-    Raises
-    ------
-    InputError
-        If soft contacts are too stiff for the timestep, or MuJoCo is not installed.
+    InputError if soft contacts are too stiff for the timestep, or MuJoCo is not installed.
     """
     softness, grip = scenario.softness, scenario.roller_grip
     # made without these contacts; it gives the inverse weights of the bodies
@@ -118,21 +115,6 @@ def _contact_reference(softness: Softness, mobility: float, step: float) -> str:
     return number_text((-k_d * d, -b * d))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Spring:
-    """A torsional spring with its damper."""
-
-    stiffness: float  #: [N m/rad]
-    damping: float  #: [N m s/rad]
-
-
-def driveline_spring(robot: Robot, compliance: Compliance) -> Spring:
-    """Return the spring of each driveline with which the robot has that resonance."""
-    rate = 2 * math.pi * compliance.frequency
-    stiffness = rate**2 / (1 / robot.drive.reflected_inertia + _mobility(robot))
-    return Spring(stiffness=stiffness, damping=2 * compliance.damping_ratio * stiffness / rate)
-
-
 def _mobility(robot: Robot) -> float:
     """Return the smallest m above zero [1/(kg m^2)]: the slowest way of moving."""
     tiny = 1e-12 * robot.drive.motor_inertia
@@ -144,7 +126,7 @@ def _mobility(robot: Robot) -> float:
     return float(mobilities[mobilities > 1e-9 * mobilities.max()].min())
 
 
-def add_wheel(
+def _add_wheel(
     body: ET.Element,
     index: int,
     frame: NDArray[np.float64],
@@ -175,23 +157,16 @@ def add_wheel(
         _roller(element, f"roller {index + 1}.{k + 1}", center, float(angle), scenario, parts)
 
 
-def add_shafts(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
-    """Add the springs of drivelines that twist."""
-    if not scenario.compliance:
-        return
-    spring = driveline_spring(robot, scenario.compliance)
-    half = scenario.backlash / 2
-    tendons = add(root, "tendon")
-    for i in range(robot.wheel_count):
-        shaft = add(
-            tendons,
-            "fixed",
-            name=f"shaft {i + 1}",
-            stiffness=spring.stiffness,
-            damping=spring.damping,
-            springlength=(-half, half),
-        )
-        add(shaft, "joint", joint=f"play {i + 1}", coef="1")
+def _add_shafts(root: ET.Element, robot: Robot, scenario: Scenario, compliance: Compliance) -> None:
+    """Add the springs of drivelines that twist, with which the robot has that resonance."""
+    rate = 2 * math.pi * compliance.frequency
+    stiffness = rate**2 / (1 / robot.drive.reflected_inertia + _mobility(robot))
+    damping = 2 * compliance.damping_ratio * stiffness / rate
+    tendons, slack = add(root, "tendon"), (-scenario.backlash / 2, scenario.backlash / 2)
+    for i in range(1, robot.wheel_count + 1):
+        name = f"shaft {i}"
+        shaft = add(tendons, "fixed", name=name, stiffness=stiffness, damping=damping, springlength=slack)
+        add(shaft, "joint", joint=f"play {i}", coef="1")
 
 
 def _roller(
@@ -233,22 +208,19 @@ def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor")
     MuJoCo's own viewer the drivelines have their friction at rest. Motors, supply, pushes, bumps and timing
     are not in it either.
 
+    InputError if the scenario does not fit the robot, or the robot's wheels do not fit its body.
+
     Parameters
     ----------
     robot : Robot
     scenario : Scenario
     mounting : {"floor", "stand", "upside_down"}
         Upside down, the world's frame is the body's: z points down, and so does gravity along it.
-
-    Raises
-    ------
-    InputError
-        If the scenario does not fit the robot, or the robot's wheels do not fit its body.
     """
     check_scenario(scenario, robot)
     root = _document(robot, scenario, mounting)
     if mounting != "stand":
-        add_roller_contacts(root, scenario)
+        _add_roller_contacts(root, scenario)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode")
 
@@ -267,17 +239,20 @@ def _document(robot: Robot, scenario: Scenario, mounting: Mounting) -> ET.Elemen
     world = add(root, "worldbody")
     add(world, "light", pos="0 0 3", dir="0 0 -1")
     if mounting == "floor":
-        _floor(world, scenario)
+        floor = add(world, "geom", name="floor", type="plane", size="5 5 0.1", rgba="0.85 0.85 0.85 1")
+        if any(scenario.floor_tilt):
+            floor.set("zaxis", number_text(floor_normal(scenario)))
     if mounting != "stand":
         _ball(world, robot, scenario, mounting)
     body = _body(world, robot, rest, mounting)
     if scenario.payload:
         _payload(body, scenario.payload)
     for i, frame in enumerate(wheel_frames(robot)):
-        add_wheel(body, i, frame, robot, scenario, wheel)
+        _add_wheel(body, i, frame, robot, scenario, wheel)
     if mounting == "floor":
         _floor_contact(root, robot, scenario)
-    add_shafts(root, robot, scenario)
+    if scenario.compliance:
+        _add_shafts(root, robot, scenario, scenario.compliance)
     actuators = add(root, "actuator")
     for i in range(robot.wheel_count):
         add(actuators, "motor", name=f"wheel {i + 1}", joint=f"wheel {i + 1}")
@@ -306,12 +281,6 @@ def _options(root: ET.Element, robot: Robot, scenario: Scenario, mounting: Mount
     add(default, "geom", contype="0", conaffinity="0")
 
 
-def _floor(world: ET.Element, scenario: Scenario) -> None:
-    floor = add(world, "geom", name="floor", type="plane", size="5 5 0.1", rgba="0.85 0.85 0.85 1")
-    if any(scenario.floor_tilt):
-        floor.set("zaxis", number_text(floor_normal(scenario)))
-
-
 def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mounting) -> None:
     ball = robot.ball
     height = ball.radius / floor_normal(scenario)[2] if mounting == "floor" else 0.0
@@ -319,14 +288,7 @@ def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mountin
     add(element, "freejoint", name="ball")
     inertia = (ball.inertia,) * 3
     add(element, "inertial", pos="0 0 0", mass=ball.mass, diaginertia=inertia)
-    add(
-        element,
-        "geom",
-        name="ball",
-        type="sphere",
-        size=ball.radius,
-        rgba="0.2 0.3 0.7 1",
-    )
+    add(element, "geom", name="ball", type="sphere", size=ball.radius, rgba="0.2 0.3 0.7 1")
 
 
 def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:

@@ -1,4 +1,4 @@
-"""Robots as URDF, and from the models of others in MJCF or URDF, as MuJoCo compiles them.
+"""Robots from the models of others in MJCF or URDF, as MuJoCo compiles them.
 
 A model that is read must show a ball, a body and omni-wheels. The ball is the one body that stands apart from the
 robot, has no parts and has a sphere as its shape. A wheel is a hinge on the robot whose axis a passes the ball's
@@ -9,22 +9,17 @@ centre c at right angles and along the ball's meridian:
 
 Rollers are hinges on a wheel; without them the wheel's radius is its axle's distance from the ball. Everything else
 that moves with the body, such as an arm, counts as part of it, in the pose of the document.
-
-URDF has no ellipsoid: a roller is a cylinder of its radius, as long as fits between its neighbours without touching
-them, so that the wheel's outline has corners. Nor has URDF a rotor's reflected inertia, or friction by speed.
 """
 
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.files import read_text
@@ -32,9 +27,7 @@ from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
 from ballbot.robot.parameters import Value, build, value_of
-from ballbot.twin.engine import Engine, foreign_model
-from ballbot.twin.mjcf import add, twin_mjcf
-from ballbot.twin.scenario import Scenario
+from ballbot.twin.engine import foreign_model
 
 #: bytes of a document
 LARGEST_MODEL = 10_000_000
@@ -46,8 +39,8 @@ _UNEQUAL, _UNEQUAL_TILT = 1e-3, 0.02
 _GAP = 0.05
 #: offset of the centre of mass from the ball's axis that is worth a note [m]
 _OFF_AXIS = 0.002
-#: MuJoCo's numbers of joints and of round shapes, with the half size that is their radius
-_FREE, _HINGE = 0, 3
+#: MuJoCo's numbers of a hinge and of round shapes, with the half size that is their radius
+_HINGE = 3
 _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER = 2, 3, 4, 5
 _FEWEST_ROLLERS = 3
 
@@ -63,19 +56,10 @@ class ReadModel:
 
 
 def read_model(path: str | Path, *, like: Robot) -> ReadModel:
-    """Return the robot that a model file describes.
+    """Return the robot of a model file, MJCF or URDF, with its ball, the robot upright on it, z up and x forward.
 
-    Parameters
-    ----------
-    path : str or Path
-        MJCF or URDF, with its ball, the robot upright on it, z up and x forward.
-    like : Robot
-        What the model does not state is assumed to be as in this robot; friction that it does not state is zero.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is refused, or is not that of a ball-balancing robot.
+    What the model does not state is assumed to be as in the robot `like`; friction that it does not state is zero.
+    InputError if the file cannot be read, is refused, or is not that of a ball-balancing robot.
     """
     text = read_text(path, largest=LARGEST_MODEL)
     model, data = foreign_model(text, source=str(path))
@@ -297,79 +281,3 @@ def _torque_limit(model, joint: int) -> float:
             ):
                 limits += [gear * float(span[1])] if limited else []
     return min(limits, default=math.inf)
-
-
-_ABOUT = """
-Each roller of an omni-wheel is a link of its own with one contact: a cylinder. With them the robot can move in all
-directions; the outline of a wheel has corners, which a real wheel has not. The twin of Ballbot has rounded rollers
-(MJCF). Friction is that at rest; the rotors' inertia is left out.
-"""
-#: of the length at which rollers touch
-_CLEAR = 0.98
-
-
-def robot_urdf(robot: Robot) -> str:
-    """Return a robot with its own friction as URDF: the twin's bodies, as MuJoCo compiles them.
-
-    Raises
-    ------
-    InputError
-        If MuJoCo is not installed, or the robot's wheels do not fit its body.
-    """
-    scenario = replace(Scenario.ideal(robot), name="model", friction=robot.friction)
-    model, rollers, drive = Engine(twin_mjcf(robot, scenario)).model, robot.wheels.rollers, robot.drive
-    # its inner edge stays within the roller's part of a turn
-    turn = math.pi / (rollers.per_row * rollers.rows)
-    half = _CLEAR * (robot.wheels.radius - 2.0 * rollers.radius) * math.tan(turn)
-    root = ET.Element("robot", name=robot.name)
-    root.append(ET.Comment(_ABOUT))
-    names = ["world", *(model.body(k).name.replace(" ", "_") for k in range(1, model.nbody))]
-    for name in names:
-        add(root, "link", name=name)
-    links = dict(zip(names, root.iterfind("link"), strict=True))
-    for k in range(1, model.nbody):
-        inertial = add(links[names[k]], "inertial")
-        _origin(inertial, model.body_ipos[k], Rotation.identity())
-        add(inertial, "mass", value=float(model.body_mass[k]))
-        R = _rotation(model.body_iquat[k]).as_matrix()
-        inertia = R @ np.diag(model.body_inertia[k]) @ R.T
-        elements = {f"i{a}{b}": float(inertia["xyz".index(a), "xyz".index(b)]) for a, b in _ELEMENTS}
-        add(inertial, "inertia", **elements)
-        first = int(model.body_jntadr[k])
-        kind = "floating" if model.jnt_type[first] == _FREE else "continuous"
-        joint = add(root, "joint", name=names[k], type=kind)
-        add(joint, "parent", link=names[model.body_parentid[k]])
-        add(joint, "child", link=names[k])
-        _origin(joint, model.body_pos[k], _rotation(model.body_quat[k]))
-        if kind == "continuous":
-            add(joint, "axis", xyz=model.jnt_axis[first])
-        if names[k].startswith("wheel"):
-            add(joint, "limit", effort=drive.torque_limit, velocity=drive.top_speed)
-            place = int(model.jnt_dofadr[first])
-            damping, friction = float(model.dof_damping[place]), float(model.dof_frictionloss[place])
-            add(joint, "dynamics", damping=damping, friction=friction)
-    for k in np.flatnonzero(model.geom_bodyid).tolist():
-        touches = k in model.pair_geom1 or k in model.pair_geom2
-        for use in ("visual", "collision")[: 2 if touches else 1]:
-            shape = add(links[names[model.geom_bodyid[k]]], use)
-            kind, (radius, length, _) = model.geom_type[k], model.geom_size[k].tolist()
-            turn = _rotation(model.geom_quat[k])
-            if kind == _ELLIPSOID:  # of a roller; its own axis is y, a cylinder's is z
-                turn, length = turn * Rotation.from_euler("x", -0.5 * math.pi), half
-            _origin(shape, model.geom_pos[k], turn)
-            geometry = add(shape, "geometry")
-            if kind == _SPHERE:
-                add(geometry, "sphere", radius=radius)
-            else:
-                add(geometry, "cylinder", radius=radius, length=2.0 * length)
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode") + "\n"
-
-
-def _rotation(quaternion_wxyz: NDArray[np.float64]) -> Rotation:
-    return Rotation.from_quat(np.roll(quaternion_wxyz, -1))
-
-
-def _origin(element: ET.Element, place: NDArray[np.float64], turn: Rotation) -> None:
-    angles = turn.as_euler("xyz")
-    add(element, "origin", xyz=place, rpy=angles)

@@ -79,19 +79,9 @@ def wheel_frames(robot: Robot) -> NDArray[np.float64]:
 
 
 def split_robot(robot: Robot, rollers: Rollers, *, point: bool) -> tuple[WheelParts, BodyParts]:
-    """Split the robot's body into one wheel, all being alike, and the body without wheels.
+    """Split the body into one wheel (`point` as for `wheel_parts`), all being alike, and the body without wheels.
 
-    Parameters
-    ----------
-    robot : Robot
-    rollers : Rollers
-    point : bool
-        As for `wheel_parts`.
-
-    Raises
-    ------
-    InputError
-        If the rest is not physical, however light the wheels.
+    InputError if the rest is not physical, however light the wheels.
     """
     fraction, refusal = 1.0, InputError()
     while fraction >= _LIGHTEST:
@@ -160,13 +150,7 @@ def check_rollers(rollers: Rollers, robot: Robot) -> None:
 
 
 def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
-    """Return the robot's body without the wheels.
-
-    Raises
-    ------
-    InputError
-        If the rest is not physical: the wheels are too heavy for the body.
-    """
+    """Return the robot's body without the wheels; InputError if the rest is not physical: the wheels are too heavy."""
     frames = wheel_frames(robot)
     centers = -wheel.center_distance * frames[:, :, 0]
     mass = robot.body.mass - robot.wheel_count * wheel.mass

@@ -77,19 +77,10 @@ class MotionCapture:
         )
 
     def record(self, truth: Log, *, ball_radius: float) -> Log:
-        """Return the motion capture of a run.
+        """Return the motion capture of a run by its true t, x, y, theta, phi, psi, linear between samples.
 
-        Parameters
-        ----------
-        truth : Log
-            With the true t, x, y, theta, phi, psi; interpolated linearly between samples.
-        ball_radius : float
-            Height of the ball's centre above the floor [m].
-
-        Returns
-        -------
-        Log
-            t [s]; x y z [m], the ball's centre; qw qx qy qz, body to cameras' frame, without jumps of sign.
+        The ball's centre is `ball_radius` [m] above the floor. The log has t [s]; x y z [m], the ball's centre;
+        qw qx qy qz, body to cameras' frame, without jumps of sign.
         """
         truth.require("x", "y", "theta", "phi", "psi")
         start, end = float(truth.t[0]), float(truth.t[-1])
@@ -156,25 +147,10 @@ def record_balance(
     seed: int = 0,
     progress: ProgressCallback = ignore_progress,
 ) -> Recording:
-    """Run the twin in closed loop, with motion capture.
+    """Run the twin in closed loop for a duration [s], with motion capture.
 
-    Parameters
-    ----------
-    twin : Twin
-    controller : Controller
-    reference : function of time
-        f(t) -> (10,)
-    duration : float
-        [s]
-    seed : int
-        Of the twin, its noise, and the cameras' frame, clock and noise.
-    progress : callable, optional
-        Called with the progress of the run.
-
-    Raises
-    ------
-    InputError
-        If the duration is not at least a sample, or the controller's sample time is not one of the twin's.
+    The seed is that of the twin, its noise, and the cameras' frame, clock and noise. InputError if the duration is not
+    at least a sample, or the controller's sample time is not one of the twin's.
     """
     run = simulate(twin, controller, reference, duration=duration, seed=seed, progress=progress)
     mocap = MotionCapture.drawn(seed).record(run.truth(), ball_radius=twin.robot.ball.radius)
@@ -203,19 +179,9 @@ def record_bench(
 
 
 def results(log: Log) -> dict[str, object]:
-    """Return what the on-board state of a balancing run was worth.
+    """Return why a balancing run with its truth stopped early, `ended`, and the on-board state's `estimation_errors`.
 
-    Parameters
-    ----------
-    log : Log
-        With its truth.
-
-    Returns
-    -------
-    dict
-        `ended`: why it stopped early, or None; `estimation_errors`: of the on-board state, see
-        `ballbot.estimation.interface`; the drift is None if the run is shorter than a minute, everything is None if
-        it has a single row.
+    These are those of `ballbot.estimation.interface`; None if the run has a single row.
     """
     errors = None if len(log) < 2 else to_results(state_errors(log.t, log.states, log.truth().states))
     return {"ended": log.ended, "estimation_errors": errors}

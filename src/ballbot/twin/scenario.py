@@ -9,8 +9,8 @@ A field states its key's unit, range, default and meaning once. File, checks and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,8 +19,8 @@ from pydantic import ConfigDict
 from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError, suggest
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
-from ballbot.robot.checks import check_number
-from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameters_of, table
+from ballbot.robot.checks import check_parameters
+from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameter_class, parameters_of, table
 from ballbot.robot.robot import friction_rows
 from ballbot.simulation.imperfections import Push, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
@@ -33,7 +33,7 @@ WheelContact = Literal["rollers", "point"]
 
 
 @summarized
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Scenario:
     """The faults of a twin, their sizes, and the resolution of its simulation.
 
@@ -42,124 +42,85 @@ class Scenario:
 
     __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
 
-    name: str = field(metadata=parameter("name of the scenario"))
-    friction: Friction = field(
-        metadata=table(
-            "True driveline friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w) on the motor's speed, and rolling "
-            "friction N C_rr."
-        )
+    name: str = parameter("name of the scenario")
+    friction: Friction = table(
+        "True driveline friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w) on the motor's speed, and rolling "
+        "friction N C_rr."
     )
-    pivoting: float = field(
-        metadata=parameter(
-            "moment that resists the ball's pivoting on the spot, over the normal force", unit="m", least=0.0
-        )
+    pivoting: float = parameter(
+        "moment that resists the ball's pivoting on the spot, over the normal force", "m", least=0.0
     )
-    backlash: float = field(
-        metadata=parameter("gearbox play at the wheel, from stop to stop", unit="rad", least=0.0)
+    backlash: float = parameter("gearbox play at the wheel, from stop to stop", "rad", least=0.0)
+    torque_noise: float = parameter("standard deviation of each sample's torque", "N m", least=0.0)
+    rollers: Rollers = table("The actual rollers of the wheels.")
+    sensors: Sensors = table("The actual errors of the sensors; the sample time is the twin's.")
+    speed_window: int = parameter(
+        "samples over which encoder counts are differenced into a speed", default=1, most=10_000.0
     )
-    torque_noise: float = field(
-        metadata=parameter("standard deviation of each sample's torque", unit="N m", least=0.0)
+    floor_grip: float = parameter("friction coefficient of the ball on the floor", default=1.0)
+    roller_grip: float = parameter(
+        "friction coefficient of the rollers on the ball; a small one slips", default=1.0
     )
-    rollers: Rollers = field(metadata=table("The actual rollers of the wheels."))
-    sensors: Sensors = field(
-        metadata=table("The actual errors of the sensors; the sample time is the twin's.")
+    contact_time: float = parameter(
+        "time constant of the rubber contacts (MuJoCo's solref)", "s", default=0.004
     )
-    speed_window: int = field(
-        default=1,
-        metadata=parameter("samples over which encoder counts are differenced into a speed", most=10_000.0),
+    timestep: float = parameter("of the physics engine", "s", default=0.0005, least=SHORTEST_STEP)
+    fallen_lean: float = parameter("lean at which the run ends", "rad", default=0.6)
+    wheel_contact: WheelContact = parameter(
+        '"rollers", or "point": a single contact point under each wheel', default="rollers"
     )
-    floor_grip: float = field(
-        default=1.0, metadata=parameter("friction coefficient of the ball on the floor")
+    floor_tilt: tuple[float, float] = parameter(
+        "of the floor about the world's x and y axes", "rad", default=(0.0, 0.0), least=-math.inf, most=0.2
     )
-    roller_grip: float = field(
-        default=1.0, metadata=parameter("friction coefficient of the rollers on the ball; a small one slips")
-    )
-    contact_time: float = field(
-        default=0.004, metadata=parameter("time constant of the rubber contacts (MuJoCo's solref)", unit="s")
-    )
-    timestep: float = field(
-        default=0.0005, metadata=parameter("of the physics engine", unit="s", least=SHORTEST_STEP)
-    )
-    fallen_lean: float = field(default=0.6, metadata=parameter("lean at which the run ends", unit="rad"))
-    wheel_contact: WheelContact = field(
-        default="rollers",
-        metadata=parameter('"rollers", or "point": a single contact point under each wheel'),
-    )
-    floor_tilt: tuple[float, float] = field(
-        default=(0.0, 0.0),
-        metadata=parameter(
-            "of the floor about the world's x and y axes", unit="rad", least=-math.inf, most=0.2
-        ),
-    )
-    load_dependence: LoadDependence | None = field(
+    load_dependence: LoadDependence | None = table(
+        "Dry driveline friction that grows with the force between wheel and ball.",
         default=None,
-        metadata=table(
-            "Dry driveline friction that grows with the force between wheel and ball.",
-            example=LoadDependence(fraction=0.5),
-        ),
+        example=LoadDependence(fraction=0.5),
     )
-    softness: Softness | None = field(
+    softness: Softness | None = table(
+        "A ball that deforms under the wheels.", default=None, example=Softness(stiffness=3e4, damping=200.0)
+    )
+    compliance: Compliance | None = table(
+        "Drivelines that twist, with a resonance.",
         default=None,
-        metadata=table(
-            "A ball that deforms under the wheels.", example=Softness(stiffness=3e4, damping=200.0)
-        ),
+        example=Compliance(frequency=40.0, damping_ratio=0.1),
     )
-    compliance: Compliance | None = field(
+    current_loop: CurrentLoop | None = table(
+        "Motor drivers with a lag.", default=None, example=CurrentLoop(bandwidth=100.0)
+    )
+    supply: Supply | None = table(
+        "A battery and windings in place of a fixed speed limit.",
         default=None,
-        metadata=table(
-            "Drivelines that twist, with a resonance.", example=Compliance(frequency=40.0, damping_ratio=0.1)
-        ),
+        example=Supply(winding_resistance=0.6, internal_resistance=0.15),
     )
-    current_loop: CurrentLoop | None = field(
-        default=None, metadata=table("Motor drivers with a lag.", example=CurrentLoop(bandwidth=100.0))
-    )
-    supply: Supply | None = field(
+    payload: Payload | None = table(
+        "A payload, which shifts the centre of mass.",
         default=None,
-        metadata=table(
-            "A battery and windings in place of a fixed speed limit.",
-            example=Supply(winding_resistance=0.6, internal_resistance=0.15),
-        ),
+        example=Payload(mass=1.0, position=(0.05, 0.0, 0.6)),
     )
-    payload: Payload | None = field(
-        default=None,
-        metadata=table(
-            "A payload, which shifts the centre of mass.",
-            example=Payload(mass=1.0, position=(0.05, 0.0, 0.6)),
-        ),
+    roughness: Roughness | None = table(
+        "A floor with gentle bumps.", default=None, example=Roughness(height=0.0005, wavelength=0.1, seed=1)
     )
-    roughness: Roughness | None = field(
-        default=None,
-        metadata=table(
-            "A floor with gentle bumps.", example=Roughness(height=0.0005, wavelength=0.1, seed=1)
-        ),
+    timing: Timing | None = table(
+        "A controller with delay or jitter.", default=None, example=Timing(delay=1, jitter=0.001)
     )
-    timing: Timing | None = field(
-        default=None,
-        metadata=table("A controller with delay or jitter.", example=Timing(delay=1, jitter=0.001)),
-    )
-    pushes: tuple[Push, ...] = field(
+    pushes: tuple[Push, ...] = table(
+        "A push on the body; write the table again for another one.",
         default=(),
-        metadata=table(
-            "A push on the body; write the table again for another one.",
-            example=Push(time=5.0, duration=0.1, force=(20.0, 0.0, 0.0), height=0.4),
-        ),
+        example=Push(time=5.0, duration=0.1, force=(20.0, 0.0, 0.0), height=0.4),
     )
-    sensor_faults: SensorFaults | None = field(
+    sensor_faults: SensorFaults | None = table(
+        "Errors of the AHRS besides noise.",
         default=None,
-        metadata=table(
-            "Errors of the AHRS besides noise.",
-            example=SensorFaults(gyro_bias=0.001, gyro_bias_walk=1e-5, lean_error=0.003, latency=0.005),
-        ),
+        example=SensorFaults(gyro_bias=0.001, gyro_bias_walk=1e-5, lean_error=0.003, latency=0.005),
     )
-    accelerometer: Accelerometer | None = field(
-        default=None,
-        metadata=table("An accelerometer on the body: acc_x to acc_z in the log.", example=Accelerometer()),
+    accelerometer: Accelerometer | None = table(
+        "An accelerometer on the body: acc_x to acc_z in the log.", default=None, example=Accelerometer()
     )
-    fix: FixSource | None = field(
+    fix: FixSource | None = table(
+        "An external position sensor, used only by a Kalman filter.",
         default=None,
-        metadata=table(
-            "An external position sensor, used only by a Kalman filter.", example=FixSource(rate=10.0)
-        ),
+        example=FixSource(rate=10.0),
     )
 
     def summary(self) -> Summary:
@@ -272,24 +233,10 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
         raise InputError(
             f"The scenario has {len(scenario.pushes)} pushes; it can have at most {_MOST_PUSHES}."
         )
-    for one in parameters_of(Scenario):
-        if one.shape not in ("text", "truth value"):
-            for value in _values_at(scenario, one.name):
-                check_number(one, one.name, value)
+    check_parameters(scenario)
     check_rollers(scenario.rollers, robot)
     _check_friction(scenario, robot)
     _check_rates(scenario)
-
-
-def _values_at(record: object, name: str) -> Iterator[object]:
-    """Yield the numbers of a dotted name: nothing for a fault that is off, one or more for each push."""
-    key, _, rest = name.partition(".")
-    content = getattr(record, key)
-    for one in content if isinstance(content, tuple) else (content,):
-        if not rest:
-            yield one
-        elif one is not None:
-            yield from _values_at(one, rest)
 
 
 def _check_friction(scenario: Scenario, robot: Robot) -> None:

@@ -46,10 +46,7 @@ base = "nominal"
 def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
     """Return the scenario of that name, or the one in that TOML file, for a robot.
 
-    Raises
-    ------
-    InputError
-        If there is neither, or the file cannot be read, misspells a key or describes no scenario of that robot.
+    InputError if there is neither, or the file cannot be read, misspells a key or describes no scenario of that robot.
     """
     if source in Scenario.names():
         return Scenario.named(str(source), robot)
@@ -65,31 +62,15 @@ def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
 
 
 def scenario_of(tree: Mapping[str, object], robot: RobotLike, *, default_name: str) -> Scenario:
-    """Return the scenario that the tables of a scenario file describe, for a robot.
+    """Return the scenario that the tables of a scenario file describe, for a robot; without any it is `nominal`.
 
-    Parameters
-    ----------
-    tree : mapping
-        The tables as nested dictionaries; without any it is `nominal`.
-    robot : Robot
-    default_name : str
-        Name of the scenario if the tables have none.
-
-    Raises
-    ------
-    InputError
-        If they misspell a key or describe no scenario of that robot.
+    InputError if they misspell a key or describe no scenario of that robot.
     """
     changes = dict(tree)
     base = changes.pop("base", "nominal")
     if not isinstance(base, str):
         raise InputError(f"base is {base!r}; it must be a text in quotes, such as {Scenario.names()[0]!r}.")
     start = Scenario.named(base, robot)
-    # files of earlier versions have it as zero
-    if changes.pop("asymmetry", 0.0) != 0.0:
-        raise InputError(
-            "asymmetry is gone: give coulomb_asymmetry and stribeck_asymmetry in [friction] [N m]."
-        )
     values = _merged(asdict(start), {"name": default_name, **changes})
     scenario = validate_table(Scenario, values, of="a scenario file")
     check_scenario(scenario, as_robot(robot))

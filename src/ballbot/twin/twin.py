@@ -34,20 +34,16 @@ class TimingModel:
     """Delay of the torques, and jitter of the sampling instants.
 
     Instant k is at k T + e_k with e_k ~ U(-jitter, jitter) in whole physics steps and e_0 = 0; the mean rate stays.
-
-    Parameters
-    ----------
-    timing : Timing
-    steps : int
-        Physics steps in a sample on the grid.
-    timestep : float
-        [s]
-    wheel_count : int
-    random : Generator
     """
 
     def __init__(
-        self, timing: Timing, *, steps: int, timestep: float, wheel_count: int, random: np.random.Generator
+        self,
+        timing: Timing,
+        *,
+        steps: int,  # physics steps in a sample on the grid
+        timestep: float,
+        wheel_count: int,
+        random: np.random.Generator,
     ) -> None:
         self._waiting = deque([np.zeros(wheel_count)] * timing.delay)
         self._largest = int(timing.jitter / timestep * (1 + 1e-9))

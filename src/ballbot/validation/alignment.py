@@ -49,6 +49,7 @@ from ballbot.identification.turning import (
     poses_turning,
 )
 from ballbot.log import Log
+from ballbot.log.columns import Bools, Floats
 from ballbot.log.pose import Poses, read_poses
 from ballbot.rounding import digits, percent, plus_minus
 
@@ -69,16 +70,16 @@ class Frame:
     camera_world: Rotation
     tilt_half_width: float  #: 95 % [rad]
     heading_half_width: float  #: 95 % [rad]
-    origin: NDArray[np.float64] | None  #: (3,) [m] at the ball centre's height; None without positions
+    origin: Floats | None  #: (3,) [m] at the ball centre's height; None without positions
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathFit:
     """The lever arm, and how the log's path compares with the cameras' but for the heading's error."""
 
-    arm: NDArray[np.float64]  #: (3,) [m] marker frame, as fitted
-    arm_half_width: NDArray[np.float64]  #: (3,) 95 % [m], of chance alone
-    used: NDArray[np.float64]  #: (3,) [m] the arm that is subtracted, or zero if it is not significant
+    arm: Floats  #: (3,) [m] marker frame, as fitted
+    arm_half_width: Floats  #: (3,) 95 % [m], of chance alone
+    used: Floats  #: (3,) [m] the arm that is subtracted, or zero if it is not significant
     scale: float  #: the log's distances over the cameras'
     scale_half_width: float
     turn: float  #: from the cameras' path to the log's [rad]
@@ -107,7 +108,7 @@ class PositionError:
     by_heading: (
         float  #: share of the error's square that the heading's error explains; below 0, it makes it worse
     )
-    predicted: NDArray[np.float64]  #: (N, 2) [m] the error that the heading's makes; NaN if not seen
+    predicted: Floats  #: (N, 2) [m] the error that the heading's makes; NaN if not seen
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,7 +116,7 @@ class SensorErrors:
     """Errors of all that the log and the cameras both have."""
 
     of: dict[str, SensorError]
-    errors: dict[str, NDArray[np.float64]]  #: by name, (N,) on the log's rows
+    errors: dict[str, Floats]  #: by name, (N,) on the log's rows
     position: PositionError | None
     duration: float  #: from the first to the last row compared [s]
 
@@ -137,18 +138,10 @@ class Alignment:
 def align(log: Log, mocap: Log) -> Alignment:
     """Return how a log and its motion capture belong together.
 
-    Parameters
-    ----------
-    log : Log
-        Needs gyro_x, gyro_y, gyro_z or theta, phi, psi; with the angles, their errors come too, and with x and y
-        those of the position.
-    mocap : Log
-        Motion capture: t, and qw qx qy qz of a body, marker frame to the cameras'; x y z of a point of it, if it has.
-
-    Raises
-    ------
-    InputError
-        If they lack a needed column, are not of the same run, or the cameras confused markers out of view.
+    The log needs gyro_x, gyro_y, gyro_z or theta, phi, psi; with the angles, their errors come too, and with x and y
+    those of the position. The motion capture has t, and qw qx qy qz of a body, marker frame to the cameras'; x y z [m]
+    of a point of it, if it has. InputError if they lack a needed column, are not of the same run, or the cameras
+    confused markers out of view.
     """
     turning, poses = log_turning(log), _in_one_frame(read_poses(mocap).seen_only())
     motion, rival = match_turning(turning, poses_turning(poses), least_share=_LEAST_SHARE)
@@ -195,7 +188,7 @@ class _Seen:
 
     rows: NDArray[np.intp]  #: (k,) of the log
     camera_marker: Rotation  #: k of them
-    places: NDArray[np.float64]  #: (k, 3) [m], the cameras' frame; NaN if not seen
+    places: Floats  #: (k, 3) [m], the cameras' frame; NaN if not seen
 
 
 def _on_rows(log: Log, poses: Poses, motion: MotionFit) -> _Seen:
@@ -211,7 +204,7 @@ def _on_rows(log: Log, poses: Poses, motion: MotionFit) -> _Seen:
     return _Seen(rows=rows, camera_marker=Slerp(poses.t, poses.rotations)(t), places=places)
 
 
-def _bracketed(t: NDArray[np.float64], seen: NDArray[np.float64], longest: float) -> NDArray[np.bool_]:
+def _bracketed(t: Floats, seen: Floats, longest: float) -> Bools:
     """Return which times (N,) lie between two of those seen that are no further apart than `longest`."""
     after = np.clip(np.searchsorted(seen, t), 1, len(seen) - 1)
     return (t >= seen[0]) & (t <= seen[-1]) & (seen[after] - seen[after - 1] <= longest)
@@ -258,14 +251,8 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, Frame, P
     return log.with_columns(filled), frame, path
 
 
-def _camera_world(t: NDArray[np.float64], each: Rotation) -> Rotation:
-    """Return the world's orientation in the cameras' frame by that at each row.
-
-    Raises
-    ------
-    InputError
-        If it jumps.
-    """
+def _camera_world(t: Floats, each: Rotation) -> Rotation:
+    """Return the world's orientation in the cameras' frame by that at each row; InputError if it jumps."""
     jumps = (each[:-1].inv() * each[1:]).magnitude() > 2.0 * _LEAST_JUMP
     if jumps.any():
         raise InputError(
@@ -283,28 +270,18 @@ _STRETCH = 5.0
 #: and to one row in so many
 _EVERY = 5
 #: A ball's position computed from wheels is wrong by a little as the robot rocks (play, creep), and that looks like an
-#: arm: of 3 and 5 cm on two logs whose cameras report the ball's centre itself. Below this no arm is believed [m]
+#: arm: of 3 and 5 cm on two logs whose cameras report the ball's centre itself. Below this no arm is assumed [m]
 LEAST_LEVER = 0.1
 
 
 def _path_fit(
-    t: NDArray[np.float64], world_marker: Rotation, places: NDArray[np.float64], positions: NDArray[np.float64],
-    heading: NDArray[np.float64],
+    t: Floats, world_marker: Rotation, places: Floats, positions: Floats,
+    heading: Floats,
 ) -> PathFit | None:  # fmt: skip
     """Return the lever arm, scale and turn of the path, or None if log or cameras have hardly any positions.
 
-    Parameters
-    ----------
-    t : ndarray (k,)
-        [s]
-    world_marker : Rotation
-        k of them.
-    places : ndarray (k, 3)
-        Of the tracked point in the axes of the world [m].
-    positions : ndarray (k, 2)
-        The log's x and y [m].
-    heading : ndarray (k,)
-        The cameras' heading less the log's [rad].
+    At k times t [s]: the marker's orientation and the place (k, 3) [m] of the tracked point in the axes of the world,
+    the log's x and y (k, 2) [m], and the cameras' heading less the log's (k,) [rad].
     """
     known = np.asarray(np.isfinite(np.hstack([places, positions])).all(axis=1))
     ends = np.searchsorted(t, t + _STRETCH)
@@ -325,9 +302,9 @@ def _path_fit(
     if half[3:].max() > 0.3 * np.hypot(*found[3:]):  # hardly a path
         return None
     arm, size = found[:3], float(np.hypot(*found[3:]))
-    believed = np.linalg.norm(arm) > LEAST_LEVER + np.linalg.norm(half[:3])
+    significant = np.linalg.norm(arm) > LEAST_LEVER + np.linalg.norm(half[:3])
     return PathFit(
-        arm=arm, arm_half_width=half[:3], used=arm if believed else np.zeros(3), scale=1.0 / size,
+        arm=arm, arm_half_width=half[:3], used=arm if significant else np.zeros(3), scale=1.0 / size,
         scale_half_width=float(half[3]) / size**2, turn=-float(np.arctan2(found[4], found[3])),
         turn_half_width=float(half[4]) / size,
     )  # fmt: skip
@@ -355,7 +332,7 @@ def _sensor_errors(log: Log) -> SensorErrors | None:
     )
 
 
-def _sensor_error(name: str, log: Log, error: NDArray[np.float64]) -> SensorError:
+def _sensor_error(name: str, log: Log, error: Floats) -> SensorError:
     known = np.isfinite(error)
     t, e = log.t[known], error[known]
     J = np.column_stack([np.ones(len(t)), t - t.mean()])[:, None, :]
@@ -369,7 +346,7 @@ def _sensor_error(name: str, log: Log, error: NDArray[np.float64]) -> SensorErro
     )  # fmt: skip
 
 
-def _delay(log: Log, name: str, error: NDArray[np.float64]) -> tuple[float | None, float | None]:
+def _delay(log: Log, name: str, error: Floats) -> tuple[float | None, float | None]:
     """Return how late an angle is logged [s] and the 95 % half width, or None if too little is known."""
     t, known = log.t, np.isfinite(log[name])
     times, angle = t[known], np.unwrap(log[name][known])
@@ -382,7 +359,7 @@ def _delay(log: Log, name: str, error: NDArray[np.float64]) -> tuple[float | Non
     return float(found[0]), float(half[0])
 
 
-def _position_error(log: Log, errors: dict[str, NDArray[np.float64]]) -> PositionError | None:
+def _position_error(log: Log, errors: dict[str, Floats]) -> PositionError | None:
     seen = np.column_stack([log[f"{PREFIX}{name}"] for name in POSITIONS])
     error = np.column_stack([errors[name] for name in POSITIONS])
     known = np.isfinite(seen).all(axis=1) & np.isfinite(error).all(axis=1)
@@ -402,7 +379,7 @@ def _position_error(log: Log, errors: dict[str, NDArray[np.float64]]) -> Positio
     )
 
 
-def _turned(path: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turned(path: Floats, turn: Floats) -> Floats:
     """Return a path (k, 2), from its start, whose every step is turned by an angle (k,)."""
     steps = np.diff(path, axis=0) @ np.array([1.0, 1.0j])
     turned = np.cumsum(np.exp(0.5j * (turn[1:] + turn[:-1])) * steps)

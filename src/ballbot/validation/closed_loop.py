@@ -22,6 +22,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.validation.models import (
     ErrorPair,
@@ -50,25 +51,17 @@ _LARGEST_DELAY = 4
 class RecoveredGain:
     """u[k] = K S(psi) (r - x) at row k - delay, as found in a log."""
 
-    gain: NDArray[np.float64]  #: K (n, 10)
+    gain: Floats  #: K (n, 10)
     delay: int  #: samples from the state that a torque answers to the row that it stands in
-    r_squared: NDArray[np.float64]  #: (n,) share of each wheel's torque variance explained
+    r_squared: Floats  #: (n,) share of each wheel's torque variance explained
     samples: int  #: rows used
     torque_limit: float | None  #: [N m] at which the log's torques were clipped, if they were
 
 
 def recover_gain(log: Log) -> RecoveredGain:
-    """Find the gain and the delay of the controller that recorded a log.
+    """Find the gain and the delay of the controller that recorded a log with states, torques and ref_x, ref_y, ref_psi.
 
-    Parameters
-    ----------
-    log : Log
-        With states, torques and ref_x, ref_y, ref_psi.
-
-    Raises
-    ------
-    InputError
-        If no linear law explains the torques.
+    InputError if no linear law explains the torques.
     """
     errors, torques = heading_error(log.states, log.reference), log.torques
     limit = _clipping_limit(torques)
@@ -99,10 +92,7 @@ def recover_gain(log: Log) -> RecoveredGain:
 def delay_of(controller: Feedback, log: Log) -> int:
     """Return by how many samples the log's torques come after the states that the controller answers to.
 
-    Raises
-    ------
-    InputError
-        If the controller is not the one that recorded the log, at any delay.
+    InputError if the controller is not the one that recorded the log, at any delay.
     """
     references, states = log.reference, log.states
     controller.reset()
@@ -124,27 +114,25 @@ def delay_of(controller: Feedback, log: Log) -> int:
     return best
 
 
-def explained_share(torques: NDArray[np.float64], unexplained: NDArray[np.float64]) -> NDArray[np.float64]:
+def explained_share(torques: Floats, unexplained: Floats) -> Floats:
     """Return R^2 (n,) of each wheel: one less the unexplained share of the torque's variance."""
     total = np.sum((torques - torques.mean(axis=0)) ** 2, axis=0)
     return 1.0 - np.sum(unexplained**2, axis=0) / np.where(total > 0.0, total, np.inf)
 
 
-def heading_error(states: NDArray[np.float64], references: NDArray[np.float64]) -> NDArray[np.float64]:
+def heading_error(states: Floats, references: Floats) -> Floats:
     """Return S(psi) (r - x) (N, 10)."""
     return in_heading_frame(references - states, states[:, 4])
 
 
-def _clipping_limit(torques: NDArray[np.float64]) -> float | None:
+def _clipping_limit(torques: Floats) -> float | None:
     """Return the largest torque where it recurs as only a limit makes it, else None."""
     largest = np.abs(torques).max()
     recurring = np.count_nonzero(np.abs(torques) == largest)
     return float(largest) if recurring > 3 and largest > 0.0 else None
 
 
-def _fit_gain(
-    errors: NDArray[np.float64], torques: NDArray[np.float64], delay: int, limit: float | None
-) -> RecoveredGain:
+def _fit_gain(errors: Floats, torques: Floats, delay: int, limit: float | None) -> RecoveredGain:
     causes, effects = errors[: len(errors) - delay], torques[delay:]
     usable = np.ones(len(effects), dtype=bool)
     if limit is not None:
@@ -175,32 +163,15 @@ def closed_loop(
     parts: Sequence[range],
     controller: Feedback,
     *,
-    covariance: NDArray[np.float64],
+    covariance: Floats,
     delay: int = 0,
     seed: int = 0,
 ) -> ClosedLoop:
-    """Compare both models with the log in closed loop.
+    """Compare both models with the log in closed loop, in runs that restart within the rows that count.
 
-    Parameters
-    ----------
-    models : ModelPair
-    log : Log
-        With ref_x, ref_y, ref_psi.
-    parts : sequence of range
-        Rows within which runs restart.
-    controller : Feedback
-        As it ran on the robot; every run has a copy of its own.
-    covariance : array (10, 10)
-        Of a measured state's noise.
-    delay : int
-        Samples by which the controller's torques come late.
-    seed : int
-        Of the noise drawn for the runs over the whole log.
-
-    Raises
-    ------
-    InputError
-        If the controller's sample time is not the log's.
+    The controller is as it ran on the robot, its torques late by `delay` samples; every run has a copy of its own.
+    `covariance` (10, 10) is that of a measured state's noise. InputError if the controller's sample time is not the
+    log's.
     """
     check_wheels(models.first.model, log)
     if not np.isclose(controller.sample_time, log.sample_time, rtol=0.02):
@@ -237,7 +208,7 @@ def join_closed_loops(parts: Sequence[ClosedLoop]) -> ClosedLoop:
 
 def _run_models(
     models: ModelPair, log: Log, starts: NDArray[np.int64], samples: int, controller: Feedback, delay: int
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the states (2, starts, samples, 10) of both models, every start of both stepped side by side."""
     measured, torques, references, t = log.states, log.torques, log.reference, log.t
     sample_time = log.sample_time

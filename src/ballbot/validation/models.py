@@ -17,8 +17,9 @@ No error counts as less than `FINEST` before a ratio is formed. The interval is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,14 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
 from ballbot.log import Log
+from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,10 +49,7 @@ class NamedModel:
 class ModelPair:
     """Two models of robots with as many wheels: the first is validated, the second is the reference.
 
-    Raises
-    ------
-    InputError
-        If they have the same name, are the same model, or have not as many wheels.
+    InputError if they have the same name, are the same model, or have not as many wheels.
     """
 
     first: NamedModel
@@ -71,13 +73,7 @@ class ModelPair:
 
     @staticmethod
     def by_friction(model: Model) -> ModelPair:
-        """Return a model as it is, beside itself without any friction.
-
-        Raises
-        ------
-        InputError
-            If it has no friction.
-        """
+        """Return a model as it is, beside itself without any friction; InputError if it has none."""
         robot = model.robot
         none = Friction.none(robot.wheel_count)
         if robot.friction == none:
@@ -96,18 +92,8 @@ class ModelPair:
     def load(robot: str, *, against: str | None = None) -> ModelPair:
         """Return the model of a preset or robot file and the one that it is compared with.
 
-        Parameters
-        ----------
-        robot : str
-            A preset's name or a robot file.
-        against : str, optional
-            A preset's name or a robot file; "thesis", for the same robot with the thesis's equations; if not given,
-            the same robot without friction.
-
-        Raises
-        ------
-        InputError
-            If a file is not valid or both models are the same.
+        That is another preset or robot file; "thesis", the same robot with the thesis's equations; or, if not given,
+        the same robot without friction. InputError if a file is not valid or both models are the same.
         """
         model = Model(Robot.load(robot))
         if against is None:
@@ -142,24 +128,16 @@ class ModelPair:
 FINEST = 1e-9
 
 Interval = tuple[float, float]
+Record = TypeVar("Record", bound="DataclassInstance")
 
 #: an interval longer than this many sample times is a gap, across which nothing may be predicted
 _GAP = 1.5
 
 
 def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range]:
-    """Return the runs of rows that follow each other without a gap.
+    """Return the runs of rows that follow each other without a gap, of times start <= t < end [s] if given.
 
-    Parameters
-    ----------
-    log : Log
-    holdout : sequence of (start, end), optional
-        Times [s] that count, start <= t < end; without it, the whole log.
-
-    Raises
-    ------
-    InputError
-        If nothing of the log lies in `holdout`.
+    InputError if nothing of the log lies in them.
     """
     counts = np.ones(len(log), dtype=bool)
     if holdout is not None:
@@ -196,36 +174,27 @@ def forecast(
     starts: NDArray[np.int64],
     samples: int,
     *,
-    initial: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+    initial: Floats | None = None,
+) -> Floats:
     """Simulate each model from each start with the torques measured from there on.
 
-    Row k of a log holds the state at t_k and the torques held from then on, so that the forecast from row k with
-    the torques of rows k .. k + samples - 1 is of the states in rows k + 1 .. k + samples.
-
-    Parameters
-    ----------
-    models : sequence of Model
-        All with as many wheels as the log has torques.
-    log : Log
-    starts : array (starts,)
-        Rows to start from.
-    samples : int
-        How far.
-    initial : array (starts, 10), optional
-        States to start from, in place of the measured ones.
-
-    Returns
-    -------
-    array (models, starts, samples, 10)
-        A forecast that passes the largest lean stays where it did.
+    Row k of a log holds the state at t_k and the torques held from then on, so that the forecast from row k with the
+    torques of rows k .. k + samples - 1 is of the states in rows k + 1 .. k + samples. Returned are the states (models,
+    starts, samples, 10); a forecast that passes the largest lean stays where it did. `initial` (starts, 10) are states
+    to start from, in place of the measured ones.
     """
     return np.stack([_forecast_of(model, log, starts, samples, initial) for model in models])
 
 
+def drawn_noise(covariance: Floats, shape: tuple[int, ...], *, seed: int) -> Floats:
+    """Return noise of measured states (*shape, 10) of that covariance (10, 10)."""
+    random = np.random.default_rng(seed)
+    return random.multivariate_normal(np.zeros(len(covariance)), covariance, size=shape, method="eigh")
+
+
 def _forecast_of(
-    model: Model, log: Log, starts: NDArray[np.int64], samples: int, initial: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+    model: Model, log: Log, starts: NDArray[np.int64], samples: int, initial: Floats | None
+) -> Floats:
     """Return one model's states (starts, samples, 10)."""
     check_wheels(model, log)
     lanes = Lanes(
@@ -237,7 +206,7 @@ def _forecast_of(
     return simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps).states
 
 
-def in_heading_frame(states: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
+def in_heading_frame(states: Floats, psi: Floats) -> Floats:
     """Return states or their differences (N, 10), the pairs of x and y and of the leans turned by -psi (N,)."""
     turned, c, s = states.copy(), np.cos(psi)[:, None], np.sin(psi)[:, None]
     x, y = [0, 2, 5, 7], [1, 3, 6, 8]
@@ -255,9 +224,7 @@ def recoverable_lean(model: Model) -> float:
     return float(recoverable_leans(model, np.array([0.0, 0.5 * np.pi]), largest=largest).min())
 
 
-def recoverable_leans(
-    model: Model, directions: NDArray[np.float64], *, largest: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def recoverable_leans(model: Model, directions: Floats, *, largest: Floats) -> Floats:
     """Return the lean [rad] in each direction (d,) from which, at rest, torques up to `largest` (n,) bring it back.
 
     The acceleration of the leans (theta, phi) = lean (cos d, sin d) outward is affine in the torques: the body's own
@@ -282,13 +249,7 @@ def recoverable_leans(
 
 
 def check_wheels(model: Model, log: Log) -> None:
-    """Refuse a log whose torques are not those of the model's wheels.
-
-    Raises
-    ------
-    InputError
-        Naming both numbers.
-    """
+    """Refuse a log whose torques are not those of the model's wheels; InputError with both numbers."""
     have, need = log.torques.shape[1], model.robot.wheel_count
     if have != need:
         raise InputError(
@@ -300,13 +261,13 @@ def check_wheels(model: Model, log: Log) -> None:
 class Trajectories:
     """States over time, from the start that all three have in common; in the order and units of a log's states."""
 
-    t: NDArray[np.float64]  #: (k,) [s], of the log
-    measured: NDArray[np.float64]  #: (k, 10)
-    first: NDArray[np.float64]  #: (k, 10) of the first model
-    second: NDArray[np.float64]  #: (k, 10) of the second
+    t: Floats  #: (k,) [s], of the log
+    measured: Floats  #: (k, 10)
+    first: Floats  #: (k, 10) of the first model
+    second: Floats  #: (k, 10) of the second
 
     @staticmethod
-    def beside(log: Log, start: int, states: NDArray[np.float64]) -> Trajectories:
+    def beside(log: Log, start: int, states: Floats) -> Trajectories:
         """Return the rows of a log from `start` on beside the `states` (2, samples, 10) of both models after it."""
         rows = slice(start, start + states.shape[1] + 1)
         measured = log.states[rows]
@@ -314,7 +275,7 @@ class Trajectories:
         return Trajectories(t=log.t[rows], measured=measured, first=first, second=second)
 
 
-def thesis_error(difference: NDArray[np.float64]) -> NDArray[np.float64]:
+def thesis_error(difference: Floats) -> Floats:
     """Return e of (4.1) for each column of `difference` (n, states) = measured - modelled."""
     return np.linalg.norm(difference, axis=0) / len(difference)
 
@@ -323,23 +284,23 @@ def thesis_error(difference: NDArray[np.float64]) -> NDArray[np.float64]:
 class StateErrors:
     """One model's errors over several runs beside the measurement, state by state in the log's order and units."""
 
-    by_run: NDArray[np.float64]  #: (runs, 10) e of (4.1) for each run
+    by_run: Floats  #: (runs, 10) e of (4.1) for each run
     samples: NDArray[np.int64]  #: (runs,) n, the samples of each run
 
     @property
-    def error(self) -> NDArray[np.float64]:
+    def error(self) -> Floats:
         """The mean of (4.1) over the runs (10,)."""
         return self.by_run.mean(axis=0)
 
     @property
-    def rmse(self) -> NDArray[np.float64]:
+    def rmse(self) -> Floats:
         """The root mean square of the error over all samples of all runs (10,)."""
         # a run's sum of squares is (e n)^2
         squares = (self.by_run * self.samples[:, None]) ** 2
         return np.sqrt(squares.sum(axis=0) / self.samples.sum())
 
     @staticmethod
-    def of_runs(differences: Sequence[NDArray[np.float64]]) -> StateErrors:
+    def of_runs(differences: Sequence[Floats]) -> StateErrors:
         """Return the errors of runs given as measured minus modelled states, each (n, 10) of its own length."""
         return StateErrors(
             by_run=np.array([thesis_error(difference) for difference in differences]),
@@ -353,21 +314,21 @@ class ErrorPair:
 
     first: StateErrors
     second: StateErrors
-    means: NDArray[np.float64]  #: (runs, 10) of what was measured
-    squares: NDArray[np.float64]  #: (runs, 10) its mean squares
+    means: Floats  #: (runs, 10) of what was measured
+    squares: Floats  #: (runs, 10) its mean squares
     overlap: int = 1  #: how many neighbouring runs share some of the log
 
     @staticmethod
     def of_runs(
-        measured: Sequence[NDArray[np.float64]],
-        first: Sequence[NDArray[np.float64]],
-        second: Sequence[NDArray[np.float64]],
+        measured: Sequence[Floats],
+        first: Sequence[Floats],
+        second: Sequence[Floats],
         *,
         overlap: int = 1,
     ) -> ErrorPair:
         """Return the errors of runs given as measured states and both models', each (n, 10) of its own length."""
 
-        def errors(modelled: Sequence[NDArray[np.float64]]) -> StateErrors:
+        def errors(modelled: Sequence[Floats]) -> StateErrors:
             return StateErrors.of_runs([x - x_hat for x, x_hat in zip(measured, modelled, strict=True)])
 
         return ErrorPair(
@@ -384,7 +345,7 @@ class ErrorPair:
         return len(self.first.samples)
 
     @property
-    def ratio(self) -> NDArray[np.float64]:
+    def ratio(self) -> Floats:
         """Error (4.1) of the second model over that of the first (10,), neither below `FINEST`.
 
         Above one, the first is nearer; one if both are below.
@@ -393,31 +354,31 @@ class ErrorPair:
         return second / first
 
     @property
-    def unresolved(self) -> NDArray[np.bool_]:
+    def unresolved(self) -> Bools:
         """States (10,) whose errors are below `FINEST` in both models: they show nothing."""
         return np.maximum(self.first.rmse, self.second.rmse) <= FINEST
 
-    def _resolved(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _resolved(self) -> tuple[Floats, Floats]:
         """Return the errors by run of the first and the second model, none below `FINEST`."""
         least = FINEST / np.sqrt(self.first.samples[:, None])
         return np.maximum(self.first.by_run, least), np.maximum(self.second.by_run, least)
 
     @property
-    def spread(self) -> NDArray[np.float64]:
+    def spread(self) -> Floats:
         """Standard deviation (10,) of what was measured, over all samples of all runs."""
         weights = self.first.samples
         mean = np.average(self.means, axis=0, weights=weights)
         return np.sqrt(np.maximum(np.average(self.squares, axis=0, weights=weights) - mean**2, 0.0))
 
     @property
-    def normalised_rmse(self) -> NDArray[np.float64]:
+    def normalised_rmse(self) -> Floats:
         """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `FINEST`."""
         spread = self.spread
         rmse = np.array([self.first.rmse, self.second.rmse])
         moved = spread > FINEST
         return np.where(moved, rmse / np.where(moved, spread, 1.0), np.nan)
 
-    def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
+    def ratio_interval(self, *, seed: int = 0) -> Floats:
         """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
 
         Whole runs are drawn, in blocks of neighbours, and both models' errors of a run go together.
@@ -432,19 +393,21 @@ class ErrorPair:
         return verdicts(self.ratio_interval())
 
 
+def join_arrays(parts: Sequence[Record]) -> Record:
+    """Return the first of some data classes with the rows of all in its arrays; None if one lacks an array."""
+    joined: dict[str, object] = {}
+    for name in (one.name for one in fields(parts[0])):
+        values = [getattr(part, name) for part in parts]
+        if any(isinstance(value, np.ndarray) for value in values):
+            joined[name] = None if any(value is None for value in values) else np.concatenate(values)
+    return replace(parts[0], **joined)
+
+
 def join_pairs(pairs: Sequence[ErrorPair]) -> ErrorPair:
     """Return the errors over the runs of all `pairs`."""
-    return ErrorPair(
-        first=_join_errors([pair.first for pair in pairs]),
-        second=_join_errors([pair.second for pair in pairs]),
-        means=np.concatenate([pair.means for pair in pairs]),
-        squares=np.concatenate([pair.squares for pair in pairs]),
+    return replace(
+        join_arrays(pairs),
+        first=join_arrays([pair.first for pair in pairs]),
+        second=join_arrays([pair.second for pair in pairs]),
         overlap=max(pair.overlap for pair in pairs),
-    )
-
-
-def _join_errors(errors: Sequence[StateErrors]) -> StateErrors:
-    return StateErrors(
-        by_run=np.concatenate([part.by_run for part in errors]),
-        samples=np.concatenate([part.samples for part in errors]),
     )

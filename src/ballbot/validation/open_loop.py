@@ -12,15 +12,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.validation.models import (
     ErrorPair,
     ModelPair,
     StateErrors,
     Trajectories,
+    drawn_noise,
     forecast,
     join_pairs,
     recoverable_lean,
@@ -39,7 +40,7 @@ class OpenLoop:
     """Errors of open-loop runs from many starts, and one of the runs to look at."""
 
     errors: ErrorPair
-    noise_floor: NDArray[np.float64]  #: (10,) RMSE that the noise of the measured start alone would cause
+    noise_floor: Floats  #: (10,) RMSE that the noise of the measured start alone would cause
     longest: float  #: no run was longer than this [s]
     past_recovery: float  #: share of the runs that ended by the lean
     recoverable_lean: float  #: [rad]
@@ -51,26 +52,13 @@ def open_loop(
     log: Log,
     parts: Sequence[range],
     *,
-    start_covariance: NDArray[np.float64],
+    start_covariance: Floats,
     seed: int = 0,
 ) -> OpenLoop:
-    """Compare both models with the log in open loop, from starts a second apart.
+    """Compare both models with the log in open loop, from starts a second apart within the rows that count.
 
-    Parameters
-    ----------
-    models : ModelPair
-    log : Log
-    parts : sequence of range
-        Rows that count, from `ballbot.validation.models.stretches`.
-    start_covariance : array (10, 10)
-        Covariance of a measured state's noise, for `OpenLoop.noise_floor`.
-    seed : int
-        Of the noise drawn for the noise floor.
-
-    Raises
-    ------
-    InputError
-        If no run of ten samples fits.
+    `start_covariance` (10, 10) is that of a measured state's noise, for `OpenLoop.noise_floor`. InputError if no run of
+    ten samples fits.
     """
     samples = min(round(_LONGEST / log.sample_time), max(len(part) for part in parts) - 1)
     every = max(1, round(_SPACING / log.sample_time))
@@ -89,7 +77,7 @@ def open_loop(
         *([run[:n] for run, n in zip(of_model, lengths, strict=True)] for of_model in states),
         overlap=-(-int(np.median(lengths)) // every),
     )
-    shifted = _noisy(log.states[starts], start_covariance, seed)
+    shifted = log.states[starts] + drawn_noise(start_covariance, (len(starts),), seed=seed)
     noisy = forecast([models.first.model], log, starts, samples, initial=shifted)[0]
     floor = StateErrors.of_runs([(a - b)[:n] for a, b, n in zip(noisy, states[0], lengths, strict=True)])
     middle = _median_run(errors)
@@ -119,20 +107,14 @@ def join_open_loops(parts: Sequence[OpenLoop]) -> OpenLoop:
     )
 
 
-def _largest_lean(states: NDArray[np.float64]) -> NDArray[np.float64]:
+def _largest_lean(states: Floats) -> Floats:
     return np.abs(states[..., 2:4]).max(axis=-1)
 
 
-def _samples_upright(runs: NDArray[np.float64], limit: float) -> int:
+def _samples_upright(runs: Floats, limit: float) -> int:
     """Return for how many samples, one at least, every one of `runs` (models, samples, 10) leans less than `limit`."""
     fallen = np.flatnonzero(np.any(~(_largest_lean(runs) < limit), axis=0))
     return max(1, int(fallen[0])) if fallen.size else runs.shape[1]
-
-
-def _noisy(states: NDArray[np.float64], covariance: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
-    random = np.random.default_rng(seed)
-    noise = random.multivariate_normal(np.zeros(len(covariance)), covariance, size=len(states), method="eigh")
-    return states + noise
 
 
 def _median_run(errors: ErrorPair) -> int:

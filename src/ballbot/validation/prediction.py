@@ -18,20 +18,28 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.comparison import HorizonErrors
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import wheel_speed_names
-from ballbot.validation.models import ErrorPair, ModelPair, forecast, rows_after, window_starts
+from ballbot.log.columns import Floats, wheel_speed_names
+from ballbot.validation.models import (
+    ErrorPair,
+    ModelPair,
+    drawn_noise,
+    forecast,
+    join_arrays,
+    rows_after,
+    window_starts,
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
     """One-step residuals of both models, and the states that the steps started from."""
 
-    residuals: NDArray[np.float64]  #: (steps, 10) of the first model
-    residuals_second: NDArray[np.float64]  #: (steps, 10) of the second
-    measured: NDArray[np.float64]  #: (steps, 10) the states that were predicted
-    torques: NDArray[np.float64]  #: (steps, n)
-    heading: NDArray[np.float64]  #: (steps,) psi [rad] that each step started from
-    wheel_speeds: NDArray[np.float64] | None  #: (steps, n) [rad/s] by the encoders; None if a log lacks them
+    residuals: Floats  #: (steps, 10) of the first model
+    residuals_second: Floats  #: (steps, 10) of the second
+    measured: Floats  #: (steps, 10) the states that were predicted
+    torques: Floats  #: (steps, n)
+    heading: Floats  #: (steps,) psi [rad] that each step started from
+    wheel_speeds: Floats | None  #: (steps, n) [rad/s] by the encoders; None if a log lacks them
     segments: tuple[int, ...]  #: lengths of the runs of steps that follow each other without a gap
     sample_time: float  #: [s]
 
@@ -48,7 +56,7 @@ class Prediction:
         return ErrorPair.of_runs([measured], [measured - self.residuals], [measured - self.residuals_second])
 
     @property
-    def start_covariance(self) -> NDArray[np.float64]:
+    def start_covariance(self) -> Floats:
         """Covariance (10, 10) of the noise of one measured state, estimated from the residuals.
 
         A residual holds the noise of two states, the one started from and the one compared with, so half of the
@@ -77,24 +85,11 @@ def predict(models: ModelPair, log: Log, parts: Sequence[range]) -> Prediction:
 
 def join_predictions(predictions: Sequence[Prediction]) -> Prediction:
     """Return the steps of all `predictions` as one."""
-
-    def together(arrays: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
-        known = [array for array in arrays if array is not None]
-        return np.concatenate(known) if len(known) == len(arrays) else None
-
-    return Prediction(
-        residuals=np.concatenate([part.residuals for part in predictions]),
-        residuals_second=np.concatenate([part.residuals_second for part in predictions]),
-        measured=np.concatenate([part.measured for part in predictions]),
-        torques=np.concatenate([part.torques for part in predictions]),
-        heading=np.concatenate([part.heading for part in predictions]),
-        wheel_speeds=together([part.wheel_speeds for part in predictions]),
-        segments=tuple(length for part in predictions for length in part.segments),
-        sample_time=predictions[0].sample_time,
-    )
+    segments = tuple(length for part in predictions for length in part.segments)
+    return replace(join_arrays(predictions), segments=segments)
 
 
-def _columns(log: Log, names: Sequence[str], rows: NDArray[np.int64]) -> NDArray[np.float64] | None:
+def _columns(log: Log, names: Sequence[str], rows: NDArray[np.int64]) -> Floats | None:
     if not all(name in log and np.isfinite(log[name]).all() for name in names):
         return None
     return np.column_stack([log[name][rows] for name in names])
@@ -113,8 +108,8 @@ class HorizonComparison:
 
     errors: HorizonErrors  #: of the first model and the second, state by state
     #: (h, 10), RMSE that the noise of start and measurement alone would cause
-    noise_floor: NDArray[np.float64]
-    spread: NDArray[np.float64]  #: (10,), standard deviation of what was measured
+    noise_floor: Floats
+    spread: Floats  #: (10,), standard deviation of what was measured
 
 
 def compare_horizons(
@@ -122,21 +117,12 @@ def compare_horizons(
     log: Log,
     parts: Sequence[range],
     *,
-    start_covariance: NDArray[np.float64],
+    start_covariance: Floats,
     seed: int = 0,
 ) -> HorizonComparison:
-    """Forecast from starts 0.1 s apart and compare at each horizon that fits the log's stretches.
+    """Forecast from starts 0.1 s apart and compare at each horizon that fits the stretches of rows that count.
 
-    Parameters
-    ----------
-    models : ModelPair
-    log : Log
-    parts : sequence of range
-        Rows that count.
-    start_covariance : array (10, 10)
-        Covariance of a measured state's noise.
-    seed : int
-        Of the noise drawn for the noise floor.
+    `start_covariance` (10, 10) is that of a measured state's noise, for the noise floor.
     """
     step = log.sample_time
     fitting = max(len(part) for part in parts) - 1
@@ -146,10 +132,9 @@ def compare_horizons(
     states = forecast(models.both, log, starts, samples)
     measured = log.states[rows_after(starts, samples)]
 
-    random = np.random.default_rng(seed)
-    noise = random.multivariate_normal(np.zeros(10), start_covariance, size=(2, len(starts)), method="eigh")
-    noisy = forecast([models.first.model], log, starts, samples, initial=log.states[starts] + noise[0])[0]
-    floor = (noisy + noise[1][:, None] - states[0])[:, ahead - 1]
+    noise = drawn_noise(start_covariance, (2, len(starts)), seed=seed)
+    shifted = forecast([models.first.model], log, starts, samples, initial=log.states[starts] + noise[0])[0]
+    floor = (shifted + noise[1][:, None] - states[0])[:, ahead - 1]
     horizons = ahead * step
     return HorizonComparison(
         errors=HorizonErrors(

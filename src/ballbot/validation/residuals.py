@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, note
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.log import STATE_NAMES
+from ballbot.log.columns import Floats
 from ballbot.mechanics.model import Model
 from ballbot.validation.models import in_heading_frame
 from ballbot.validation.prediction import Prediction
@@ -93,7 +94,7 @@ def _no_wheels(prediction: Prediction) -> str | None:
 _LIFT = 1e-10
 
 
-def wheel_torque_residuals(prediction: Prediction, model: Model) -> NDArray[np.float64]:
+def wheel_torque_residuals(prediction: Prediction, model: Model) -> Floats:
     """Return the residual torques (steps, n) [N m]."""
     rates = in_heading_frame(prediction.residuals, prediction.heading)[:, 5:]
     upright = np.zeros(5)
@@ -112,9 +113,9 @@ _BINS = 8
 class SpeedEffect:
     """Mean residual torque of one wheel at speeds that are equally frequent."""
 
-    speeds: NDArray[np.float64]  #: (b,) [rad/s] mean of each bin
-    torques: NDArray[np.float64]  #: (b,) [N m]
-    half_widths: NDArray[np.float64]  #: (b,) of the 95 % intervals
+    speeds: Floats  #: (b,) [rad/s] mean of each bin
+    torques: Floats  #: (b,) [N m]
+    half_widths: Floats  #: (b,) of the 95 % intervals
     p_value: float  #: of no torque at any speed; NaN if a speed was seldom had
 
     @property
@@ -123,9 +124,7 @@ class SpeedEffect:
         return int(np.argmax(np.abs(self.torques) / self.half_widths))
 
 
-def speed_effect(
-    torque: NDArray[np.float64], speed: NDArray[np.float64], blocks: NDArray[np.int64]
-) -> SpeedEffect:
+def speed_effect(torque: Floats, speed: Floats, blocks: NDArray[np.int64]) -> SpeedEffect:
     """Return one wheel's mean residual torque (n,) against its earlier speed (n,); NaN is passed over."""
     known = np.isfinite(speed)
     torque, speed, blocks = torque[known], speed[known], blocks[known]

@@ -41,6 +41,8 @@ from numpy.typing import NDArray
 from scipy import linalg, special
 from scipy.signal import spectrogram
 
+from ballbot.log.columns import Bools, Floats
+
 
 def slices(lengths: Sequence[int]) -> Iterator[slice]:
     """Return where each segment lies, given their lengths."""
@@ -50,7 +52,7 @@ def slices(lengths: Sequence[int]) -> Iterator[slice]:
         end += length
 
 
-def autocovariance(values: NDArray[np.float64], segments: Sequence[int], *, lags: int) -> NDArray[np.float64]:
+def autocovariance(values: Floats, segments: Sequence[int], *, lags: int) -> Floats:
     """Return the autocovariances (lags + 1, k) of columns (n, k) about their means, divided by n at every lag."""
     deviation = values - values.mean(axis=0)
     total = np.zeros((lags + 1, values.shape[1]))
@@ -64,7 +66,7 @@ def autocovariance(values: NDArray[np.float64], segments: Sequence[int], *, lags
     return total / len(values)
 
 
-def lagged(values: NDArray[np.float64], segments: Sequence[int], *, lag: int) -> NDArray[np.float64]:
+def lagged(values: Floats, segments: Sequence[int], *, lag: int) -> Floats:
     """Return each row's value `lag` rows before (n, k), NaN if that lies before its segment."""
     before = np.full_like(values, np.nan)
     for where in slices(segments):
@@ -84,7 +86,7 @@ def blocks_of(segments: Sequence[int], *, length: int) -> NDArray[np.int64]:
     return np.concatenate([*numbers, np.empty(0, dtype=np.int64)]).astype(np.int64)
 
 
-def holm(p_values: NDArray[np.float64], *, level: float) -> NDArray[np.bool_]:
+def holm(p_values: Floats, *, level: float) -> Bools:
     """Return which of many tests are significant where the chance of any false one is to be `level`; NaN never is.
 
     S. Holm, Scandinavian Journal of Statistics 6 (1979) 65-70.
@@ -99,7 +101,7 @@ def holm(p_values: NDArray[np.float64], *, level: float) -> NDArray[np.bool_]:
     return significant.reshape(np.shape(p_values))
 
 
-def indicators(places: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+def indicators(places: NDArray[np.int64], count: int) -> Floats:
     """Return columns (n, count) of ones where a row's place (n,) is the column's, else zeros."""
     return (places[:, None] == np.arange(count)).astype(np.float64)
 
@@ -117,9 +119,9 @@ class Correlations:
     """The correlation matrix of residuals and torques, (m, m), m = 10 + n; 13 by 13 for three wheels."""
 
     labels: tuple[str, ...]
-    matrix: NDArray[np.float64]
-    counts: NDArray[np.float64]  #: samples that each cell counts, for its memory
-    significant: NDArray[np.bool_]  #: off the diagonal
+    matrix: Floats
+    counts: Floats  #: samples that each cell counts, for its memory
+    significant: Bools  #: off the diagonal
 
     def between(self, first: str, second: str) -> tuple[float, bool]:
         """Return the correlation of two labels and whether it is significant."""
@@ -127,9 +129,7 @@ class Correlations:
         return float(self.matrix[cell]), bool(self.significant[cell])
 
 
-def correlations(
-    columns: NDArray[np.float64], labels: tuple[str, ...], segments: Sequence[int]
-) -> Correlations:
+def correlations(columns: Floats, labels: tuple[str, ...], segments: Sequence[int]) -> Correlations:
     """Return the correlations of columns (n, m) made of `segments`, each pair of them tested."""
     matrix, counts = correlation_of(columns), effective_counts(columns, segments)
     pairs = np.triu_indices(len(matrix), 1)
@@ -142,7 +142,7 @@ def correlations(
     return Correlations(labels=labels, matrix=matrix, counts=counts, significant=significant | significant.T)
 
 
-def correlation_of(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+def correlation_of(columns: Floats) -> Floats:
     """Return the correlation matrix of the columns; a constant column has none with others, and one with itself."""
     deviation = columns - columns.mean(axis=0)
     size = np.linalg.norm(deviation, axis=0)
@@ -152,7 +152,7 @@ def correlation_of(columns: NDArray[np.float64]) -> NDArray[np.float64]:
     return correlation
 
 
-def effective_counts(columns: NDArray[np.float64], segments: Sequence[int]) -> NDArray[np.float64]:
+def effective_counts(columns: Floats, segments: Sequence[int]) -> Floats:
     """Return how many independent samples each pair of columns counts (m, m), if the two are independent."""
     count = len(columns)
     lags = int(min(max(segments) - 1, _REACH * count))
@@ -179,11 +179,10 @@ Colour = Literal["white", "nearly white", "noise of the start", "coloured"]
 class Whiteness:
     """Of each column of residuals (k,)."""
 
-    autocorrelation: NDArray[np.float64]  #: (LAGS + 1, k)
-    statistic: NDArray[np.float64]  #: Q, about `LAGS` where white
-    p_value: NDArray[np.float64]  #: of the column alone
-    rejected: NDArray[np.bool_]  #: with Holm's correction over the columns
-    predicted_share: NDArray[np.float64]  #: share of the variance that the residuals before predict
+    autocorrelation: Floats  #: (LAGS + 1, k)
+    p_value: Floats  #: of the column alone
+    rejected: Bools  #: with Holm's correction over the columns
+    predicted_share: Floats  #: share of the variance that the residuals before predict
 
     @property
     def colours(self) -> tuple[Colour, ...]:
@@ -201,7 +200,7 @@ class Whiteness:
         return "coloured"
 
 
-def whiteness(residuals: NDArray[np.float64], segments: Sequence[int]) -> Whiteness | None:
+def whiteness(residuals: Floats, segments: Sequence[int]) -> Whiteness | None:
     """Test residuals (n, k) made of `segments`, or return None if there are fewer than `LEAST_STEPS`."""
     count = len(residuals)
     if count < LEAST_STEPS:
@@ -217,14 +216,13 @@ def whiteness(residuals: NDArray[np.float64], segments: Sequence[int]) -> Whiten
     p_value = special.chdtrc(LAGS, statistic)
     return Whiteness(
         autocorrelation=covariance / variance,
-        statistic=statistic,
         p_value=p_value,
         rejected=holm(p_value, level=WHITENESS_LEVEL),
         predicted_share=np.array([_predicted_share(column) for column in (covariance / variance).T]),
     )
 
 
-def _predicted_share(memory: NDArray[np.float64]) -> float:
+def _predicted_share(memory: Floats) -> float:
     """Return the share of a series' variance that as many past values as there are lags predict."""
     if memory[0] <= 0.0:
         return 0.0
@@ -260,16 +258,14 @@ class Peak:
 class Spectrum:
     """Power spectral densities of residuals."""
 
-    frequencies: NDArray[np.float64]  #: (f,) [Hz]
-    densities: NDArray[np.float64]  #: (f, k) unit^2/Hz
+    frequencies: Floats  #: (f,) [Hz]
+    densities: Floats  #: (f, k) unit^2/Hz
     resolution: float  #: [Hz] peaks nearer than this are one
     windows: int
     peaks: tuple[Peak, ...]  #: by state and frequency
 
 
-def spectrum(
-    residuals: NDArray[np.float64], segments: Sequence[int], *, sample_time: float
-) -> Spectrum | None:
+def spectrum(residuals: Floats, segments: Sequence[int], *, sample_time: float) -> Spectrum | None:
     """Return the spectrum of columns (n, k) made of `segments`, or None if too few windows fit."""
     rate = 1.0 / sample_time
     rows = min(round(_WINDOW * rate), 2 * sum(segments) // (_LEAST_WINDOWS + 1), max(segments))
@@ -294,7 +290,7 @@ def spectrum(
     )
 
 
-def _peaks(frequencies: NDArray[np.float64], logs: NDArray[np.float64], windows: int) -> tuple[Peak, ...]:
+def _peaks(frequencies: Floats, logs: Floats, windows: int) -> tuple[Peak, ...]:
     above = logs - _surroundings(logs)
     error = np.pi / np.sqrt(6.0) * np.sqrt(1.056 / windows)
     limit = max(np.log(_LEAST_RATIO), -special.ndtri(PEAK_LEVEL / logs.size) * error)
@@ -307,7 +303,7 @@ def _peaks(frequencies: NDArray[np.float64], logs: NDArray[np.float64], windows:
     return tuple(found)
 
 
-def _surroundings(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+def _surroundings(logs: Floats) -> Floats:
     """Return each bin's surroundings (f, k); NaN at the lowest frequencies, where the motion itself is."""
     # a spectrum is symmetric about zero and about half the sampling rate, which makes both sides whole
     far = _GUARD + _SIDE

@@ -1,9 +1,7 @@
 """The three validations of the thesis's chapter 4 on a log: closed loop, open loop and prediction.
 
-A model that predicts all ten states of the next row to the resolution of the log's numbers simulated the log itself,
-because no robot follows its model so far. Such a log shows nothing about the other model either, and neither does a
-log that does not move. A column of decimals or of an encoder's counts lies on a grid of some step; a column of full
-precision counts as resolved to `FINEST`.
+A model that predicts all ten states of the next row to `FINEST` simulated the log itself, because no robot follows its
+model so far. Such a log shows nothing about the other model either, and neither does a log that does not move.
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ from dataclasses import replace
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
@@ -24,7 +21,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
-from ballbot.log.columns import torque_names
+from ballbot.log.columns import Floats, torque_names
 from ballbot.log.fingerprints import logs_among
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
@@ -54,23 +51,10 @@ def validate(
 ) -> Validation:
     """Validate a robot's model, with its friction and without, against logs in three ways; see `validate_pair`.
 
-    Parameters
-    ----------
-    robot : Robot, preset or robot file
-        With the friction to validate; the second model is the same robot without friction.
-    logs : Log or log file, or several in a list or a mapping
-        Checked first. The validations of several are joined (`join_validations`).
-    accept : collection of str
-        Codes of errors found in the log to go on in spite of; see `ballbot.findings.CODES`.
-    controller : Feedback, "nominal", "precise" or controller file, optional
-    run : Run, optional
-        As for `validate_pair`.
-
-    Raises
-    ------
-    InputError
-        If the robot has no friction, the checks of the log find an error whose code is not accepted, and as
-        `validate_pair` does.
+    The logs are checked first, and the validations of several are joined (`join_validations`). `accept` has codes of
+    errors found in the logs to go on in spite of (`ballbot.findings.CODES`); `controller` may be "nominal", "precise"
+    or a file. InputError if the robot has no friction, the checks find an error whose code is not accepted, and as
+    `validate_pair` does.
     """
     robot = as_robot(robot)
     models = ModelPair.by_friction(Model(robot))
@@ -180,21 +164,9 @@ def validate_logs(
     holdouts: Mapping[str, Sequence[Interval]] | None = None,
     run: Run = DEFAULT_RUN,
 ) -> dict[str, Validation]:
-    """Return the validation on each log, by the logs' names; an error names its log.
+    """Return the validation on each log, side by side, by the logs' names; as `validate_pair`, an error naming its log.
 
-    Parameters
-    ----------
-    models, controller, run
-        As for `validate_pair`.
-    logs : mapping of str to Log
-        Validated side by side.
-    holdouts : mapping of str to sequence of (start, end), optional
-        What counts of each log, as for `validate_pair`.
-
-    Raises
-    ------
-    InputError
-        As `validate_pair`.
+    `holdouts` says what counts of each log.
     """
     stages = count(1)
 
@@ -258,7 +230,7 @@ def _closed_loop(
     log: Log,
     parts: Sequence[range],
     controller: Feedback | None,
-    covariance: NDArray[np.float64],
+    covariance: Floats,
     seed: int,
 ) -> tuple[RecoveredGain | None, ClosedLoop | None, str | None]:
     """Return the recovered gain, the closed-loop validation, and the reason if it is missing."""
@@ -279,49 +251,22 @@ def _closed_loop(
     return recovered, closed, None
 
 
-#: a column has a grid if it has so many values, and all are whole steps apart within this part of one
-_LEAST_VALUES, _OFF_GRID = 8, 0.01
-#: a model is at the floor within this factor, as the torques and the other states are rounded, too
-_AT_FLOOR = 2.0
-
-
-def column_resolution(values: NDArray[np.float64]) -> float:
-    """Return the step of the grid on which a column's values lie, at least `FINEST`."""
-    different = np.unique(values[np.isfinite(values)])
-    largest = float(np.abs(different).max(initial=0.0))
-    finest = FINEST * max(1.0, largest)
-    if len(different) < _LEAST_VALUES:
-        return finest
-    gaps = np.diff(different)
-    steps = gaps / gaps.min()
-    on_grid = np.abs(steps - np.round(steps)).max() < _OFF_GRID
-    return max(finest, float(gaps.min())) if on_grid else finest
-
-
-def rounding_floor(log: Log) -> NDArray[np.float64]:
-    """Return the RMS error (10,) that the rounding of the states makes of a perfect prediction of them.
-
-    A forecast's start and its end are rounded, each by up to half a step of the grid either way.
-    """
-    return np.sqrt(2.0 / 12.0) * np.array([column_resolution(log[name]) for name in STATE_NAMES])
-
-
 def no_evidence(models: ModelPair, log: Log, parts: Sequence[range], one_step: ErrorPair) -> str | None:
-    """Return why a log cannot show which model is better, if a model predicts each row to its resolution."""
-    floor = _AT_FLOOR * rounding_floor(log)
-    exact = [bool(np.all(one.rmse <= floor)) for one in (one_step.first, one_step.second)]
+    """Return why a log cannot show which model is better, if a model predicts each row to rounding."""
+    size = np.maximum(1.0, np.abs(log.states).max(axis=0))
+    exact = [bool(np.all(one.rmse <= FINEST * size)) for one in (one_step.first, one_step.second)]
     if not any(exact):
         return None
     states = np.concatenate([log.states[part.start : part.stop] for part in parts])
-    if np.all(np.ptp(states, axis=0) <= FINEST * np.maximum(1.0, np.abs(states).max(axis=0))):
+    if np.all(np.ptp(states, axis=0) <= FINEST * size):
         return "The log does not move, so it cannot show which model is better. Use a log in which the robot moves."
     if all(exact):
         return (
-            "Both models predict this log to the resolution of its numbers, so it cannot show which is better. Use a "
+            "Both models predict this log to rounding, so it cannot show which is better. Use a "
             "log in which the robot moves more."
         )
     own = models.names[exact.index(True)]
     return (
-        f"This log was simulated by the model {own} itself, which predicts it to the resolution of its numbers, so it "
-        "cannot show which model is better. Use a log of the robot, or of the twin (`ballbot record`)."
+        f"This log was simulated by the model {own} itself, which predicts it to rounding, so it cannot "
+        "show which model is better. Use a log of the robot, or of the twin (`ballbot record`)."
     )

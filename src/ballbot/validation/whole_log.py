@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
-from ballbot.validation.models import ModelPair, Trajectories, stretches
+from ballbot.validation.models import ModelPair, Trajectories, drawn_noise, stretches
 
 RUNS = 199  #: of each model
 _RANKS = (5, 100, 195)  #: of the ends of the range that contains 95 % of runs, and of the median
@@ -49,13 +50,13 @@ class WholeLog:
     """
 
     duration: float  #: of the log's longest stretch without a gap, of which at most 100 s are compared [s]
-    measured: NDArray[np.float64]  #: (3, 10) of the log
-    models: NDArray[np.float64]  #: (2, runs, 3, 10) of the first model's runs and the second's
+    measured: Floats  #: (3, 10) of the log
+    models: Floats  #: (2, runs, 3, 10) of the first model's runs and the second's
     fell: tuple[int, int]  #: runs of each model that ended early
     example: Trajectories  #: the beginning of the first run of each
 
     @property
-    def ranges(self) -> NDArray[np.float64]:
+    def ranges(self) -> Floats:
         """Lower end, median and upper end of the range that contains 95 % of each model's runs (3, 2, 3, 10)."""
         return np.sort(self.models, axis=1)[:, np.array(_RANKS) - 1].swapaxes(0, 1)
 
@@ -79,24 +80,12 @@ def compare_whole_log(
     controller: Controller,
     *,
     delay: int,
-    covariance: NDArray[np.float64],
+    covariance: Floats,
     seed: int,
 ) -> WholeLog:
-    """Run both models over a log's longest stretch without a gap.
+    """Run both models over a log's longest stretch without a gap, with the controller as it ran on the robot.
 
-    Parameters
-    ----------
-    models : ModelPair
-    log : Log
-        With ref_x, ref_y, ref_psi.
-    controller : Controller
-        As it ran on the robot.
-    delay : int
-        Samples by which its torques come late.
-    covariance : array (10, 10)
-        Of a measured state's noise.
-    seed : int
-        Of the noise.
+    Its torques come `delay` samples late; `covariance` (10, 10) is that of a measured state's noise.
     """
     part = max(stretches(log), key=len)
     every = max(1, round(_ROW_TIME / log.sample_time))
@@ -107,9 +96,7 @@ def compare_whole_log(
         columns[part.start : part.start + samples + 1] for columns in (log.states, log.reference)
     )
     measured = states[every::every]
-    noise = np.random.default_rng(seed).multivariate_normal(
-        np.zeros(10), covariance, size=(RUNS, records + 1), method="eigh"
-    )
+    noise = drawn_noise(covariance, (RUNS, records + 1), seed=seed)
     gain = controller.gain
     borne = Imperfections(
         delay=delay,
@@ -144,13 +131,13 @@ def compare_whole_log(
     )
 
 
-def _numbers(deviation: NDArray[np.float64], row_time: float) -> NDArray[np.float64]:
+def _numbers(deviation: Floats, row_time: float) -> Floats:
     """Return RMS, amplitude and period (3, 10) of a run's deviations from the reference (rows, 10)."""
     swings = np.array([_swings(column) for column in (deviation - deviation.mean(axis=0)).T]).T
     return np.array([np.sqrt(np.mean(deviation**2, axis=0)), swings[0], row_time * swings[1]])
 
 
-def _swings(values: NDArray[np.float64]) -> tuple[float, float]:
+def _swings(values: Floats) -> tuple[float, float]:
     """Return the mean amplitude and the mean period in rows of the swings of values about zero.
 
     A swing goes from one side to the other, each at least `_SIDE` standard deviations away, so that noise about zero

@@ -37,7 +37,7 @@ RunColor = Literal["blue", "orange", "violet", "teal", "ink"]
 RUN_COLORS: tuple[RunColor, ...] = ("blue", "orange", "violet", "teal")
 #: of every page, in the order in which they use one another; and of each kind
 _SCRIPTS = ("linear", "meshes", "renderer", "packing", "runs", "camera", "scene", "plots", "view")
-_REPLAY_SCRIPTS, _LIVE_SCRIPTS = ("replay", "result", "page"), ("live", "page")
+_REPLAY_SCRIPTS, _LIVE_SCRIPTS = ("replay", "page"), ("live", "page")
 #: length of the arrow of a large force [m], over the ball's radius
 _ARROW = 2.5
 
@@ -62,25 +62,12 @@ def replay_part(
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
-    Parameters
-    ----------
-    logs : Log or log file, or several in a list or a mapping
-        At most `MOST_RUNS`; time counts from each log's start. With an empty mapping the robots stand at rest.
-    robot : Robot, preset or robot file, or mapping of str to them
-        Of all logs, or of each by the log's name.
-    layout : {"side", "ghosts"}
-        How several logs are shown at first; the page can change it.
-    autoplay : bool
-        Whether it plays at once.
-    name : str
-        Different for each replay of a page.
-    colors : sequence of {"blue", "orange", "violet", "teal", "ink"}
-        Of the runs, as they are drawn in the figures beside the replay.
+    At most `MOST_RUNS` logs; time counts from each log's start. With an empty mapping the robots stand at rest. The
+    robot is that of all logs, or of each by the log's name. The page can change the layout; `name` differs for each
+    replay of a page; the runs have the colours in which the figures beside the replay draw them.
 
-    Raises
-    ------
-    InputError
-        If there is no robot or there are too many logs, or one cannot be shown (`ballbot.viewer.motion.motion_of`).
+    InputError if there is no robot or there are too many logs, or one cannot be shown
+    (`ballbot.viewer.motion.motion_of`).
     """
     data = _replay_data(logs, robot, layout=layout, autoplay=autoplay, colors=colors)
     return ReplayPart(
@@ -107,32 +94,17 @@ def replay_page(
     layout: Layout = "side",
     autoplay: bool = True,
     lead: str = "",
-    result_beside: str | None = None,
 ) -> str:
-    """Return a replay of logs as a whole page; see `replay_part`.
-
-    Parameters
-    ----------
-    logs, robot, layout, autoplay
-        As for `replay_part`.
-    title : str
-    lead : str
-        A sentence or two under the title.
-    result_beside : str, optional
-        Name of a file in the page's folder whose content is `result_text`'s: the page reads it again until it is done.
-    """
+    """Return a replay of logs as a whole page, with a sentence or two as `lead` under the title; see `replay_part`."""
     part = replay_part(logs, robot, layout=layout, autoplay=autoplay)
     style = part.style + web_file("page.css")
-    # of a page on disk "file:" is the only address of a file beside it; 'self' has no meaning there in every browser
-    beside = "" if result_beside is None else " file:"
-    box = "" if result_beside is None else _RESULT.format(html.escape(result_beside, quote=True))
     return _document(
         title,
         lead=lead,
-        body=f"{part.element}\n{box}",
+        body=f"{part.element}\n",
         style=style,
         script=part.script,
-        policy=f"{_policy(style, part.script, also=beside)}; base-uri 'none'; form-action 'none'",
+        policy=f"{_policy(style, part.script)}; base-uri 'none'; form-action 'none'",
     )
 
 
@@ -193,8 +165,8 @@ def live_page(
     return LivePage(html=text, policy=policy)
 
 
-def _policy(style: str, script: str, *, also: str = "") -> str:
-    return f"default-src 'none'; script-src {hash_source(script)}{also}; style-src {hash_source(style)}"
+def _policy(style: str, script: str) -> str:
+    return f"default-src 'none'; script-src {hash_source(script)}; style-src {hash_source(style)}"
 
 
 def _document(title: str, *, lead: str, body: str, style: str, script: str, policy: str) -> str:
@@ -221,30 +193,6 @@ def _document(title: str, *, lead: str, body: str, style: str, script: str, poli
 </body>
 </html>
 """
-
-
-_RESULT = '<section class="result" data-ballbot-result="{}" aria-live="polite"></section>\n'
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResultState:
-    """How far a computation is, or what it found: the content of the file beside a page."""
-
-    heading: str
-    sentences: tuple[str, ...] = ()
-    share: float | None = None  #: of the work that is done; None where there is nothing to wait for
-    columns: tuple[str, ...] = ()  #: heads of a table; empty without a table
-    rows: tuple[tuple[str, ...], ...] = ()
-    caption: str = ""  #: of the table
-    links: tuple[
-        tuple[str, str], ...
-    ] = ()  #: to more: address, or name of a file in the page's folder, and text
-
-
-def result_text(state: ResultState) -> str:
-    """Return the content of the file that a page with `result_beside` reads."""
-    text = json.dumps(asdict(state), ensure_ascii=True, allow_nan=False)
-    return f"ballbotResult({text});\n"
 
 
 def hash_source(text: str) -> str:

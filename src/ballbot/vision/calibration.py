@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.columns import Floats
 from ballbot.progress import ProgressCallback
 from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched
 from ballbot.vision.seam_pixels import BallPixels, SeamColour, ball_pixels, moved, seam_finder
@@ -51,12 +52,12 @@ class Calibration:
     """A view and how sure it is."""
 
     view: View
-    errors: NDArray[np.float64]  #: (4,) standard errors of x, y [pixels], ln radius and closeness
+    errors: Floats  #: (4,) standard errors of x, y [pixels], ln radius and closeness
 
 
 def _calibrate(
-    view: View, points: NDArray[np.float64], frames: Sequence[NDArray[np.uint8]],
-    rotations: list[NDArray[np.float64]], table: SeamTable, colour: SeamColour, found: bool,
+    view: View, points: Floats, frames: Sequence[NDArray[np.uint8]],
+    rotations: list[Floats], table: SeamTable, colour: SeamColour, found: bool,
 ) -> Calibration:  # fmt: skip
     """Return the view under which frames, with their orientations (3, 3), fit the seam best."""
     size = (frames[0].shape[1], frames[0].shape[0])
@@ -80,12 +81,10 @@ def _calibrate(
     return Calibration(view=view, errors=np.sqrt(np.diag(covariance) + edges**2))
 
 
-def _off_outline(
-    view: View, points: NDArray[np.float64], size: tuple[int, int], assumed: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _off_outline(view: View, points: Floats, size: tuple[int, int], assumed: float) -> tuple[Floats, Floats]:
     """Return h (4,), how far the view is from the outline's and from the closeness assumed, and its slopes (4, 4)."""
 
-    def by_outline(closeness: float) -> NDArray[np.float64]:
+    def by_outline(closeness: float) -> Floats:
         outline = view_of_outline(points, size=size, closeness=closeness)
         return np.array([outline.x, outline.y, np.log(outline.radius)])
 
@@ -97,8 +96,8 @@ def _off_outline(
 
 
 def _pull(
-    pixels: BallPixels, colour: SeamColour, table: SeamTable, frame: NDArray[np.uint8], R: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    pixels: BallPixels, colour: SeamColour, table: SeamTable, frame: NDArray[np.uint8], R: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Return a frame's information (4, 4) and gradient (4,) on the view, its turn eliminated, and its orientation."""
     seen, _ = seam_finder(pixels, colour).find(frame)
     fit = fit_rotation(table, seen, R, reaches=_REACHES)
@@ -124,7 +123,7 @@ def _pieces(feet: NDArray[np.float32]) -> NDArray[np.intp]:
     return np.unique((cell[:, 0] * 2 * _CELLS + cell[:, 1]) * 2 * _CELLS + cell[:, 2], return_inverse=True)[1]
 
 
-def _scatter(S: NDArray[np.float64], pulls: NDArray[np.float64]) -> float:
+def _scatter(S: Floats, pulls: Floats) -> float:
     """Return s^2 with which the frames' pulls (k, 4) scatter as s^2 S / k."""
     size = np.sqrt(np.maximum(np.diag(S), 1e-12))
     white = np.linalg.pinv(S / np.outer(size, size), rcond=1e-6)
@@ -143,29 +142,12 @@ _TIME, _FRAMES, _LEAST_FRAMES = 5.0, 24, 6
 
 
 def calibrated_view(
-    video: Video, view: View, points: NDArray[np.float64], *, colour: SeamColour, table: SeamTable, found: bool,
+    video: Video, view: View, points: Floats, *, colour: SeamColour, table: SeamTable, found: bool,
     progress: ProgressCallback,
 ) -> Calibration:  # fmt: skip
-    """Return the view by tracked frames of the video's first seconds, spread evenly.
+    """Return the view by tracked frames of a video's first seconds, from that of the outline's points (k, 2) [pixels].
 
-    Parameters
-    ----------
-    video : Video
-    view : View
-        By the outline.
-    points : ndarray (k, 2)
-        Of the outline [pixels].
-    colour : SeamColour
-    table : SeamTable
-    found : bool
-        That the outline was found in the picture; one that is given by hand is less sure.
-    progress : function
-        Called after each frame.
-
-    Raises
-    ------
-    InputError
-        If too little of them is tracked.
+    An outline that was not `found` but given by hand is less sure. InputError if too few frames are tracked.
     """
     wanted = max(2, round(_TIME * video.frame_rate))
     if video.stated_frames:

@@ -41,6 +41,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError, suggest
+from ballbot.log.columns import Floats
 
 #: points of a curve: 0.003 rad apart at the most, an eighth of a seam's width
 _POINTS = 4096
@@ -51,15 +52,15 @@ class Seam:
     """The curve of a ball's seam."""
 
     name: str
-    curves: tuple[NDArray[np.float64], ...]  #: each (n, 3), unit vectors, closed: the last meets the first
+    curves: tuple[Floats, ...]  #: each (n, 3), unit vectors, closed: the last meets the first
 
     @property
-    def points(self) -> NDArray[np.float64]:
+    def points(self) -> Floats:
         """All points of all curves (n, 3)."""
         return np.vstack(self.curves)
 
     @property
-    def tangents(self) -> NDArray[np.float64]:
+    def tangents(self) -> Floats:
         """The unit tangents (n, 3) at `points`."""
         slopes = [np.roll(curve, -1, axis=0) - np.roll(curve, 1, axis=0) for curve in self.curves]
         return np.vstack([slope / np.linalg.norm(slope, axis=1, keepdims=True) for slope in slopes])
@@ -67,17 +68,9 @@ class Seam:
 
 @cache
 def thesis_seam(a: float = 0.65) -> Seam:
-    """Return (V.4) with its two misprints mended.
+    """Return (V.4) with its two misprints mended; InputError unless 0.5 < a < 1.
 
-    Parameters
-    ----------
-    a : float
-        0.5 < a < 1, in ball radii; the nearer to 1, the nearer is the curve to a great circle.
-
-    Raises
-    ------
-    InputError
-        If a is outside of that range.
+    a is in ball radii; the nearer to 1, the nearer is the curve to a great circle.
     """
     if not 0.5 < a < 1.0:
         raise InputError(f"a of the seam is {a:g} ball radii; (V.4) needs a value between 0.5 and 1.")
@@ -116,19 +109,13 @@ SEAMS: Mapping[str, Callable[[], Seam]] = MappingProxyType(
 
 
 def seam_named(name: str) -> Seam:
-    """Return the seam of that name.
-
-    Raises
-    ------
-    InputError
-        If there is no such seam.
-    """
+    """Return the seam of that name; InputError if there is none."""
     if name not in SEAMS:
         raise InputError(f"There is no seam {name!r}; {suggest(name, SEAMS, otherwise='the seams are')}")
     return SEAMS[name]()
 
 
-def _parameter() -> NDArray[np.float64]:
+def _parameter() -> Floats:
     return np.linspace(0.0, 2.0 * np.pi, _POINTS, endpoint=False)
 
 
@@ -174,7 +161,7 @@ def octahedral(q: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.
     return np.where(below, folded_u, u), np.where(below, folded_v, v)
 
 
-def cell_directions(side: int) -> NDArray[np.float64]:
+def cell_directions(side: int) -> Floats:
     """Return the directions (side^2, 3) at the middles of the cells, row by row."""
     middles = (np.arange(side) + 0.5) * (2.0 / side) - 1.0
     v, u = np.meshgrid(middles, middles, indexing="ij")
@@ -209,31 +196,18 @@ class SeamPoints:
 class Fit:
     """A rotation, and how well the points fit it."""
 
-    R: NDArray[np.float64]  #: (3, 3) ball frame to camera frame
+    R: Floats  #: (3, 3) ball frame to camera frame
     #: (3, 3) sum of w (q x n)(q x n)^T, camera frame, as if each point erred by 1 rad
-    information: NDArray[np.float64]
-    bias: NDArray[np.float64]  #: (3, 3) covariance by how pieces of the seam disagree, camera frame [rad^2]
+    information: Floats
+    bias: Floats  #: (3, 3) covariance by how pieces of the seam disagree, camera frame [rad^2]
     inliers: float  #: fraction of the weight that is within reach of the curve
 
 
-def fit_rotation(
-    table: SeamTable, seen: SeamPoints, start: NDArray[np.float64], *, reaches: tuple[float, ...]
-) -> Fit:
-    """Return the rotation near a start (3, 3) that brings the points onto the curve best.
+def fit_rotation(table: SeamTable, seen: SeamPoints, start: Floats, *, reaches: tuple[float, ...]) -> Fit:
+    """Return the rotation near a start (3, 3), ball to camera frame, that brings three points or more onto the curve.
 
-    Points on one circle, sometimes all that is visible of a seam, do not determine a turn about its axis; the start
-    does
-    then.
-
-    Parameters
-    ----------
-    table : SeamTable
-    seen : SeamPoints
-        At least three points.
-    start : ndarray (3, 3)
-        Ball frame to camera frame.
-    reaches : tuple of float
-        For each iteration, the distance from which on a point counts nothing [rad].
+    `reaches` are, for each iteration, the distance from which on a point counts nothing [rad]. Points on one circle,
+    sometimes all that is visible of a seam, do not determine a turn about its axis; the start does then.
     """
     R = start
     for reach in reaches:
@@ -250,7 +224,7 @@ def fit_rotation(
 
 
 def matched(
-    table: SeamTable, seen: SeamPoints, R: NDArray[np.float64], reach: float
+    table: SeamTable, seen: SeamPoints, R: Floats, reach: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Return distances r (k,), normals n (k, 3) and points q (k, 3) in the ball's frame, and weights (k,)."""
     turned = R.astype(np.float32)
@@ -273,7 +247,7 @@ def crossed(q: NDArray[np.float32], n: NDArray[np.float32]) -> NDArray[np.float3
     return lever
 
 
-def _scored(table: SeamTable, seen: SeamPoints, R: NDArray[np.float64], reach: float) -> Fit:
+def _scored(table: SeamTable, seen: SeamPoints, R: Floats, reach: float) -> Fit:
     r, n, q, w = matched(table, seen, R, reach)
     lever = crossed(q, n)
     H = ((lever * w[:, None]).T @ lever).astype(np.float64)
@@ -285,9 +259,7 @@ def _scored(table: SeamTable, seen: SeamPoints, R: NDArray[np.float64], reach: f
     )
 
 
-def _disagreement(
-    H: NDArray[np.float64], pulls: NDArray[np.float64], feet: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _disagreement(H: Floats, pulls: Floats, feet: Floats) -> Floats:
     """Return the rotation's covariance (3, 3) by the pulls (k, 3) of points, in whatever way those of one piece of
     the seam go together; the pieces are identified by the points' feet (k, 3).
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.columns import Bools, Floats
 from ballbot.vision.seam import SeamPoints
 from ballbot.vision.view import View
 
@@ -46,6 +47,11 @@ _MOST_PIXELS = 40_000
 _LOGS = np.log(np.arange(256, dtype=np.float32) + np.float32(_FLOOR))
 
 
+_NO_SEAM = (
+    "No seam stands out from the ball. Give the ball's circle (--circle), or use a seam of another colour."
+)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeamColour:
     """Discriminates seam from ball by colour."""
@@ -58,14 +64,7 @@ class SeamColour:
     ball: tuple[int, int, int]
 
     def score(self, picture: NDArray[np.uint8], share: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the score (rows, columns) of a picture (rows, columns, 3) of the ball.
-
-        Parameters
-        ----------
-        picture : ndarray of uint8
-        share : ndarray (rows, columns)
-            From `surroundings`: what part of each pixel's surroundings is ball; 0 beside the ball.
-        """
+        """Return the score (rows, columns) of a picture (rows, columns, 3); `share` is from `surroundings`."""
         logs = cv2.LUT(picture, self.table[:, None, :])
         value = np.asarray(cv2.GaussianBlur(cv2.transform(logs, np.ones((1, 3), np.float32)), (0, 0), _BLUR))
         inside = (share > 0.0).astype(np.float32)
@@ -76,34 +75,16 @@ class SeamColour:
         return np.asarray((value - mean) * inside, np.float32)
 
 
-def surroundings(inside: NDArray[np.bool_], around: int) -> NDArray[np.float32]:
+def surroundings(inside: Bools, around: int) -> NDArray[np.float32]:
     """Return what part (rows, columns) of each pixel's surroundings is ball; 0 beside the ball."""
     return _mean(inside.astype(np.float32), around) * inside
 
 
-def learn_colour(
-    pictures: Sequence[NDArray[np.uint8]],
-    inside: NDArray[np.bool_],
-    *,
-    radius: float,
-    colour: tuple[int, int, int] | None = None,
-) -> SeamColour:
-    """Learn the colour that discriminates seam from ball in pictures (rows, columns, 3) of the ball.
+def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius: float) -> SeamColour:
+    """Learn what discriminates seam from ball in pictures (rows, columns, 3) of a ball of that radius [pixels].
 
-    Parameters
-    ----------
-    pictures : sequence of ndarray of uint8
-    inside : ndarray of bool (rows, columns)
-        Pixels of the ball.
-    radius : float
-        The ball's [pixels].
-    colour : tuple of int, optional
-        The seam's, red green blue; without it, the seam is what stands out of its surroundings most.
-
-    Raises
-    ------
-    InputError
-        If no colour stands out enough.
+    The seam is what stands out of its surroundings most. `inside` (rows, columns) are the pixels of the ball.
+    InputError if no colour stands out enough.
     """
     around = 2 * max(2, round(0.5 * _AROUND * radius)) + 1
     sample = _Sample.of(pictures, inside, around)
@@ -111,12 +92,12 @@ def learn_colour(
     noise = np.diag((_COLOUR_NOISE * by_level) ** 2) + _SHADOW**2
     noise += np.outer(by_level, by_level) * _REFLECTION**2
     detail = sample.detail(None)
-    w, threshold, separation = _start(detail, sample.levels, colour), 0.0, 0.0
+    w, threshold, separation = _start(detail), 0.0, 0.0
     for _ in range(_PASSES):
         for _ in range(6):
             is_seam = _split(detail @ w)
             if is_seam is None:
-                raise InputError(_no_seam(colour))
+                raise InputError(_NO_SEAM)
             seam, ball = detail[is_seam], detail[~is_seam]
             apart = seam.mean(axis=0) - ball.mean(axis=0)
             spread = 0.5 * (np.cov(seam.T) + np.cov(ball.T)) + noise
@@ -126,7 +107,7 @@ def learn_colour(
             separation = float(w @ apart / np.sqrt(w @ spread @ w))
         detail = sample.detail((w, threshold))  # again with surroundings that are free of the seam
     if separation < _LEAST_SEPARATION:
-        raise InputError(_no_seam(colour))
+        raise InputError(_NO_SEAM)
     along = detail @ w
     is_seam = along > threshold
     seam, ball = along[is_seam], along[~is_seam]
@@ -149,11 +130,11 @@ class _Sample:
     logs: list[NDArray[np.float32]]  #: pictures (rows, columns, 3)
     inside: NDArray[np.float32]  #: (rows, columns)
     around: int
-    chosen: NDArray[np.bool_]  #: (rows, columns)
+    chosen: Bools  #: (rows, columns)
     levels: NDArray[np.uint8]  #: (n, 3) of the pixels chosen, of all pictures
 
     @staticmethod
-    def of(pictures: Sequence[NDArray[np.uint8]], inside: NDArray[np.bool_], around: int) -> _Sample:
+    def of(pictures: Sequence[NDArray[np.uint8]], inside: Bools, around: int) -> _Sample:
         step = max(1, int(np.sqrt(inside.sum() * len(pictures) / _MOST_PIXELS)))
         chosen = np.zeros_like(inside)
         chosen[::step, ::step] = inside[::step, ::step]
@@ -168,7 +149,7 @@ class _Sample:
             levels=np.concatenate([picture[chosen] for picture in pictures]),
         )
 
-    def detail(self, seam: tuple[NDArray[np.float64], float] | None) -> NDArray[np.float64]:
+    def detail(self, seam: tuple[Floats, float] | None) -> Floats:
         """Return log colours less those around (n, 3); a seam known by direction and threshold is left out of these."""
         parts = []
         for values in self.logs:
@@ -185,15 +166,8 @@ class _Sample:
         return np.asarray(_mean(values * ball[..., None], self.around) / share[..., None], np.float32)
 
 
-def _start(
-    detail: NDArray[np.float64], levels: NDArray[np.uint8], colour: tuple[int, int, int] | None
-) -> NDArray[np.float64]:
-    """Return the direction (3,) to start from: toward the colour given, or where pixels stand out most."""
-    if colour is not None:
-        ball = np.log(np.median(levels, axis=0) + _FLOOR)
-        toward = np.log(np.array(colour[::-1], float) + _FLOOR) - ball
-        hue = toward - toward.mean()
-        return hue if np.linalg.norm(hue) > 0.3 * np.linalg.norm(toward) else toward
+def _start(detail: Floats) -> Floats:
+    """Return the direction (3,) to start from: where pixels stand out most."""
     # what stands out is rare and far: the fourth power of the length lets it speak
     size = np.linalg.norm(detail, axis=1)
     size = np.minimum(size, np.quantile(size, 0.999))
@@ -203,7 +177,7 @@ def _start(
     return direction * np.sign(np.sum(along[far]))
 
 
-def _split(along: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+def _split(along: Floats) -> Bools | None:
     """Return which of the values (n,) are of the rare high kind, by two means; None where it is not rare."""
     is_seam = along > 0.5 * (float(np.median(along)) + float(np.quantile(along, 0.99)))
     for _ in range(12):
@@ -220,19 +194,6 @@ def _mean(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
 def _mean_colour(levels: NDArray[np.uint8]) -> tuple[int, int, int]:
     blue, green, red = (round(float(value)) for value in levels.mean(axis=0))
     return red, green, blue
-
-
-def _no_seam(colour: tuple[int, int, int] | None) -> str:
-    if colour is None:
-        return (
-            "No seam stands out from the ball. Give the ball's "
-            "circle (--circle) or the colour of the seam (--colour)."
-        )
-    named = ",".join(map(str, colour))
-    return (
-        f"Nothing of the colour {named} stands out from the ball; "
-        "check that it is the colour of the seam, as red,green,blue."
-    )
 
 
 #: pixels are joined until the ball's radius is below this: more points cost time and add little information [pixels]
@@ -267,7 +228,7 @@ class BallPixels:
     rim: float  #: what of the ball is lower than this along `toward` is too near the rim [ball radii]
     by_view: NDArray[np.float32]  #: (m, 4, 3) derivatives of p by x, y, ln radius and closeness
     index: NDArray[np.intp]  #: (rows * columns,) row in `p` of each pixel of the box, -1 where not used
-    inside: NDArray[np.bool_]  #: (rows, columns) where the ball's colour is seen
+    inside: Bools  #: (rows, columns) where the ball's colour is seen
 
     def box(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the ball's box of a frame, its pixels joined."""
@@ -276,7 +237,7 @@ class BallPixels:
             return np.ascontiguousarray(cut)
         return np.asarray(cv2.resize(cut, self.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
 
-    def index_at(self, pixels: NDArray[np.float64]) -> NDArray[np.intp]:
+    def index_at(self, pixels: Floats) -> NDArray[np.intp]:
         """Return the row in `p` (k,) of the pixel used at each place (k, 2) of the picture; -1 without one."""
         factor = self.shape[1] / (self.columns.stop - self.columns.start)
         column = np.rint((pixels[:, 0] - self.columns.start + 0.5) * factor - 0.5).astype(np.intp)
@@ -319,7 +280,7 @@ def ball_pixels(view: View, size: tuple[int, int]) -> BallPixels:
     )
 
 
-def moved(view: View, change: NDArray[np.float64]) -> View:
+def moved(view: View, change: Floats) -> View:
     """Return a view with x, y, the logarithm of the radius and the closeness changed (4,)."""
     return replace(
         view,
@@ -368,7 +329,7 @@ def _height(facing: float, distance: float) -> float:
     return float((1.0 - c2 + root) / distance)
 
 
-def _by_view(view: View, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
+def _by_view(view: View, pixels: Floats) -> NDArray[np.float32]:
     found = np.empty((len(pixels), 4, 3), np.float32)
     for k, change in enumerate(np.diag(_CHANGES)):
         after, before = moved(view, change).points(pixels)[0], moved(view, -change).points(pixels)[0]

@@ -16,7 +16,7 @@ The findings say how well the ball was followed, and whether the wheels agree wi
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -25,8 +25,9 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
-from ballbot.identification.turning import Clock, Turning, fit_in_blocks, match_turning
+from ballbot.identification.turning import Clock, MotionFit, Turning, fit_in_blocks, match_turning
 from ballbot.log import Log
+from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.geometry import transforms
 from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
 from ballbot.robot import Robot
@@ -39,15 +40,6 @@ from ballbot.vision.video import LEAST_FRAMES, Video, frame_times
 from ballbot.vision.view import ASSUMED_CLOSENESS, View, circle_points, find_outline, view_of_outline
 
 
-@dataclass(frozen=True, kw_only=True)
-class Setup:
-    """What is known of the recording; what is None is found."""
-
-    seam: Seam | None = None  #: the thesis's where None
-    colour: tuple[int, int, int] | None = None  #: the seam's, red green blue
-    circle: tuple[float, float, float] | None = None  #: x, y, radius of the ball's outline [pixels]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spin:
     """The ball's motion measured from a video."""
@@ -56,7 +48,7 @@ class Spin:
     seam: Seam
     colour: SeamColour
     calibration: Calibration
-    t: NDArray[np.float64]  #: (n,) of the frames [s]
+    t: Floats  #: (n,) of the frames [s]
     track: Track
     velocity: Velocity  #: camera frame
     robot_camera: Rotation  #: camera frame to robot frame, by which `log` is turned
@@ -67,17 +59,17 @@ class Spin:
         return self.calibration.view
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def known(self) -> Bools:
         """At which frames (n,) there is a velocity."""
         return np.isfinite(self.velocity.omega[:, 0])
 
     @property
-    def omega(self) -> NDArray[np.float64]:
+    def omega(self) -> Floats:
         """The angular velocity (n, 3) [rad/s], robot frame; NaN where it is not known."""
         return self.velocity.omega @ self.robot_camera.as_matrix().T
 
     @property
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Floats:
         """The standard errors (n, 3) of `omega` [rad/s]."""
         R = self.robot_camera.as_matrix()
         return np.sqrt(np.einsum("ij,kjl,il->ki", R, self.velocity.covariance, R))
@@ -96,10 +88,6 @@ class Spin:
             columns[f"ball_omega_{name}_error"] = self.errors[:, axis]
         return Log(columns)
 
-    def turned(self, robot_camera: Rotation) -> Spin:
-        """Return the same with another rotation, camera frame to robot frame."""
-        return replace(self, robot_camera=robot_camera)
-
 
 def facing(forward: float) -> Rotation:
     """Return the rotation, camera frame to robot frame, of a robot whose x is at that angle in the picture [rad]."""
@@ -107,36 +95,28 @@ def facing(forward: float) -> Rotation:
 
 
 def measure_spin(
-    video: Video, setup: Setup = Setup(), *, progress: ProgressCallback = ignore_progress
+    video: Video,
+    *,
+    seam: Seam | None = None,  # the thesis's if not given
+    circle: tuple[float, float, float]
+    | None = None,  # x, y, radius of the ball's outline [pixels]; found if not given
+    progress: ProgressCallback = ignore_progress,
 ) -> Spin:
     """Return the angular velocity of the ball in a video, camera frame.
 
-    Parameters
-    ----------
-    video : Video
-        From `open_video`.
-    setup : Setup
-    progress : callable, optional
-        Called with the progress.
-
-    Raises
-    ------
-    InputError
-        If no ball or no seam is found, the circle is not possible, the seam is not of that kind, or it is not followed
-        long enough.
+    InputError if no ball or no seam is found, the circle is not possible, the seam is not of that kind, or it is not
+    followed long enough.
     """
-    seam = setup.seam or thesis_seam()
+    seam = seam or thesis_seam()
     progress(Progress(stage="looking"))
     samples = video.samples()
-    points = find_outline(samples) if setup.circle is None else circle_points(setup.circle, video.size)
+    points = find_outline(samples) if circle is None else circle_points(circle, video.size)
     view = view_of_outline(points, size=video.size, closeness=ASSUMED_CLOSENESS)
     pixels = ball_pixels(view, video.size)
-    colour = learn_colour(
-        [pixels.box(frame) for frame in samples], pixels.inside, radius=view.radius, colour=setup.colour
-    )
+    colour = learn_colour([pixels.box(one) for one in samples], pixels.inside, radius=view.radius)
     table = seam_table(seam)
     calibration = calibrated_view(
-        video, view, points, colour=colour, table=table, found=setup.circle is None,
+        video, view, points, colour=colour, table=table, found=circle is None,
         progress=in_stage(progress, "calibrating"),
     )  # fmt: skip
     stated: list[float] = []
@@ -188,14 +168,12 @@ def _drawn(spin: Spin, row: int, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the ball's surroundings in a frame, enlarged to a common width, with what was found drawn over."""
     view = spin.view
     reach = 1.15 * view.radius
-    height, width = frame.shape[:2]
-    left, top = max(0, int(view.x - reach)), max(0, int(view.y - reach))
-    right, bottom = min(width, int(view.x + reach) + 1), min(height, int(view.y + reach) + 1)
-    factor = _WIDTH / max(right - left, bottom - top)
-    cut = cv2.resize(frame[top:bottom, left:right], None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    picture = np.full((_WIDTH, _WIDTH, 3), 255, np.uint8)
-    picture[: cut.shape[0], : cut.shape[1]] = cut[:_WIDTH, :_WIDTH]
-    corner = np.array([left, top])
+    corner = np.array([view.x - reach, view.y - reach])
+    factor = 0.5 * _WIDTH / reach
+    enlarged = np.column_stack([factor * np.eye(2), (0.5 - corner) * factor - 0.5])
+    picture = np.asarray(
+        cv2.warpAffine(frame, enlarged, (_WIDTH, _WIDTH), borderValue=(255, 255, 255)), np.uint8
+    )
     _line(picture, (view.outline() - corner + 0.5) * factor - 0.5, _OUTLINE, closed=True)
     if spin.track.tracked[row]:
         for curve in spin.seam.curves:
@@ -205,16 +183,14 @@ def _drawn(spin: Spin, row: int, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
                     _line(picture, (places[part] - corner + 0.5) * factor - 0.5, _SEAM, closed=False)
     else:
         cv2.rectangle(picture, (0, 0), (_WIDTH - 1, _WIDTH - 1), _LOST, 4)
-    text, place, size = f"{spin.t[row]:.2f} s", (8, _WIDTH - 12), 1.1
-    # black with a white rim reads on any frame, and this size on a phone
+    # black with a white rim reads on any frame
     for colour, thickness in (((255, 255, 255), 6), ((0, 0, 0), 2)):
-        cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, thickness, cv2.LINE_AA)
+        place, font = (8, _WIDTH - 12), cv2.FONT_HERSHEY_SIMPLEX
+        cv2.putText(picture, f"{spin.t[row]:.2f} s", place, font, 1.1, colour, thickness, cv2.LINE_AA)
     return picture
 
 
-def _line(
-    picture: NDArray[np.uint8], places: NDArray[np.float64], colour: tuple[int, int, int], *, closed: bool
-) -> None:
+def _line(picture: NDArray[np.uint8], places: Floats, colour: tuple[int, int, int], *, closed: bool) -> None:
     fine = np.round(places * 16.0).astype(np.int32)[:, None]  # sixteenths of a pixel
     cv2.polylines(picture, [fine], closed, colour, 1, cv2.LINE_AA, 4)
 
@@ -227,16 +203,13 @@ _LEAST_SHARE = 0.8
 class WheelComparison:
     """Video against wheels, on the video's rows."""
 
-    clock: Clock  #: t_video = offset + (1 + rate) t_log
-    offset_half_width: float  #: 95 % [s]
-    robot_camera: Rotation  #: camera frame to robot frame, by the turning itself
-    rotation_half_width: NDArray[np.float64]  #: (3,) 95 % [rad]
-    wheels: NDArray[np.float64]  #: (n, 3) T_obw times wheel speeds [rad/s], robot frame; NaN outside the log
-    difference: NDArray[np.float64]  #: (n, 3) video less wheels [rad/s]
-    rms: NDArray[np.float64]  #: (3,) of that
+    motion: MotionFit  #: the clock, t_video = offset + (1 + rate) t_log, and `body_marker`, camera frame to robot frame
+    wheels: Floats  #: (n, 3) T_obw times wheel speeds [rad/s], robot frame; NaN outside the log
+    difference: Floats  #: (n, 3) video less wheels [rad/s]
+    rms: Floats  #: (3,) of that
     peak: float  #: largest length of `wheels` [rad/s]
-    gain: NDArray[np.float64]  #: (3,) video over wheels about each axis
-    gain_half_width: NDArray[np.float64]  #: (3,) 95 %, by blocks of time
+    gain: Floats  #: (3,) video over wheels about each axis
+    gain_half_width: Floats  #: (3,) 95 %, by blocks of time
 
     @property
     def rms_share(self) -> float:
@@ -246,35 +219,22 @@ class WheelComparison:
     @property
     def forward(self) -> float:
         """The angle of the robot's x in the picture, from its right, clockwise [rad]."""
-        R = self.robot_camera.as_matrix()
+        R = self.motion.body_marker.as_matrix()
         return float(np.arctan2(R[0, 1] - R[1, 0], R[0, 0] + R[1, 1]))
 
     @property
     def tilt(self) -> float:
         """How far the camera's axis is from the robot's z [rad]."""
-        return float(np.arccos(np.clip(self.robot_camera.as_matrix()[2, 2], -1.0, 1.0)))
+        return float(np.arccos(np.clip(self.motion.body_marker.as_matrix()[2, 2], -1.0, 1.0)))
 
 
 def compare_with_wheels(
     spin: Spin, log: Log, robot: Robot, *, known: Rotation | None = None
 ) -> WheelComparison:
-    """Return how the ball's velocity by video and by the wheels agree.
+    """Return how the ball's velocity by video, camera frame, and by a log's wheel speeds agree.
 
-    Parameters
-    ----------
-    spin : Spin
-        Camera frame.
-    log : Log
-        Of the clamped robot in the same run: wheel1_dot, wheel2_dot and so on.
-    robot : Robot
-        Its geometry makes T_obw.
-    known : Rotation, optional
-        Camera frame to robot frame; without it, the one found is used.
-
-    Raises
-    ------
-    InputError
-        If log and video overlap too little, or do not turn alike.
+    The log is of the clamped robot in the same run. `known` is the rotation from camera frame to robot frame; without
+    it, the one found is used. InputError if log and video overlap too little, or do not turn alike.
     """
     speeds = log.wheel_speeds
     if speeds.shape[1] != robot.wheel_count:
@@ -297,10 +257,7 @@ def compare_with_wheels(
         for axis in range(3)
     ]
     return WheelComparison(
-        clock=motion.clock,
-        offset_half_width=motion.offset_half_width,
-        robot_camera=motion.body_marker,
-        rotation_half_width=motion.rotation_half_width,
+        motion=motion,
         wheels=wheels,
         difference=difference,
         rms=np.sqrt(np.mean(difference[both] ** 2, axis=0)),

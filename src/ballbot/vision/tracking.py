@@ -14,7 +14,7 @@ The angular velocity comes from a smoother of the orientations' errors, velocity
     omega' = a,  a' = white noise of density q;      0 = e_k + noise of covariance s^2 H_k^-1
 
 R_k is what the frame's fit found and exp(e_k) R_k what is true; H_k is the fit's information less what is too small
-to be believed, so that a frame that does not determine a turn about some axis adds nothing about it. q/s^2 is the
+to be trusted, so that a frame that does not determine a turn about some axis adds nothing about it. q/s^2 is the
 likeliest by the filter's innovations, which give s too. Filter and smoother: H. E. Rauch, F. Tung and C. T.
 Striebel, AIAA Journal 3 (1965) 1445-1450.
 
@@ -26,12 +26,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
+from ballbot.log.columns import Bools, Floats
 from ballbot.progress import Progress, ProgressCallback
 from ballbot.vision.seam import Fit, SeamPoints, SeamTable, fit_rotation
 from ballbot.vision.seam_pixels import BallPixels, SeamFinder
@@ -71,7 +73,7 @@ class OrientationSearch:
         return min(fit.inliers, float(np.mean(seam[index] > _SEEN))) if len(index) else 0.0
 
     def localise(
-        self, seen: SeamPoints, seam: NDArray[np.float32], *, near: NDArray[np.float64] | None
+        self, seen: SeamPoints, seam: NDArray[np.float32], *, near: Floats | None
     ) -> tuple[Fit, float]:
         """Return the best orientation for a frame, and its score; among some as good, the nearest to `near` (3, 3)."""
         # those with more weight are likelier to be chosen; the same for the same frame
@@ -90,7 +92,7 @@ class OrientationSearch:
         return top if near is None else max(alike, key=lambda one: float(np.trace(one[0].R.T @ near)))
 
 
-def _grid() -> NDArray[np.float64]:
+def _grid() -> Floats:
     """Return rotations (n, 3, 3) spread evenly: the super-Fibonacci spiral (M. Alexa, CVPR 2022, 8281-8290)."""
     phi, psi = np.sqrt(2.0), 1.533751168755204288118041
     s = np.arange(_TRIED) + 0.5
@@ -117,14 +119,14 @@ _LARGEST_JUMP = 0.35
 class Track:
     """The ball's orientation in every frame."""
 
-    R: NDArray[np.float64]  #: (n, 3, 3) ball frame to camera frame; NaN where lost
-    information: NDArray[np.float64]  #: (n, 3, 3) from `Fit`, camera frame
-    bias: NDArray[np.float64]  #: (n, 3, 3) from `Fit`, camera frame [rad^2]
-    quality: NDArray[np.float64]  #: (n,) 0 to 1
+    R: Floats  #: (n, 3, 3) ball frame to camera frame; NaN where lost
+    information: Floats  #: (n, 3, 3) from `Fit`, camera frame
+    bias: Floats  #: (n, 3, 3) from `Fit`, camera frame [rad^2]
+    quality: Floats  #: (n,) 0 to 1
     stretch: NDArray[np.int64]  #: (n,) number of the stretch; -1 where lost
 
     @property
-    def tracked(self) -> NDArray[np.bool_]:
+    def tracked(self) -> Bools:
         """Which frames (n,) were tracked."""
         return self.stretch >= 0
 
@@ -134,7 +136,7 @@ class _Follower:
 
     def __init__(self, finder: SeamFinder, table: SeamTable) -> None:
         self._finder, self._search = finder, OrientationSearch(table=table, pixels=finder.pixels)
-        self._last: NDArray[np.float64] | None = None
+        self._last: Floats | None = None
         self._turn = np.zeros(3)  # over the last frame, camera frame [rad]
         self._settled = False  # whether that is known
         self._lost = 0  # frames since the last that was tracked
@@ -193,17 +195,9 @@ def follow(
     frame_count: int,
     progress: ProgressCallback,
 ) -> Track:
-    """Return the orientation in every frame.
+    """Return the orientation in every frame (height, width, 3) uint8.
 
-    Parameters
-    ----------
-    frames : iterable of ndarray (height, width, 3) uint8
-    finder : SeamFinder
-    table : SeamTable
-    frame_count : int
-        How many there are at most, for the progress; 0 if that is not known.
-    progress : callable
-        Called after each frame.
+    `frame_count` is how many there are at most, for the progress; 0 if that is not known.
     """
     follower, found = _Follower(finder, table), list[tuple[Fit, float, int] | None]()
     for count, frame in enumerate(frames, start=1):
@@ -211,7 +205,7 @@ def follow(
         total = frame_count or 1
         progress(Progress(stage="tracking", done=min(count, total), total=total))
 
-    def matrices(of: Callable[[Fit], NDArray[np.float64]]) -> NDArray[np.float64]:
+    def matrices(of: Callable[[Fit], Floats]) -> Floats:
         nothing = np.full((3, 3), np.nan)
         return np.array([of(one[0]) if one else nothing for one in found]).reshape(-1, 3, 3)
 
@@ -234,7 +228,7 @@ _ROUGHLY = 1e-3
 #: innovations and biases are averaged over this to either side, for noise and light may change [s]
 _SPAN = 0.5
 #: information about an axis below this fraction of the whole comes as well from small errors of the view and the curve
-_UNBELIEVED = 1e-3
+_NEGLIGIBLE = 1e-3
 #: turned by this, the ball shows its seam to other patches of the picture [rad]
 _OTHER_SIDE = 0.13
 _EYE = np.eye(3)
@@ -244,37 +238,25 @@ _EYE = np.eye(3)
 class Velocity:
     """The ball's angular velocity at each frame, camera frame; NaN where it is not known."""
 
-    omega: NDArray[np.float64]  #: (n, 3) [rad/s]
-    covariance: NDArray[np.float64]  #: (n, 3, 3) [rad^2/s^2]
+    omega: Floats  #: (n, 3) [rad/s]
+    covariance: Floats  #: (n, 3, 3) [rad^2/s^2]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Steps:
+class _Steps(NamedTuple):
     """A stretch of frames, made ready."""
 
-    F: NDArray[np.float64]  #: (n - 1, 9, 9)
-    shift: NDArray[np.float64]  #: (n - 1, 9)
-    steps: NDArray[np.float64]  #: (n - 1,) [s]
-    H: NDArray[np.float64]  #: (n, 3, 3)
+    F: Floats  #: (n - 1, 9, 9)
+    shift: Floats  #: (n - 1, 9)
+    steps: Floats  #: (n - 1,) [s]
+    H: Floats  #: (n, 3, 3)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Filtered:
-    before: list[tuple[NDArray[np.float64], NDArray[np.float64]]]  #: mean and covariance before each frame
-    after: list[tuple[NDArray[np.float64], NDArray[np.float64]]]  #: and with it
-    misfit: NDArray[np.float64]  #: (n,) squared innovations by their covariance, 3 expected
-    surprise: float  #: sum of the logarithms of the innovations' covariances
+#: mean and covariance of each frame's state
+_States = list[tuple[Floats, Floats]]
 
 
-def angular_velocity(t: NDArray[np.float64], track: Track) -> Velocity:
-    """Return the angular velocity at each frame of a track.
-
-    Parameters
-    ----------
-    t : ndarray (n,)
-        Times of the frames [s].
-    track : Track
-    """
+def angular_velocity(t: Floats, track: Track) -> Velocity:
+    """Return the angular velocity at each frame of a track, at times t (n,) [s]."""
     omega, covariance = np.full((len(t), 3), np.nan), np.full((len(t), 3, 3), np.nan)
     # a lost frame between two of the same stretch is simply not there
     numbered = [np.flatnonzero(track.stretch == k) for k in range(int(track.stretch.max(initial=-1)) + 1)]
@@ -284,18 +266,17 @@ def angular_velocity(t: NDArray[np.float64], track: Track) -> Velocity:
     density = _density(_made_ready(t, track, max(stretches, key=len)[:_SEARCHED]))
     for rows in stretches:
         ready = _made_ready(t, track, rows)
-        filtered = _filter(ready, density)
-        smooth = _smooth(ready, filtered)
-        local = _averaged(filtered.misfit / 3.0, t[rows])
+        before, after, misfit, _ = _filter(ready, density)
+        smooth = _smooth(ready, before, after)
         omega[rows] = [mean[3:6] for mean, _ in smooth]
         spread = np.array([P[3:6, 3:6] for _, P in smooth])
         biased = (np.linalg.norm(omega[rows], axis=1) / _OTHER_SIDE) ** 2
-        bias = _averaged(track.bias[rows], t[rows])
+        local, bias = _averaged(misfit / 3.0, t[rows]), _averaged(track.bias[rows], t[rows])
         covariance[rows] = spread * local[:, None, None] + bias * biased[:, None, None]
     return Velocity(omega=omega, covariance=covariance)
 
 
-def _made_ready(t: NDArray[np.float64], track: Track, rows: NDArray[np.intp]) -> _Steps:
+def _made_ready(t: Floats, track: Track, rows: NDArray[np.intp]) -> _Steps:
     steps = np.diff(t[rows])
     F, shift = np.zeros((len(steps), 9, 9)), np.zeros((len(steps), 9))
     orientations, dt = Rotation.from_matrix(track.R[rows]), steps[:, None, None]
@@ -306,24 +287,28 @@ def _made_ready(t: NDArray[np.float64], track: Track, rows: NDArray[np.intp]) ->
     F[:, 3:6, 3:6], F[:, 3:6, 6:], F[:, 6:, 6:] = _EYE, dt * _EYE, _EYE
     shift[:, :3] = -np.einsum("kij,kj->ki", bend, f)
     sizes, axes = np.linalg.eigh(track.information[rows])
-    believed = np.maximum(sizes - _UNBELIEVED * sizes.sum(axis=1, keepdims=True), 0.0)
-    return _Steps(F=F, shift=shift, steps=steps, H=np.einsum("kij,kj,klj->kil", axes, believed, axes))
+    trusted = np.maximum(sizes - _NEGLIGIBLE * sizes.sum(axis=1, keepdims=True), 0.0)
+    return _Steps(F=F, shift=shift, steps=steps, H=np.einsum("kij,kj,klj->kil", axes, trusted, axes))
 
 
 def _density(ready: _Steps) -> float:
     """Return q / s^2 of the largest likelihood, s^2 being the likeliest for each."""
 
     def cost(logarithm_of_density: float) -> float:
-        filtered = _filter(ready, float(np.exp(logarithm_of_density)))
-        count = 3.0 * len(filtered.misfit)
-        return filtered.surprise + count * float(np.log(filtered.misfit.sum() / count))
+        _, _, misfit, surprise = _filter(ready, float(np.exp(logarithm_of_density)))
+        count = 3.0 * len(misfit)
+        return surprise + count * float(np.log(misfit.sum() / count))
 
     low, high = np.log(_DENSITIES)
     return float(np.exp(optimize.fminbound(cost, low, high, xtol=0.3)))
 
 
-def _filter(ready: _Steps, density: float) -> _Filtered:
-    """Return the Kalman filter's path with s = 1."""
+def _filter(ready: _Steps, density: float) -> tuple[_States, _States, Floats, float]:
+    """Return the states before and with each frame of the Kalman filter with s = 1, and how well they fit.
+
+    That is each frame's squared innovation by its covariance (n,), 3 expected, and the sum of the logarithms of these
+    covariances.
+    """
     mean = np.zeros(9)
     P = np.diag(np.repeat(np.square(_BEFORE), 3)) / _ROUGHLY
     before, after = [], []
@@ -344,36 +329,27 @@ def _filter(ready: _Steps, density: float) -> _Filtered:
         P = P - K @ P[:3, :]
         P = 0.5 * (P + P.T)
         after.append((mean, P))
-    return _Filtered(before=before, after=after, misfit=misfit, surprise=surprise)
+    return before, after, misfit, surprise
 
 
-def _smooth(ready: _Steps, filtered: _Filtered) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def _smooth(ready: _Steps, before: _States, after: _States) -> _States:
     """Return mean and covariance of each frame by all frames."""
-    mean, P = filtered.after[-1]
+    mean, P = after[-1]
     found = [(mean, P)]
-    for k in range(len(ready.steps) - 1, -1, -1):
-        here, P_here = filtered.after[k]
-        then, P_then = filtered.before[k + 1]
-        G = np.linalg.solve(P_then, ready.F[k] @ P_here).T
-        mean = here + G @ (mean - then)
-        P = P_here + G @ (P - P_then) @ G.T
+    for F, (here, P_here), (then, P_then) in zip(ready.F[::-1], after[-2::-1], before[:0:-1], strict=True):
+        G = np.linalg.solve(P_then, F @ P_here).T
+        mean, P = here + G @ (mean - then), P_here + G @ (P - P_then) @ G.T
         found.append((mean, P))
     return found[::-1]
 
 
-def _jerk(dt: float) -> NDArray[np.float64]:
+def _jerk(dt: float) -> Floats:
     """Return the covariance (9, 9) that white jerk of density 1 adds over a step to angle, velocity, acceleration."""
-    Q = np.array(
-        [
-            [dt**5 / 20.0, dt**4 / 8.0, dt**3 / 6.0],
-            [dt**4 / 8.0, dt**3 / 3.0, dt**2 / 2.0],
-            [dt**3 / 6.0, dt**2 / 2.0, dt],
-        ]
-    )
-    return np.kron(Q, _EYE).astype(np.float64)
+    powers = [[dt**5 / 20.0, dt**4 / 8.0, dt**3 / 6.0], [dt**4 / 8.0, dt**3 / 3.0, dt**2 / 2.0]]
+    return np.kron(np.array([*powers, [dt**3 / 6.0, dt**2 / 2.0, dt]]), _EYE).astype(np.float64)
 
 
-def _averaged(values: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
+def _averaged(values: Floats, t: Floats) -> Floats:
     """Return running means (n, ...) over `_SPAN` to either side."""
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     first, last = np.searchsorted(t, t - _SPAN), np.searchsorted(t, t + _SPAN, side="right")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.columns import Floats
 
 #: containers round times to a millisecond [s]; times so near to even steps are even
 _ROUNDING = 1.1e-3
@@ -45,13 +46,7 @@ class Video:
             capture.release()
 
     def samples(self) -> list[NDArray[np.uint8]]:
-        """Return some frames of the first seconds, spread evenly.
-
-        Raises
-        ------
-        InputError
-            If the video has too few frames for a velocity.
-        """
+        """Return some frames of the first seconds, spread evenly; InputError if they are too few for a velocity."""
         wanted = max(LEAST_FRAMES, round(_SAMPLED_TIME * self.frame_rate))
         if self.stated_frames:
             wanted = min(wanted, max(LEAST_FRAMES, self.stated_frames))
@@ -71,19 +66,9 @@ class Video:
 
 
 def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
-    """Return a video after a look into it.
+    """Return a video after a look into it; its `frame_rate` [Hz] if the file states another, as for slow motion.
 
-    Parameters
-    ----------
-    path : str or Path
-        Any file that OpenCV reads.
-    frame_rate : float, optional
-        That of the camera [Hz], if the file states a different one, as for slow motion.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, it is not a video, or the rate is not positive.
+    InputError if there is no such file, it is not a video, or the rate is not positive.
     """
     path = Path(path)
     if not path.is_file():
@@ -118,7 +103,7 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
     )
 
 
-def frame_times(stated: NDArray[np.float64], video: Video) -> NDArray[np.float64]:
+def frame_times(stated: Floats, video: Video) -> Floats:
     """Return the times (n,) of the frames [s] from those that the file states (n,) [s].
 
     Even steps at the frame rate, where the file's times are no times, or where the rate is given; even steps as well

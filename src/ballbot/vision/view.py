@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.columns import Bools, Floats
 
 #: closeness stays within these: from a telephoto lens afar to one that all but touches
 CLOSENESS = (0.004, 0.6)
@@ -53,16 +54,16 @@ class View:
         return 1.0 / self.closeness
 
     @property
-    def axis(self) -> NDArray[np.float64]:
+    def axis(self) -> Floats:
         """The direction c (3,) from the lens to the ball's centre."""
         return self.rays(np.array([[self.x, self.y]]))[0]
 
-    def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rays(self, pixels: Floats) -> Floats:
         """Return the unit vectors d (k, 3) from the lens through points (k, 2) of the picture."""
         rays = np.column_stack([(pixels - np.asarray(self.middle)) / self.focal, np.ones(len(pixels))])
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
-    def points(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def points(self, pixels: Floats) -> tuple[Floats, Floats]:
         """Return the points p (k, 3) of the unit sphere seen at places (k, 2) of the picture, and cosines (k,).
 
         The points are in the camera frame. The cosines are of the angle between the ball's normal and the ray; NaN
@@ -75,7 +76,7 @@ class View:
         p = (D * along - facing)[:, None] * d - D * c
         return p, facing
 
-    def project(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def project(self, points: Floats) -> tuple[Floats, Floats]:
         """Return where points (k, 3) of the unit sphere, camera frame, are in the picture (k, 2), and cosines (k,).
 
         The cosines are as `points` has them, negative on the far side.
@@ -85,7 +86,7 @@ class View:
         facing = -np.sum(points * seen, axis=1) / np.linalg.norm(seen, axis=1)
         return seen[:, :2] / seen[:, 2:] * self.focal + np.asarray(self.middle), facing
 
-    def outline(self, count: int = 360) -> NDArray[np.float64]:
+    def outline(self, count: int = 360) -> Floats:
         """Return points (count, 2) of the outline in the picture."""
         c = self.axis
         across = np.cross(c, [1.0, 0.0, 0.0])
@@ -96,20 +97,11 @@ class View:
         return rays[:, :2] / rays[:, 2:] * self.focal + np.asarray(self.middle)
 
 
-def view_of_outline(points: NDArray[np.float64], *, size: tuple[int, int], closeness: float) -> View:
-    """Return the view whose outline passes best through points of the picture.
+def view_of_outline(points: Floats, *, size: tuple[int, int], closeness: float) -> View:
+    """Return the view whose outline passes best through three points (k, 2) or more [pixels] of a picture.
 
     A ray d that touches the ball has d . c = cos alpha; least squares on d . g = 1 gives g = c / cos alpha. The focal
-    length, which the rays need, comes from the closeness and the radius, so that this is done a few times.
-
-    Parameters
-    ----------
-    points : ndarray (k, 2)
-        At least three points of the outline [pixels].
-    size : tuple of int
-        Width and height of the picture [pixels].
-    closeness : float
-        1/D, between 0 and 1.
+    length, which the rays need, comes from the closeness 1/D and the radius, so that this is done a few times.
     """
     middle = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
     x, y = points.mean(axis=0)
@@ -147,18 +139,10 @@ _EDGE_TOLERANCE = 0.012
 _LEAST_SHARE = 0.5
 
 
-def find_outline(frames: Sequence[NDArray[np.uint8]]) -> NDArray[np.float64]:
-    """Return points (k, 2) of the ball's outline [pixels].
+def find_outline(frames: Sequence[NDArray[np.uint8]]) -> Floats:
+    """Return points (k, 2) of the ball's outline [pixels] in some frames of a camera that stands still.
 
-    Parameters
-    ----------
-    frames : sequence of ndarray (height, width, 3) uint8
-        Some, of a camera that stands still.
-
-    Raises
-    ------
-    InputError
-        If no circle has an edge on half of its rays.
+    InputError if no circle has an edge on half of its rays.
     """
     few = np.stack(frames[:: max(1, len(frames) // 9)])
     still = np.median(few, axis=0).astype(np.uint8)
@@ -176,14 +160,14 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> NDArray[np.float64]:
     return max(refined, key=lambda one: one[2] + _moves(changing, one[0]))[1]
 
 
-def _changing(frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def _changing(frames: NDArray[np.uint8]) -> Bools:
     """Return which pixels (height, width) change over frames (k, height, width, 3) by more than the picture's noise."""
     calm = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames]).astype(np.float32)
     spread = calm.std(axis=0).max(axis=2)
     return spread > 3.0 * np.median(spread) + 2.0
 
 
-def _moves(changing: NDArray[np.bool_], view: View) -> float:
+def _moves(changing: Bools, view: View) -> float:
     """Return the fraction of changing pixels just within a circle less that of those just beyond."""
     rows, columns = np.mgrid[: changing.shape[0], : changing.shape[1]]
     out = np.hypot(columns - view.x, rows - view.y) / view.radius
@@ -191,14 +175,8 @@ def _moves(changing: NDArray[np.bool_], view: View) -> float:
     return float(within.mean()) - (float(beyond.mean()) if beyond.size else 0.0)
 
 
-def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return points (k, 2) of a circle that is given as the ball's outline in a picture of that size [pixels].
-
-    Raises
-    ------
-    InputError
-        If the circle is too small or not within the picture.
-    """
+def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> Floats:
+    """Return points (k, 2) of a circle that is given as the ball's outline [pixels]; InputError if it is outside."""
     x, y, radius = circle
     width, height = size
     if not all(map(math.isfinite, circle)):
@@ -212,7 +190,7 @@ def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> 
     return _on_circle(circle)
 
 
-def _on_circle(circle: tuple[float, float, float]) -> NDArray[np.float64]:
+def _on_circle(circle: tuple[float, float, float]) -> Floats:
     x, y, radius = circle
     angle = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
     return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
@@ -224,7 +202,7 @@ def _voted(still: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
     small = np.asarray(cv2.resize(still, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
     shorter = min(small.shape[:2])
     smallest, largest = int(_SMALLEST * shorter), int(_LARGEST * shorter)
-    circles: list[NDArray[np.float64]] = []
+    circles: list[Floats] = []
     for channel in (
         cv2.cvtColor(small, cv2.COLOR_BGR2GRAY),
         *cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2LAB)),
@@ -235,7 +213,7 @@ def _voted(still: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
         )  # fmt: skip
         if found is not None:
             circles += list(np.reshape(found, (-1, 3))[:_VOTED].astype(np.float64))
-    distinct: list[NDArray[np.float64]] = []
+    distinct: list[Floats] = []
     for circle in circles:
         for radius in (circle[2], *_strongest(small, circle[0], circle[1], smallest, largest)):
             one = np.array([circle[0], circle[1], radius])
@@ -262,7 +240,7 @@ def _strongest(picture: NDArray[np.uint8], x: float, y: float, smallest: int, la
 
 def _refined(
     picture: NDArray[np.float32], circle: tuple[float, float, float], size: tuple[int, int]
-) -> tuple[View, NDArray[np.float64], float]:
+) -> tuple[View, Floats, float]:
     """Return the outline near a circle, its points (k, 2), and the fraction of its rays whose edge agrees with it."""
     points = _on_circle(circle)
     view = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
@@ -289,8 +267,8 @@ def _refined(
 
 
 def _edges(
-    picture: NDArray[np.float32], outline: NDArray[np.float64], outward: NDArray[np.float64], search: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    picture: NDArray[np.float32], outline: Floats, outward: Floats, search: float
+) -> tuple[Floats, Floats]:
     """Return where on each ray colour changes most, as a fraction of its length from the outline, and by how much."""
     length = float(np.mean(np.linalg.norm(outward, axis=1)))
     count = 2 * max(4, round(2.0 * search * length)) + 1  # half pixels

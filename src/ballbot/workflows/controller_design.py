@@ -49,10 +49,7 @@ class GainOptions:
 class PartOptions:
     """What the controller has besides its gain.
 
-    Raises
-    ------
-    InputError
-        If the factor on the compensated friction is negative or not finite.
+    InputError if the factor on the compensated friction is negative or not finite.
     """
 
     compensation: Compensation | None = None

@@ -2,37 +2,33 @@
 
     r(t) = w(t) sum_k A_k (sin(2 pi f_k t + p_k) - sin p_k)        for each of x, y, psi;  w fades in and out
 
-A slow sine moves the robot about the floor. A fast one hardly moves it and is a dither of the torques instead: K's
-columns of x, y and psi turn the reference r into torques K r, so that for three wheels any dither d is the reference
-K^-1 d. One reference file is therefore all that a controller needs, and the same on a robot as on the twin. A sine of
-unit amplitude at f answers, in the linear closed loop x_dot = A x + B K (r - x), with
+A slow sine moves the robot about the floor; a fast one is a dither of the torques K r instead. A sine of unit amplitude
+at f answers, in the linear closed loop x_dot = A x + B K (r - x), with
 
     G(f) = (2 pi i f I - A + B K)^-1 B K e        states         K (e - G(f))        torques
 
 and the largest amplitude of that sine alone is the one that brings lean, place or torque to its limit. Every sine has
 the same share of it, and the sum is scaled until the simulated run makes use of the limits. Of a few ranges of
-frequencies the best is kept, by the worst error times the geometric mean of all. The worst alone is a poor guide if a
-parameter is hard to identify in any case, as delta is if s is small.
+frequencies the best is kept, by the worst error times the geometric mean of all: a parameter may be hard to identify in
+any case, as delta is if s is small.
 
-The value of a run is the standard errors that identification would give on its log. A run that is simulated with the
-parameters believed is cut into windows as identification cuts a log, and linearised as its last stage does, each
-window's initial state estimated along with the parameters. With J_w the windows' derivatives of predictions by scaled
-parameters z, over the deviations of states from their prediction, and the initial states eliminated,
+The value of a run is the standard errors that identification would give on its log: simulated with the parameters
+assumed, it is cut into windows and linearised as identification does. With J_w the windows' derivatives of predictions
+by scaled parameters z, over the deviations of states from their prediction, and the initial states eliminated,
 
     H = sum_w J_w^T J_w                cov z >= H^-1
 
-This linear bound (Cramer-Rao) is for comparing runs. With independent noise, and nothing unmodelled, estimates of the
-Coulomb law scattered as it says, and those of the Stribeck law by 1.0 to 2.0 times as much (8 and 12 seeds), along the
-bent and nearly level valley of b, c, s and v_s. Residuals that are correlated within a window, as they are on a robot,
-add to that. The deviations are those of the compiled loop around the square, friction known. There both references are
-run with the sensors of a scenario, with its friction, less and more of it: do the limits hold?
+This linear bound (Cramer-Rao) is for comparing runs: with independent noise, estimates of the Stribeck law scattered by
+1.0 to 2.0 times as much (12 seeds). The deviations are those of the compiled loop around the square, friction known.
+There both references are run with the sensors of a scenario, with its friction, less and more of it: do the limits
+hold?
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -48,8 +44,7 @@ from ballbot.identification.identify import INNER_STEP, estimated_parameters
 from ballbot.identification.prediction import Predictor, windows_for
 from ballbot.identification.quantities import Coordinates, scale_between
 from ballbot.identification.windows import cut_windows
-from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import torque_names
+from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
@@ -65,7 +60,7 @@ Law = Literal["viscous", "coulomb", "stribeck"]
 
 #: length of the windows that identification cuts a log into [s]
 WINDOW = 0.25
-#: the limits must hold with friction of so many times the size believed
+#: the limits must hold with friction of so many times the assumed size
 FRICTIONS = (1.0, 0.5, 1.5)
 #: runs of each reference on the loop with each friction, by their seeds
 _SEEDS = (1, 2, 3)
@@ -94,7 +89,7 @@ class Extent:
 
     def used_of(self, limits: Extent) -> dict[str, float]:
         """Return the share of each limit that this uses; above 1 it is exceeded."""
-        return {one.name: getattr(self, one.name) / getattr(limits, one.name) for one in fields(self)}
+        return {name: value / getattr(limits, name) for name, value in vars(self).items()}
 
     def exceeding(self, limits: Extent) -> list[str]:
         """Return the names of the limits that are exceeded."""
@@ -103,10 +98,9 @@ class Extent:
 
 def check_limits(limits: Extent) -> None:
     """Raise InputError unless every limit is positive, and the lean below a quarter of a turn."""
-    for one in fields(limits):
-        value = getattr(limits, one.name)
+    for name, value in vars(limits).items():
         if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"The {one.name} limit is {value:g} {_UNITS[one.name]}; it must be positive.")
+            raise InputError(f"The {name} limit is {value:g} {_UNITS[name]}; it must be positive.")
     if limits.lean >= 0.5 * math.pi:
         raise InputError(
             f"The lean limit is {math.degrees(limits.lean):.4g} degrees; it must be below 90 degrees."
@@ -117,18 +111,18 @@ def check_limits(limits: Extent) -> None:
 class ExcitationTask:
     """A robot with nominal friction, its controller, limits, and parameters to estimate; made by `task`."""
 
-    robots: tuple[Robot, ...]  #: with the friction believed, then with less and with more
+    robots: tuple[Robot, ...]  #: with the assumed friction, then with less and with more
     controller: Controller
     limits: Extent
     duration: float  #: [s]
     predictor: Predictor  #: its step is the simulation's
     coordinates: Coordinates
-    point: NDArray[np.float64]  #: (p,), scaled, what is believed
+    point: NDArray[np.float64]  #: (p,), scaled, the assumed parameters
     deviations: NDArray[np.float64]  #: (10,), of each state's prediction on the robot
 
     @property
     def robot(self) -> Robot:
-        """As it is believed to be."""
+        """With the assumed friction."""
         return self.robots[0]
 
     @property
@@ -137,8 +131,8 @@ class ExcitationTask:
         return tuple(np.array(self.coordinates.labels)[self.coordinates.free].tolist())
 
     @property
-    def believed(self) -> NDArray[np.float64]:
-        """The parameters to estimate (f,), as they are believed to be, in SI units."""
+    def assumed(self) -> NDArray[np.float64]:
+        """The assumed values of the parameters to estimate (f,), in SI units."""
         return self.coordinates.physical(self.point)[self.coordinates.free]
 
     def in_units(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,7 +140,7 @@ class ExcitationTask:
         return scaled * self.coordinates.slopes(self.point)[self.coordinates.free]
 
 
-#: a parameter believed to stand at a bound is taken so far within, scaled: s = 0 would hide v_s and delta
+#: a parameter assumed at a bound is taken so far within, scaled: s = 0 would hide v_s and delta
 _INSIDE = 0.02
 
 
@@ -160,11 +154,7 @@ def task(
     law: Law = "stribeck",
     bounds: Bounds | None = None,
 ) -> ExcitationTask:
-    """Return what to design an experiment for; the arguments are those of `excite`, and each state's deviation (10,).
-
-    InputError if a limit or a deviation is not positive.
-    """
-    check_limits(limits)
+    """Return what to design an experiment for, with each state's deviation (10,); other arguments as of `excite`."""
     if deviations.shape != (10,) or not np.all(np.isfinite(deviations) & (deviations > 0.0)):
         raise InputError("The states' deviations must be ten positive numbers, one for each state.")
     coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=bounds or Bounds())
@@ -191,15 +181,19 @@ def task(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ReferenceRun:
-    """A reference followed on the model, and what is expected of its log."""
+class ReferenceRuns:
+    """Runs of a reference with each friction: one on the model, or one for each seed on the loop."""
 
-    log: Log  #: with the friction believed
-    peaks: Extent  #: the worst, over less and more friction too
-    fell: bool  #: with any of the frictions
+    log: Log  #: of the first run, on the loop with its truth
+    peaks: Extent  #: the worst of all runs: true lean and place, torques as commanded
+    ended: str | None  #: why a run ended early
+
+    def used_of(self, limits: Extent) -> float:
+        """Return the largest share of a limit that is used; a fall counts as `_FALLS`."""
+        return _FALLS if self.ended else max(self.peaks.used_of(limits).values())
 
 
-def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRun:
+def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRuns:
     """Follow a reference on the model."""
     plants = [
         LoopRobot(model=Model(robot, step=task.predictor.step), imperfections=Imperfections())
@@ -208,12 +202,10 @@ def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRun:
     batch = run_loop(
         plants, [task.controller], reference, duration=task.duration, starts=np.zeros(10), threads=1
     )
-    columns = {"t": batch.t} | dict(zip(STATE_NAMES, batch.states[0].T, strict=True))
-    columns |= dict(zip(torque_names(task.robot.wheel_count), batch.torques[0].T, strict=True))
-    return ReferenceRun(
-        log=Log(columns),
+    return ReferenceRuns(
+        log=batch.log(0),
         peaks=Extent.of(batch.next_states, batch.torques),
-        fell=bool(np.isfinite(batch.ended).any()),
+        ended="fallen" if np.isfinite(batch.ended).any() else None,
     )
 
 
@@ -226,7 +218,8 @@ _RIDGE = 1e-13
 def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.float64]:
     """Return the least standard errors (f,) to expect of the free parameters, in shares of their bounds' width.
 
-    The logs are simulated with what is believed, without noise. Infinite if they have no information on a parameter.
+    Logs are simulated with the assumed parameters, without noise.
+    Infinite if they have no information on a parameter.
     """
     windows = windows_for(task.predictor, task.coordinates.upper, logs, duration=WINDOW)
     # measurements off by exactly their deviations: identification takes its weights from the residuals
@@ -316,7 +309,7 @@ def largest_sines(
     )
 
 
-#: on the model the limits are this share of those given: noise, rollers and a friction believed wrongly come on top
+#: on the model the limits are this share of those given: noise, rollers and a wrongly assumed friction come on top
 MARGIN = 0.85
 #: levels tried for a reference, the share of the limits aimed at and the least that will do, and the highest level:
 #: friction eats some of the motion, so that amplitudes may be some times what the linear loop without it allows
@@ -345,12 +338,12 @@ def design(task: ExcitationTask) -> ExcitationDesign:
 
     InputError if none keeps within the limits, or none within them identifies every parameter.
     """
-    limits = Extent(**{one.name: MARGIN * getattr(task.limits, one.name) for one in fields(Extent)})
+    limits = Extent(**{name: MARGIN * value for name, value in vars(task.limits).items()})
     tried = [_fitted(task, limits, fastest) for fastest in FASTEST]
-    kept = [(sines, run) for sines, run in tried if not run.fell and not run.peaks.exceeding(limits)]
+    kept = [(sines, run) for sines, run in tried if not run.ended and not run.peaks.exceeding(limits)]
     if not kept:
-        _, gentlest = min(tried, key=lambda one: _used(one[1], limits))
-        if gentlest.fell:
+        _, gentlest = min(tried, key=lambda one: one[1].used_of(limits))
+        if gentlest.ended:
             raise InputError(
                 "With this controller the robot falls on every reference. Give a controller that balances the "
                 "robot, or lower the lean limit."
@@ -380,7 +373,7 @@ def criterion(errors: NDArray[np.float64]) -> float:
     return float(np.exp(0.5 * (logs.max() + logs.mean())))
 
 
-def _fitted(task: ExcitationTask, limits: Extent, fastest: float) -> tuple[Multisine, ReferenceRun]:
+def _fitted(task: ExcitationTask, limits: Extent, fastest: float) -> tuple[Multisine, ReferenceRuns]:
     """Return sines at the highest level tried that keeps within limits, or at the gentlest if none does."""
     largest = largest_sines(
         task.robot, task.controller, limits=task.limits, duration=task.duration, fastest=fastest
@@ -389,7 +382,7 @@ def _fitted(task: ExcitationTask, limits: Extent, fastest: float) -> tuple[Multi
     for _ in range(_LEVELS):
         sines = replace(largest, amplitudes=level / largest.frequencies.size * largest.amplitudes)
         run = run_on_model(task, sampled_reference(sines.times, sines.poses()))
-        used = _used(run, limits)
+        used = run.used_of(limits)
         found.append((used, sines, run))
         if _CLOSE <= used <= 1.0:
             break
@@ -399,15 +392,10 @@ def _fitted(task: ExcitationTask, limits: Extent, fastest: float) -> tuple[Multi
     return sines, run
 
 
-def _used(run: ReferenceRun, limits: Extent) -> float:
-    return _FALLS if run.fell else max(run.peaks.used_of(limits).values())
-
-
 def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
-    """Return the deviation of each state's prediction (10,) over the windows of a log of a robot with that friction.
+    """Return what a perfect identification would be left with: each state's deviation (10,) over a log's windows.
 
-    What a perfect identification would be left with: sensors, play and torque noise together. InputError if the log has
-    no window, as when the robot fell at once.
+    InputError if the log has no window, as when the robot fell at once.
     """
     coordinates = scale_between(robot)
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=WINDOW)
@@ -418,18 +406,9 @@ def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
     return np.sqrt((residuals**2).mean(axis=(0, 1, 2)))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LoopRuns:
-    """Runs of a reference on the loop: each friction (factors) with each seed."""
-
-    log: Log  #: of the first run, with its truth
-    peaks: Extent  #: the worst of all runs: true lean and place, torques as commanded
-    ended: str | None  #: why a run ended early
-
-
 def _on_loop(
     robot: Robot, scenario: Scenario, controller: Controller, reference: Reference, duration: float, run: Run
-) -> LoopRuns:
+) -> ReferenceRuns:
     conditions = [
         Condition(
             plant=LoopRobot.of(
@@ -447,10 +426,10 @@ def _on_loop(
         lambda _, log: (log, Extent.of(log.truth().states, log.torques)),
         run=replace(run, progress=in_stage(run.progress, "runs with sensors")),
     ).answers
-    peaks = [peaks for _, peaks in made]
-    return LoopRuns(
+    worst = np.max([list(vars(peaks).values()) for _, peaks in made], axis=0).tolist()
+    return ReferenceRuns(
         log=made[0][0],
-        peaks=Extent(**{one.name: max(getattr(each, one.name) for each in peaks) for one in fields(Extent)}),
+        peaks=Extent(**dict(zip(_UNITS, worst, strict=True))),
         ended=next((log.ended for log, _ in made if log.ended), None),
     )
 
@@ -463,7 +442,7 @@ class Excitation:
     design: ExcitationDesign
     peaks: Mapping[str, Extent]  #: of "square" and "designed" on the model
     errors: Mapping[str, NDArray[np.float64]]  #: (f,) of each, expected, scaled; infinite without information
-    on_loop: Mapping[str, LoopRuns]  #: of each
+    on_loop: Mapping[str, ReferenceRuns]  #: of each
 
     @property
     def limits_held(self) -> bool:
@@ -481,7 +460,7 @@ class Excitation:
         return {
             "limits": task.limits,
             "duration": task.duration,
-            "believed": by_label(task.believed),
+            "assumed": by_label(task.assumed),
             "deviations": task.deviations,
             "expected": {
                 name: {
@@ -522,7 +501,7 @@ def excite(
     Parameters
     ----------
     robot : Robot, preset or robot file
-        With the friction believed, from an identification before; without any, that from which its search begins.
+        With the friction assumed; without any, that from which identification's search begins.
     controller : Controller
         That the robot will be run with.
     limits : Extent
@@ -535,13 +514,12 @@ def excite(
     bounds : Bounds, optional
         Identification's; errors count in shares of their width.
     run : Run, optional
-        Its progress is reported; its seed is not used.
+        Its progress is reported.
 
     Raises
     ------
     InputError
-        If a limit is not positive, no level keeps within the limits, none within them identifies every parameter, or a
-        run cannot be made.
+        If a limit is not positive, no level keeps within the limits, or none identifies every parameter.
     """
     robot = as_robot(robot)
     check_limits(limits)

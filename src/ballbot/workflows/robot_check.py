@@ -37,7 +37,6 @@ from ballbot.identification.swing import (
 from ballbot.log import Log
 from ballbot.log.checks.values import check_intervals
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
-from ballbot.log.formats import is_log_file
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
@@ -143,19 +142,13 @@ class CheckedSwing:
 def check_swing(
     robot: Robot, file: Path, pivot: Pivot, *, column: str | None = None, accept: Collection[str] = ()
 ) -> CheckedSwing:
-    """Return what the swing in a log (in that column) or a video shows about a robot's inertia.
+    """Return what the swing in a log, in that column, shows about a robot's inertia.
 
     InputError if the file has no free swing, or the swing has an error whose code is not accepted.
     """
-    of_log: list[Finding] = []
-    if is_log_file(file):  # every other is a video
-        log = Log.read(file)
-        of_log = check_intervals(log)
-        swing = swing_in_log(log, column=column)
-    else:
-        from ballbot.vision.swing import swing_in_video  # only a video needs OpenCV
-
-        swing = swing_in_video(file)
+    log = Log.read(file)
+    of_log = check_intervals(log)
+    swing = swing_in_log(log, column=column)
     of_recording = recording_findings(swing)
     _stop(of_recording, file, accept)
     fit = fit_swing(swing)

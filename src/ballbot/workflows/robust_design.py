@@ -89,10 +89,7 @@ class PerturbationRanges:
     def parse(text: str) -> PerturbationRanges:
         """Return the ranges that a text such as mass=0.2,tilt=1 states; the others keep their defaults.
 
-        Raises
-        ------
-        InputError
-            If a name or a number is not valid.
+        InputError if a name or a number is not valid.
         """
         tree: dict[str, object] = {}
         try:
@@ -124,10 +121,7 @@ def draw_perturbed(
 ) -> PerturbedRobots:
     """Draw robots from the ranges, under a scenario; the same seed gives the same robots and the same noise.
 
-    Raises
-    ------
-    InputError
-        If a robot that is drawn is not possible.
+    InputError if a robot that is drawn is not possible.
     """
     random = np.random.default_rng([seed, 71])
     robots, starts = [], np.zeros((count, 10))
@@ -200,13 +194,7 @@ class CostUnits:
 
     @staticmethod
     def of(nominal: RunMeasures) -> CostUnits:
-        """Return the units by the nominal gain's runs (1, robots).
-
-        Raises
-        ------
-        InputError
-            If it falls with half of the robots.
-        """
+        """Return the units by the nominal gain's runs (1, robots). InputError if it falls with half of the robots."""
         if (share := float(np.mean(nominal.fell))) > 0.5:
             raise InputError(
                 f"The nominal gain falls with {percent(share)} of the perturbed robots, so costs "
@@ -232,13 +220,7 @@ def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """How much is tried.
-
-    Raises
-    ------
-    InputError
-        If a number is below its minimum or above the largest number of trials.
-    """
+    """How much is tried. InputError if a number is below its minimum or above the largest number of trials."""
 
     robots: int = 200  #: perturbed robots on which every candidate runs
     generations: int = 30

@@ -27,10 +27,7 @@ class Parts:
     A field is a part: its name is that of the table in a controller file and of the records in compiled code, its order
     that of the steps within each stage of the law.
 
-    Raises
-    ------
-    InputError
-        If a part lacks another that it needs.
+    InputError if a part lacks another that it needs.
     """
 
     shaping: ReferenceShaping | None = None  #: makes smooth motions of references

@@ -114,10 +114,7 @@ class DisturbanceObserver(Part):
     by the exact model without friction, heading frame. The difference of each wheel passes a lag of `frequency`, is
     bounded by `limit`, and is added to the torques.
 
-    Raises
-    ------
-    InputError
-        If a number is not positive.
+    InputError if a number is not positive.
     """
 
     label = "disturbance observer"

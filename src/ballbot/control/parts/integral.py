@@ -81,10 +81,7 @@ class IntegralAction(Part):
     frame, S(psi) turns it into the heading frame, and `gain` K_I (n, 3) has a row for each wheel. The integral is
     bounded, forgets over `memory`, and does not grow while a torque is at its limit.
 
-    Raises
-    ------
-    InputError
-        If the gain is not finite, has not a row for each wheel of the robot, or a number is outside its range.
+    InputError if the gain is not finite, has not a row for each wheel of the robot, or a number is outside its range.
     """
 
     label = "integral action"

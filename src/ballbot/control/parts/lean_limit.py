@@ -78,10 +78,7 @@ class LeanLimit(Part):
     gain is at most `lean`; the error of psi and its rate likewise for `turn`. Errors of theta and phi pass unchanged.
     Without the limit, a robot with a stiff gain falls from leans that it recovers from with a soft one.
 
-    Raises
-    ------
-    InputError
-        If a limit is not positive.
+    InputError if a limit is not positive.
     """
 
     label = "lean limit"

@@ -59,11 +59,8 @@ class Notch(Part):
 
     Off by default. Torques lag by 7 to 8 degrees at 3 Hz; without play in the gears the error on the square rises.
 
-    Raises
-    ------
-    InputError
-        If the frequency or the width is not positive, or the depth not a fraction below 1; when the controller is made,
-        if its sample time is too long for the frequency.
+    InputError if the frequency or the width is not positive, or the depth not a fraction below 1; when the controller
+    is made, if its sample time is too long for the frequency.
     """
 
     label = "notch"
@@ -82,13 +79,7 @@ class Notch(Part):
         return self.sampled(settings.sample_time)
 
     def sampled(self, sample_time: float) -> NotchRecord:
-        """Return the filter for a sample time [s].
-
-        Raises
-        ------
-        InputError
-            If the sample time is too long for the frequency.
-        """
+        """Return the filter for a sample time [s]. InputError if the sample time is too long for the frequency."""
         if not self.frequency < 0.45 / sample_time:
             raise InputError(
                 f"A notch at {self.frequency:g} Hz needs a sample time below {0.45 / self.frequency:.2g} s; the "

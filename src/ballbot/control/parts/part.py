@@ -29,7 +29,7 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
    filtered and limited; the prediction takes it less both compensations.
 8. Write the part in C: the recipe is in `docs/architecture.md`, the test that asks for it `tests/firmware/test_law.py`.
 9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
-   missing samples, and the fuzzing of controller files, run with `example_parts` of
+   missing samples, and damaged controller files, run with `example_parts` of
    `tests/support/control_examples.py`.
 """
 
@@ -129,13 +129,7 @@ class NoState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part(ABC):
-    """The settings of a part; see the module's docstring.
-
-    Raises
-    ------
-    InputError
-        If a setting is outside its range.
-    """
+    """The settings of a part; see the module's docstring. InputError if a setting is outside its range."""
 
     label: ClassVar[str]  #: its name in sentences, as "lean limit"
     comment: ClassVar[str]  #: stands above its table in a controller file
@@ -150,8 +144,5 @@ class Part(ABC):
     def numbers(self, settings: LawSettings) -> object:
         """Return the part's `record` for a controller.
 
-        Raises
-        ------
-        InputError
-            If the part is not possible with that robot, sample time or number of wheels.
+        InputError if the part is not possible with that robot, sample time or number of wheels.
         """

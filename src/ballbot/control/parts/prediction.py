@@ -155,10 +155,8 @@ class DelayPrediction(Part):
     torques (n,) [N m] that are still under way. It helps from a delay of about 30 ms on; `ballbot identify --estimate
     delays` finds the delay.
 
-    Raises
-    ------
-    InputError
-        If the delay is not positive; when the controller is made, if it is longer than the samples that are kept.
+    InputError if the delay is not positive; when the controller is made, if it is longer than the samples that are
+    kept.
     """
 
     label = "prediction"

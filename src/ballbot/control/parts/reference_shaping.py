@@ -197,10 +197,7 @@ class ReferenceShaping(Part):
     derivatives, which `FeedForward` uses. The defaults suit the thesis's robot: a step of 0.5 m is done to 1 mm after
     5 s and asks for a lean of 0.05 rad.
 
-    Raises
-    ------
-    InputError
-        If a value is not from 1e-12 to 1e12.
+    InputError if a value is not from 1e-12 to 1e12.
     """
 
     label = "reference shaping"

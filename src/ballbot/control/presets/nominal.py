@@ -28,15 +28,8 @@ def design_gain(
 ) -> LqrDesign:
     """Return the sampled LQR of the exact model without friction, which is the compensation's business.
 
-    Parameters
-    ----------
-    robot : Robot, preset or robot file
-    state_weights : sequence of 10 numbers
-        Diagonal of Q.
-    torque_weight : float
-        Diagonal of R, the same for every wheel.
-    sample_time : float, optional
-        [s]; the robot's own if not given.
+    Ten weights are the diagonal of Q, the torque weight is that of R for every wheel; the sample time [s] is the
+    robot's own if not given.
     """
     robot = as_robot(robot)
     time = robot.sensors.sample_time if sample_time is None else sample_time

@@ -49,20 +49,8 @@ def design_integral_gain(
 ) -> LqrDesign:
     """Return the sampled LQR of the exact model without friction and of the integrals of x, y and psi.
 
-    Parameters
-    ----------
-    robot : Robot, preset or robot file
-    state_weights, integral_weights : sequences of 10 and 3 numbers
-        Diagonal of Q.
-    torque_weight : float
-        Diagonal of R, the same for every wheel.
-    sample_time : float, optional
-        [s]; the robot's own if not given.
-
-    Raises
-    ------
-    InputError
-        As `ballbot.lqr` does.
+    Ten and three weights are the diagonal of Q, the torque weight is that of R for every wheel; the sample time [s] is
+    the robot's own if not given. InputError as `ballbot.lqr`.
     """
     robot = as_robot(robot)
     time = robot.sensors.sample_time if sample_time is None else sample_time
@@ -83,15 +71,9 @@ def _with_integrals(robot: Robot) -> StateSpace:
 def precise_controller(
     robot: RobotLike, *, compensation: Compensation = "full", design: LqrDesign | None = None
 ) -> Controller:
-    """Return the controller with this gain and every part that earned its place; see docs/generated/evidence.md.
+    """Return the controller with every part that earned its place; see docs/generated/evidence.md.
 
-    Parameters
-    ----------
-    robot : Robot, preset or robot file
-        Its friction is what is compensated.
-    compensation : {"none", "full", "partial"}
-    design : LqrDesign, optional
-        With an integral gain; `design_integral_gain(robot)` if not given.
+    The design has an integral gain; it is `design_integral_gain(robot)` if not given.
     """
     robot = as_robot(robot)
     chosen = design if design is not None else design_integral_gain(robot)

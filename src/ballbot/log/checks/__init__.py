@@ -85,28 +85,22 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
 
 
 def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) -> tuple[Finding, ...]:
-    numbers = [int(name[1]) for name in log.names if re.fullmatch(r"u[1-4]", name)]
-    numbers += [int(name[5]) for name in log.names if re.fullmatch(r"wheel[1-4](_dot)?", name)]
-    wheel_count = robot.wheel_count if robot else max(numbers, default=3)
-    rates = check_rates(log)
-    findings = [
-        *log.changes,
-        *check_intervals(log),
-        *check_missing_values(log),
-        *check_row_faults(log, robot),
-        *rates,
-        *check_gyro(log),
-        *check_lean(log),
-        *check_constant(log),
-        *check_stuck(log),
-        *check_held(log),
-        *check_names(log),
-        *check_uses(log, wheel_count=wheel_count),
+    numbers = [
+        int(one.group(1)) for name in log.names if (one := re.fullmatch(r"(?:u|wheel)([1-4])(?:_dot)?", name))
     ]
+    wheel_count = robot.wheel_count if robot else max(numbers, default=3)
+    checks = (
+        check_intervals, check_missing_values, lambda one: check_row_faults(one, robot), check_rates, check_gyro,
+        check_lean, check_constant, check_stuck, check_held, check_names,
+    )  # fmt: skip
+    findings = [*log.changes, *(finding for find in checks for finding in find(log))]
+    findings += check_uses(log, wheel_count=wheel_count)
     if len(log) < 2:
         text = "The log has one row, which shows no motion; every use needs many rows."
         findings.append(error("rows", text))
-    if not any(one.code == "time-scale" for one in rates):  # in another unit of time no motion can be checked
+    if not any(
+        one.code == "time-scale" for one in findings
+    ):  # in another unit of time no motion can be checked
         findings += check_stuck_encoders(log, wheel_count=wheel_count)
         findings += examined.findings if examined else ()
         findings += [*check_sampling(log, robot), *check_wheels(log, robot)] if robot else []

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ballbot.findings import Finding, error, finding, note, warning
-from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, Floats, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, Bools, Floats, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
-from ballbot.log.signals import encoder_step
+from ballbot.log.signals import WIDTH, Smooth, across_a_gap, balancing_rows, encoder_step, even_rows, smooth
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
@@ -274,38 +274,53 @@ def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
     return [finding("wheels", "error" if wrong else "warning", text, *wheel_speed_names(len(gains)))]
 
 
-def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
-    """Return a warning if the torque that neither wheels nor gravity explain is more than gravity's."""
-    tested = wheel_test(log, robot)
-    return [] if tested is None else disturbance_findings(tested.disturbance)
-
-
 def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     """Return how the wheels of a log sit, by theta, phi, psi and the encoders' angles; None if it does not show that.
 
     See `ballbot.log.mapping_search.placement`.
     """
     from ballbot.log.mapping_search.placement import lean_test
-    from ballbot.log.signals import across_a_gap, balancing_rows, even_rows, smooth
 
-    names = ("theta", "phi", "psi", *wheel_angle_names(robot.wheel_count))
-    if robot.wheel_count < 3 or not set(names) <= set(log.names):
+    moved = smoothed_motion(log, robot.wheel_count)
+    if moved is None:
+        return None
+    _, usable, motion = moved
+    lean, heading, wheels = (
+        Smooth(*(one[:, part] for one in (motion.value, motion.rate, motion.acceleration)))
+        for part in (slice(2), slice(2, 3), slice(3, None))
+    )
+    return lean_test(robot, lean, wheels, heading, usable)
+
+
+#: rows interpolated across a longer gap [s] are not used
+LONGEST_GAP = 0.05
+
+
+def smoothed_motion(
+    log: Log, wheel_count: int, *, width: float = WIDTH
+) -> tuple[Floats, Bools, Smooth] | None:
+    """Return even rows (N,), which of them are balancing, and the motion on them; None if a column is missing.
+
+    The motion is the lean (2) in the frame that turns with the heading, the heading, and the wheels' angles.
+    """
+    names = ("theta", "phi", "psi", *wheel_angle_names(wheel_count))
+    if wheel_count < 3 or not set(names) <= set(log.names):
         return None
     table = np.column_stack([log[name] for name in names])
     known = np.isfinite(table).all(axis=1)
     if known.sum() < 2:
         return None
     t, table = log.t[known], table[known]
-    # the lean about the world's axes, in the body frame
-    lean = (table[:, 0] + 1j * table[:, 1]) * np.exp(-1j * table[:, 2])
-    rows = even_rows(t)
-    tilt = smooth(rows, t, np.column_stack([lean.real, lean.imag]))
-    wheels = smooth(rows, t, table[:, 3:])
-    heading = smooth(rows, t, table[:, 2:3])
-    usable = balancing_rows(tilt.value, wheels.rate, None)
-    # rows interpolated across a gap are not balancing
-    usable &= ~across_a_gap(rows, t, 0.05)
-    return lean_test(robot, tilt, wheels, heading, usable)
+    lean, rows = (table[:, 0] + 1j * table[:, 1]) * np.exp(-1j * table[:, 2]), even_rows(t)
+    moved = smooth(rows, t, np.column_stack([lean.real, lean.imag, table[:, 2:]]), width=width)
+    usable = balancing_rows(moved.value[:, :2], moved.rate[:, 3:], None) & ~across_a_gap(rows, t, LONGEST_GAP)
+    return rows, usable, moved
+
+
+def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
+    """Return a warning if the torque that neither wheels nor gravity explain is more than gravity's."""
+    tested = wheel_test(log, robot)
+    return [] if tested is None else disturbance_findings(tested.disturbance)
 
 
 def disturbance_findings(disturbance: float) -> list[Finding]:

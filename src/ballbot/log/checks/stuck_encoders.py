@@ -15,15 +15,16 @@ nothing. No units, radii or masses enter.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from ballbot.findings import Finding, error
+from ballbot.log.checks.kinematics import smoothed_motion
 from ballbot.log.columns import Bools, Floats, wheel_angle_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, Smooth, across_a_gap, balancing_rows, even_rows, smooth
+from ballbot.log.signals import INTERVAL, Smooth
 
-#: rows interpolated across a longer gap [s] are not used
-LONGEST_GAP = 0.05
 TINY = 1e-30
 
 #: shortest hold that is tested [s]: dry friction holds a wheel for less while a robot balances at 1 to 3 Hz, and what
@@ -47,20 +48,11 @@ TIMES, ALONG = 2.0, 0.85
 def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
     """Return an error for each hold of an encoder during which the rest of the motion says that its wheel turned."""
     names = wheel_angle_names(wheel_count)
-    if wheel_count < 3 or not {"theta", "phi", "psi", *names} <= set(log.names):
+    holds = [(i, *span) for i, name in enumerate(names) if name in log for span in _holds(log, name)]
+    found = smoothed_motion(log, wheel_count, width=WIDTH) if holds else None
+    if found is None:
         return []
-    table = np.column_stack([log[name] for name in ("theta", "phi", "psi", *names)])
-    known = np.isfinite(table).all(axis=1)
-    t, table = log.t[known], table[known]
-    holds = [(i, *span) for i, angle in enumerate(table[:, 3:].T) for span in _holds(t, angle)]
-    if not holds:
-        return []
-    # in the frame that turns with the heading
-    lean = (table[:, 0] + 1j * table[:, 1]) * np.exp(-1j * table[:, 2])
-    rows, apart = even_rows(t), APART * WIDTH
-    moved = smooth(rows, t, np.column_stack([lean.real, lean.imag, table[:, 2:]]), width=WIDTH)
-    usable = balancing_rows(moved.value[:, :2], moved.rate[:, 3:], None)
-    usable &= ~across_a_gap(rows, t, LONGEST_GAP)
+    (rows, usable, moved), apart = found, APART * WIDTH
     near_holds = [(rows >= start - apart) & (rows <= end + apart) for _, start, end in holds]
     free = usable & ~np.any(near_holds, axis=0)
     if free.sum() * INTERVAL < FEWEST_SECONDS:
@@ -85,20 +77,20 @@ def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
     return findings
 
 
-def _holds(t: Floats, angle: Floats) -> list[tuple[float, float]]:
+def _holds(log: Log, name: str) -> list[tuple[float, float]]:
     """Return the intervals of at least `SHORTEST_HOLD` in which an encoder changes by no more than one step."""
+    known = np.isfinite(log[name])
+    t, angle = log.t[known], log[name][known]
     steps = np.abs(np.diff(angle))
     if not (steps > 0.0).any():
         return []
     step = 1.01 * float(np.quantile(steps[steps > 0.0], 0.01))
-    found, first = [], 0
-    listed = angle.tolist()
+    firsts, listed = [0], angle.tolist()
     for row in (np.flatnonzero(steps) + 1).tolist():
-        if abs(listed[row] - listed[first]) > step:
-            found.append((first, row - 1))
-            first = row
-    found.append((first, len(t) - 1))
-    return [(float(t[a]), float(t[b])) for a, b in found if t[b] - t[a] >= SHORTEST_HOLD]
+        if abs(listed[row] - listed[firsts[-1]]) > step:
+            firsts.append(row)
+    spans = [(float(t[a]), float(t[b - 1])) for a, b in pairwise([*firsts, len(t)])]
+    return [span for span in spans if span[1] - span[0] >= SHORTEST_HOLD]
 
 
 def _unexplained_along(wheel: int, moved: Smooth, free: Bools) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""What single columns show: gaps, missing values, spikes, jumps, limits, falls, dead, frozen, slow and coarse columns.
+"""What single columns show: gaps, missing values, spikes, jumps, limits, falls, dead, frozen and slow columns.
 
 Faults of single rows are a table, `ROW_FAULTS`: which columns, which rows have it, and the sentence.
 
@@ -64,8 +64,6 @@ AVERAGED_TIME = 8.0
 BLOCK_TIME = 1.0
 #: mean lean [rad] that gives a warning (slope, load off the axis), and one that is an error
 TILTED, OFFSET = 0.025, 0.04
-#: steps of a lean over its standard deviation that give a warning, and an error; more values than the last are noise
-COARSE, USELESS, LEVELS = 0.5, 1.2, 200
 _LEAN = ("theta", "phi")
 
 
@@ -304,7 +302,7 @@ def check_constant(log: Log) -> list[Finding]:
 
 
 def check_lean(log: Log) -> list[Finding]:
-    """Return findings on a lean in degrees, or a fall; on a balancing robot's mean lean; and on the lean's steps."""
+    """Return findings on a lean in degrees, or a fall; and on a balancing robot's mean lean."""
     if not {*_LEAN} <= set(log.names):
         return []
     # missing values have a finding of their own
@@ -326,10 +324,11 @@ def check_lean(log: Log) -> list[Finding]:
                 f"{fallen[0] + 1}); only the rows before show balancing."
             )
             findings.append(warning("fall", text, *_LEAN, time=time))
-    names = [n for n in (*_LEAN, "psi", "theta_dot", "phi_dot") if n in log]
-    rows: Bools = np.all(np.isfinite([log[n] for n in names]), axis=0)
+    if "psi" not in log:
+        return findings
+    rows: Bools = np.all(np.isfinite([log[name] for name in (*_LEAN, "psi")]), axis=0)
     rows[fallen[0] if fallen.size else len(rows) :] = False
-    if "psi" not in log or rows.sum() < 2 or np.ptp(log.t[rows]) < AVERAGED_TIME:
+    if rows.sum() < 2 or np.ptp(log.t[rows]) < AVERAGED_TIME:
         return findings
     mean = _resting_lean(log, rows)
     if abs(mean) >= TILTED:
@@ -339,18 +338,6 @@ def check_lean(log: Log) -> list[Finding]:
             "of mass lies off the axis, or the floor slopes. Subtract the mean, or correct the cause."
         )
         findings.append(finding("lean-offset", "error" if abs(mean) >= OFFSET else "warning", text, *_LEAN))
-    for name in (n for n in names if n != "psi"):
-        values = log[name][rows]
-        levels = np.unique(values)
-        # many distinct values are noise, even if they are far apart at the ends
-        step = float(np.median(np.diff(levels))) if 2 <= levels.size <= LEVELS else 0.0
-        if 0.0 < step >= COARSE * values.std():
-            text = (
-                f"{name} comes in steps of {step:.3g} {unit_of(name)}, and its standard deviation is only "
-                f"{values.std():.3g}: it was rounded when written, or the sensor is coarse. Log it with more digits."
-            )
-            wrong = step >= USELESS * values.std()
-            findings.append(finding("coarse", "error" if wrong else "warning", text, name))
     return findings
 
 

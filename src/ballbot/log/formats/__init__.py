@@ -4,10 +4,9 @@ text      tables of text by a `TextLayout`
 inference the layout that a table of text shows
 json      JSON, a list of objects or an object of lists
 parquet   Parquet, by pyarrow
-npz       NumPy archives
 mat       MATLAB files of version 4 to 7, their numeric variables
 mcap      MCAP: JSON messages for Foxglove and PlotJuggler, with units and a scene
-ros       bags of ROS 1 and ROS 2, in one file or as folders; topics with times of their own as one table
+ros       bags of ROS 1 and ROS 2, in one file or as folders; topics with times of their own as one table; only read
 """
 
 from __future__ import annotations
@@ -32,16 +31,14 @@ from ballbot.log.columns import (
 from ballbot.log.formats.inference import (
     ForeignTable,
     infer_text_table,
+    read_head,
     read_inferred,
-    read_text_units,
-    text_names,
 )
 from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat, write_mat
 from ballbot.log.formats.mcap import read_mcap, write_mcap
-from ballbot.log.formats.npz import read_npz, write_npz
 from ballbot.log.formats.parquet import read_parquet_table, write_parquet_table
-from ballbot.log.formats.ros import read_bag, write_ros_bag
+from ballbot.log.formats.ros import read_bag
 from ballbot.log.formats.text import (
     OWN_LAYOUT,
     TextLayout,
@@ -81,10 +78,9 @@ FORMATS: tuple[LogFormat, ...] = (
     _TEXT,
     LogFormat("Parquet", (".parquet",), read_parquet_table, write_parquet_table, extra="formats"),
     LogFormat("JSON", (".json", ".jsonl", ".ndjson"), read_json_table),
-    LogFormat("NumPy", (".npz",), read_npz, write_npz),
     LogFormat("MATLAB", (".mat",), read_mat, write_mat),
     LogFormat("MCAP", (".mcap",), read_mcap, write_mcap, extra="formats"),
-    LogFormat("ROS 2 bag", (".db3",), read_bag, write_ros_bag, extra="formats"),
+    LogFormat("ROS 2 bag", (".db3",), read_bag, extra="formats"),
     LogFormat("ROS 1 bag", (".bag",), read_bag, extra="formats"),
 )
 #: how a folder is read, whatever its name
@@ -116,7 +112,7 @@ def is_foreign(path: str | Path) -> bool:
     if not path.exists():
         return False
     one = _format_of(path, otherwise=_TEXT)
-    return not has_native_names(text_names(path) if one.is_text else _read(one, path))
+    return not has_native_names(read_head(path).names if one.is_text else _read(one, path))
 
 
 def read_columns(
@@ -163,7 +159,7 @@ def read_variables(path: str | Path) -> Columns:
 
 def read_units(path: str | Path) -> dict[str, str]:
     """Return the units of a file's variables by name, as a table of text has them in a row below its header."""
-    return read_text_units(path) if _format_of(path).is_text else {}
+    return dict(read_head(path).units) if _format_of(path).is_text else {}
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:

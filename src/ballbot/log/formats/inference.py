@@ -18,10 +18,8 @@ from ballbot.log.columns import KNOWN_NAMES, UNIT_OF, Columns, native_columns
 from ballbot.log.formats.text import (
     MISSING,
     SEPARATORS,
-    PlainText,
     TextLayout,
     is_number,
-    plain,
     read_text_table,
     seconds_of,
     split_cells,
@@ -47,7 +45,7 @@ class ForeignTable:
 
 def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = None) -> ForeignTable:
     """Read a table of text, whatever its layout; InputError if the file cannot be read or has no table of numbers."""
-    head = _read_head(path)
+    head = read_head(path)
     if not head.rows:
         raise InputError(f"{path} contains no table: none of its lines consists only of numbers.")
     if head.rows == 1:
@@ -78,7 +76,7 @@ def read_inferred(path: str | Path, *, of_a_log: bool = False, notes: list[str] 
     Columns of words are omitted; in a log, only those without one of Ballbot's names. `notes` gets a sentence for each
     omission. Raises InputError as `read_text_table` does.
     """
-    head = _read_head(path)
+    head = read_head(path)
     if head.twice:
         raise InputError(f"{path}: the column name {head.twice} appears twice.")
     layout = replace(head.layout, names=None, header_lines=1)
@@ -88,18 +86,8 @@ def read_inferred(path: str | Path, *, of_a_log: bool = False, notes: list[str] 
     return read_text_table(path, layout, used=used, notes=notes)
 
 
-def text_names(path: str | Path) -> tuple[str, ...]:
-    """Return the names of the columns of a table of text."""
-    return _read_head(path).names
-
-
-def read_text_units(path: str | Path) -> dict[str, str]:
-    """Return the units in a row below the header of a table of text, by column; nothing if it has no such row."""
-    return dict(_read_head(path).units)
-
-
 @dataclass(frozen=True, kw_only=True)
-class _Head:
+class Head:
     """What the lines of a table show."""
 
     layout: TextLayout
@@ -117,7 +105,8 @@ class _Head:
         return self.layout.names or ()
 
 
-def _read_head(path: str | Path) -> _Head:
+def read_head(path: str | Path) -> Head:
+    """Return what the first lines of a table show; InputError if the file cannot be read or is empty."""
     check_regular(path)
     try:
         with open(path, "rb") as stream:
@@ -128,15 +117,15 @@ def _read_head(path: str | Path) -> _Head:
         raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
     # a character, and the last line, may be cut
     lines = decode_text(start, source=str(path), errors="replace").split("\n")
-    return _head_of(plain(lines[:-1] if len(start) == _HEAD and len(lines) > 1 else lines))
+    return _head_of(lines[:-1] if len(start) == _HEAD and len(lines) > 1 else lines)
 
 
-def _head_of(text: PlainText) -> _Head:
-    layout = _likely_layout(text.lines)
-    cells = [_cells(line, layout) for line in text.lines]
+def _head_of(lines: list[str]) -> Head:
+    layout = _likely_layout(lines)
+    cells = [_cells(line, layout) for line in lines]
     rows = [row for row in cells if _is_row(row)]
     if not rows:
-        return _Head(layout=replace(layout, names=tuple(cells[0])))
+        return Head(layout=replace(layout, names=tuple(cells[0])))
     widest = max(map(len, rows))
     if (
         layout.separator != "blanks"
@@ -150,8 +139,7 @@ def _head_of(text: PlainText) -> _Head:
     wide = [len(row) == width and _is_row(row) for row in cells]
     # the first of two rows, as a line of numbers may be a title's
     first = next((k for k in range(len(wide) - 1) if wide[k] and wide[k + 1]), wide.index(True))
-    labelled = len(text.labels) == width
-    head = [list(text.labels)] if labelled else cells[:first]
+    head = cells[:first]
     # the last line with a name for each column, but for units
     fitting = [
         k
@@ -167,10 +155,10 @@ def _head_of(text: PlainText) -> _Head:
     below = [] if named is None or named + 1 >= len(head) else head[named + 1]
     units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
     twice = [] if named is None else [one for one in head[named] if one and head[named].count(one) > 1]
-    return _Head(
+    return Head(
         layout=replace(layout, names=tuple(names), header_lines=first),
         rows=len(rows),
-        above=None if named is None else first if labelled else named + 1 + bool(units),
+        above=None if named is None else named + 1 + bool(units),
         named=named is not None or any(head),
         twice=twice[0] if twice else "",
         notes=tuple(notes),

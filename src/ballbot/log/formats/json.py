@@ -1,21 +1,19 @@
-"""Tables in JSON: a list of objects with the columns' names, or an object of lists; other values are passed over.
+"""Tables in JSON: a list of objects with the columns' names, an object of lists, or an object a line.
 
     [{"t": 0.0, "roll": 0.01}, {"t": 0.005, "roll": 0.012}]
     {"t": [0.0, 0.005], "roll": [0.01, 0.012]}
 
-JSON Lines have one such object in each line, without a list around them.
-
 An object may hold the table beside other keys, {"robot": "r2", "data": [..]}. Lists of several numbers under one name
 become columns with the number behind the name: "psi": [1, 2, 3] is psi_1, psi_2, psi_3; inner objects join their names
 with a point: "imu": {"roll": 0.1} is imu.roll, and "motor": [{"pos": 1}] is motor_1.pos. null, true and false are a
-missing value, 1 and 0.
+missing value, 1 and 0; other values are passed over.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -24,17 +22,19 @@ from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_text
 from ballbot.log.columns import Columns
 
-#: objects and lists within one another
-_DEEPEST = 32
-#: numbers that one name may have in a row
-_WIDEST = 100
+#: objects and lists within one another, and numbers that one name may have in a row
+_DEEPEST, _WIDEST = 32, 100
 
 
 def read_json_table(path: str | Path) -> Columns:
     """Read the columns (N,) of a table in JSON, by name; InputError if the file holds no such table."""
     text = read_text(path, largest=LARGEST_TABLE)
+    lines = [line.strip() for line in text.split("\n") if line.strip()]
     try:
-        tree = _tree(text)
+        if len(lines) > 1 and lines[0].startswith("{") and lines[0].endswith("}"):
+            tree: object = [json.loads(line) for line in lines]
+        else:
+            tree = json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(f"{path} is not JSON, line {error.lineno}: {error.msg}.") from None
     except (RecursionError, ValueError) as error:
@@ -47,36 +47,21 @@ def read_json_table(path: str | Path) -> Columns:
     return {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
 
 
-def _tree(text: str) -> object:
-    """Return the value of a text of JSON, or the list of those of its lines."""
-    lines = [line for line in text.split("\n") if line.strip()]
-    by_line = len(lines) > 1 and lines[0].strip().startswith("{") and lines[0].strip().endswith("}")
-    values = [json.loads(one) for one in (lines if by_line else [text])]
-    return values if by_line else values[0]
-
-
 def _table(tree: object, *, depth: int) -> dict[str, list[float]]:
     """Return the columns of the largest table in a tree; empty if it has no table."""
-    if depth > _DEEPEST:
-        return {}
-    if isinstance(tree, Sequence) and not isinstance(tree, str):
-        return _from_objects([row for row in tree if isinstance(row, Mapping)])
-    if not isinstance(tree, Mapping):
+    if isinstance(tree, list):
+        rows = [flattened(row) for row in tree if isinstance(row, Mapping)]
+        names = dict.fromkeys(name for row in rows for name in row)
+        return {name: [row.get(name, math.nan) for row in rows] for name in names}
+    if not isinstance(tree, Mapping) or depth > _DEEPEST:
         return {}
     columns = {
         str(name): [_number(cell) for cell in values]
         for name, values in tree.items()
-        if isinstance(values, list) and len(values) > 1 and all(_is_cell(cell) for cell in values)
+        if isinstance(values, list) and len(values) > 1 and all(map(_is_cell, values))
     }
     inner = [_table(value, depth=depth + 1) for value in tree.values()]
-    return max([columns, *inner], key=lambda found: sum(len(values) for values in found.values()))
-
-
-def _from_objects(rows: Sequence[Mapping[str, object]]) -> dict[str, list[float]]:
-    """Return the columns of a list of objects; a name that some objects lack is missing there."""
-    flat = [flattened(row) for row in rows]
-    names = dict.fromkeys(name for row in flat for name in row)
-    return {name: [row.get(name, math.nan) for row in flat] for name in names}
+    return max([columns, *inner], key=lambda found: sum(map(len, found.values())))
 
 
 def flattened(row: Mapping[str, object], *, before: str = "", depth: int = 0) -> dict[str, float]:
@@ -88,7 +73,7 @@ def flattened(row: Mapping[str, object], *, before: str = "", depth: int = 0) ->
             found[name] = _number(value)
         elif isinstance(value, Mapping) and depth < _DEEPEST:
             found |= flattened(value, before=f"{name}.", depth=depth + 1)
-        elif isinstance(value, list) and len(value) <= _WIDEST and all(_is_cell(cell) for cell in value):
+        elif isinstance(value, list) and len(value) <= _WIDEST and all(map(_is_cell, value)):
             found |= {f"{name}_{place}": _number(cell) for place, cell in enumerate(value, start=1)}
         elif isinstance(value, list) and len(value) <= _WIDEST and depth < _DEEPEST:
             for place, item in enumerate(value, start=1):
@@ -102,9 +87,7 @@ def _is_cell(value: object) -> bool:
 
 
 def _number(value: object) -> float:
-    if not isinstance(value, int | float):
-        return math.nan
     try:
-        return float(value)
+        return float(value) if isinstance(value, int | float) else math.nan
     except OverflowError:
         return math.inf

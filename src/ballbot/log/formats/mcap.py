@@ -2,9 +2,7 @@
 
 A log is written on one topic, /log: each row is a message with `t` and the other columns, and a missing value is left
 out. The topic's schema states the unit of each field; the file's metadata "ballbot" has the columns' names in their
-order.
-
-Files of others are read by the times and names of their messages (`ballbot.log.formats.ros`): JSON, and ROS 2
+order. Files of others are read by the times and names of their messages (`ballbot.log.formats.ros`): JSON, and ROS 2
 messages. Messages in other encodings are skipped.
 """
 
@@ -24,16 +22,18 @@ from ballbot.errors import InputError
 from ballbot.files import write_bytes
 from ballbot.log.columns import Columns, Floats, unit_of
 from ballbot.log.formats.json import flattened
-from ballbot.log.formats.ros import Topic, first_time, joined, nanoseconds, read_bag
+from ballbot.log.formats.ros import Topics, joined, read_bag
 
 _METADATA, _LOG = "ballbot", "/log"
+#: times of files are whole nanoseconds of 63 bits
+_LATEST = 2**63 - 1
 
 
 def read_mcap(path: Path) -> Columns:
     """Return the columns of a log, or the joined topics of another file in JSON; of one in ROS's encoding, of a bag."""
     from mcap.reader import make_reader
 
-    topics: dict[str, Topic] = {}
+    topics: Topics = {}
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
@@ -47,12 +47,12 @@ def read_mcap(path: Path) -> Columns:
         for _, channel, message in reader.iter_messages(log_time_order=False):
             if channel.message_encoding == "json":
                 fields = json.loads(message.data)
-                topic = topics.setdefault(channel.topic, Topic(name=channel.topic))
-                topic.times.append(message.log_time)
-                topic.messages.append(flattened(fields) if isinstance(fields, dict) else {})
+                times, messages = topics.setdefault(channel.topic, ([], []))
+                times.append(message.log_time)
+                messages.append(flattened(fields) if isinstance(fields, dict) else {})
     if not own or _LOG not in topics:
-        return joined(topics.values())
-    rows = topics[_LOG].messages
+        return joined(topics)
+    rows = topics[_LOG][1]
     return {name: np.array([row.get(name, np.nan) for row in rows]) for name in json.loads(own[0])}
 
 
@@ -66,7 +66,10 @@ def write_mcap(path: Path, columns: Mapping[str, Floats]) -> None:
             properties[name] |= {"unit": unit, "description": f"[{unit}]"}
     definition = {"title": "log", "type": "object", "properties": properties}
     rows = np.column_stack(list(columns.values()))
-    times = nanoseconds(columns.get("t", np.arange(len(rows), dtype=np.float64)), origin=first_time(columns))
+    t = columns.get("t", np.arange(len(rows), dtype=np.float64))
+    # the file's clock has no times below zero
+    known = np.nan_to_num(t - min(0.0, float(np.min(t, initial=0.0, where=np.isfinite(t)))))
+    times = [min(max(int(one), 0), _LATEST) for one in np.rint(1e9 * known).tolist()]
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start(library=f"ballbot {version('ballbot')}")
@@ -75,8 +78,8 @@ def write_mcap(path: Path, columns: Mapping[str, Floats]) -> None:
     )
     channel = writer.register_channel(_LOG, message_encoding="json", schema_id=schema)
     for time, row in sorted(zip(times, rows.tolist(), strict=True), key=itemgetter(0)):
-        known = {name: value for name, value in zip(columns, row, strict=True) if math.isfinite(value)}
-        writer.add_message(channel, log_time=time, data=json.dumps(known).encode(), publish_time=time)
+        row_values = {name: value for name, value in zip(columns, row, strict=True) if math.isfinite(value)}
+        writer.add_message(channel, log_time=time, data=json.dumps(row_values).encode(), publish_time=time)
     units = {name: unit_of(name) or "" for name in columns}
     writer.add_metadata(_METADATA, {"columns": json.dumps(list(columns)), "units": json.dumps(units)})
     writer.finish()

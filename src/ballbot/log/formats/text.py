@@ -3,12 +3,6 @@
 A well-formed file is read by NumPy's compiled parser. If that fails, the rows are read one at a time, which allows
 missing values and dates with times, leaves columns of words out, and gives messages the line. `inference` finds the
 layout of a file that no mapping describes.
-
-Text as the Arduino IDE shows and saves it becomes rows of numbers (`plain`), by a file's first lines:
-
-    12:04:01.234 -> 10,0.03,-0.01        the serial monitor with time stamps
-    roll:0.03 pitch:-0.01 enc1:12        the serial plotter, with blanks, commas or tabs between the pairs
-    DATA roll=0.03 pitch=-0.01 enc1=12   the same with equal signs, or a word before the first label
 """
 
 from __future__ import annotations
@@ -16,11 +10,9 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import islice
 from pathlib import Path
 from typing import Literal
 
@@ -77,7 +69,7 @@ def read_text_table(
     text = read_text(path, largest=LARGEST_TABLE)
     if not text.strip():
         raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
-    lines = plain(text.split("\n")).lines
+    lines = text.split("\n")
     names = list(layout.names) if layout.names is not None else _header_names(path, lines, layout)
     check_table(len(lines), len(names), source=str(path))
     body = lines[layout.header_lines :]
@@ -252,48 +244,3 @@ def seconds_of(cell: str) -> float | None:
     except ValueError:  # such as a 13th month
         return None
     return None if moment is None else moment.replace(tzinfo=moment.tzinfo or UTC).timestamp()
-
-
-_STAMP = re.compile(r"\s*\d{1,2}:\d\d:\d\d(?:[.,]\d+)?\s*->[ ]?")
-_NUMBER = r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)"
-_PAIR = re.compile(rf"""([^\W\d][^\s:=,;"']*)[ ]?[:=][ \t]*({_NUMBER})(?=[\s,;]|$)""", re.IGNORECASE)
-_PAIRS = re.compile(rf"(?:{_PAIR.pattern}[\s,;]*)+", re.IGNORECASE)
-#: a word of its own before the first label, as of a kind of message
-_WORD = re.compile(r"^[$#]?\w+[\s,;]+(?=[^\W\d][^\s:=,;]*[ ]?[:=])")
-#: lines that decide, and the share of them that must be so: others are a sketch's first words
-_EXAMINED, _MOST = 200, 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlainText:
-    """Lines without what the Arduino IDE adds."""
-
-    lines: list[str]
-    labels: tuple[str, ...] = ()  #: of the pairs of which the rows of numbers were made
-
-
-def plain(lines: list[str]) -> PlainText:
-    """Return lines without time stamps, and rows of numbers, separated by commas, of lines of labels and numbers."""
-    if _mostly(lines, lambda line: bool(_STAMP.match(line))):
-        lines = [_STAMP.sub("", line, count=1) for line in lines]
-    if not _mostly(lines, lambda line: len(_pairs(line)) > 1):
-        return PlainText(lines=lines)
-    found = [_pairs(line) for line in lines]
-    labels, _ = Counter(tuple(label for label, _ in one) for one in found if one).most_common(1)[0]
-    rows = [
-        ",".join(value for _, value in one) if tuple(label for label, _ in one) == labels else line
-        for one, line in zip(found, lines, strict=True)
-    ]
-    return PlainText(lines=rows, labels=labels)
-
-
-def _mostly(lines: list[str], fits: Callable[[str], bool]) -> bool:
-    """Return whether most of the first lines that are not empty fit."""
-    first = list(islice((line for line in lines if line.strip()), _EXAMINED))
-    return bool(first) and sum(map(fits, first)) >= _MOST * len(first)
-
-
-def _pairs(line: str) -> list[tuple[str, str]]:
-    """Return the labels and numbers of which a line consists; none if it has anything else."""
-    line = _WORD.sub("", line.strip())
-    return _PAIR.findall(line) if _PAIRS.fullmatch(line) else []

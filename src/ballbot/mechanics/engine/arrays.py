@@ -45,13 +45,7 @@ def mass_rows(system):
     """Return M by rows."""
     rolling = system.rolling if isinstance(system, SpinTerms) else system
     (a, b, c), (x, y), (p, q, r, pq, pr, qr) = rolling.M_vv, rolling.M_vw, rolling.M_ww
-    rows = (
-        (a, c, *x),
-        (c, b, *y),
-        (x[0], y[0], p, pq, pr),
-        (x[1], y[1], pq, q, qr),
-        (x[2], y[2], pr, qr, r),
-    )
+    rows = ((a, c, *x), (c, b, *y), (x[0], y[0], p, pq, pr), (x[1], y[1], pq, q, qr), (x[2], y[2], pr, qr, r))
     if rolling is system:
         return rows
     spin = (*system.M_sv, *system.M_sw)

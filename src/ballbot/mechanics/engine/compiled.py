@@ -23,7 +23,7 @@ from numba.core.event import Event, Listener, register
 
 from ballbot.errors import CompiledCodeNotKept
 from ballbot.mechanics.engine.tracing import FAST
-from ballbot.notebook import running_notebook
+from ballbot.progress import running_notebook
 
 #: what only compiled code calls needs no entry from outside
 _INSIDE = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}

@@ -42,11 +42,7 @@ from ballbot.mechanics.engine.lanes import (
 )
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, is_upright, smooth_block
 from ballbot.mechanics.engine.tracing import both, lanes, outside, traced, where
-from ballbot.mechanics.equations import (
-    attitude,
-    rates_from_angles,
-    rates_of_angles,
-)
+from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles
 from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
 
 
@@ -226,10 +222,7 @@ class Lanes:
     def row_of(self) -> NDArray[np.int64]:
         """Each lane's rows of the parameters, initial states and torques, (lanes, 3).
 
-        Raises
-        ------
-        InputError
-            If the indices are not of one length, or one names no row.
+        InputError if the indices are not of one length, or one names no row.
         """
         tables = {
             "parameter_of": (self.parameters, self.parameter_of),
@@ -266,33 +259,13 @@ def simulate_lanes(
     threads: int | None = None,
     lost_lanes: bool = False,
 ) -> Batch:
-    """Simulate many robots, each under torques held over each sample.
+    """Simulate many robots under torques held over each sample of `steps` inner steps; record every so many samples.
 
-    Parameters
-    ----------
-    selected : Exact, Thesis or Pivoting
-        From `ballbot.mechanics.parameters.selector`.
-    lanes : Lanes
-    sample_time : float
-        [s]
-    steps : int
-        Inner steps a sample.
-    every : int
-        Record every so many samples.
-    threads : int, optional
-        All cores by default. The result does not depend on it.
-    lost_lanes : bool
-        Whether a lane may begin with values that are not finite, as one that an earlier call has lost does. It stays
-        lost, and its neighbours do not notice.
+    All cores are used by default; the result does not depend on `threads`. With `lost_lanes` a lane may begin with
+    values that are not finite, as one that an earlier call has lost does: it stays lost, and its neighbours do not
+    notice.
 
-    Returns
-    -------
-    Batch
-
-    Raises
-    ------
-    InputError
-        If shapes disagree, an index names no row, or a value is not one that it can be.
+    InputError if shapes disagree, an index names no row, or a value is not one that it can be.
     """
     n = len(selected.wheels)
     size = 11 if isinstance(selected, Pivoting) else 10
