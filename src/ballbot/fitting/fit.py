@@ -484,6 +484,7 @@ def fit(
     experiment: Experiment[At],
     starts: NDArray[np.float64],
     *,
+    also: NDArray[np.float64] | None = None,
     method: Search = "multistart",
     options: SearchOptions = DEFAULT_SEARCH,
     refused: NDArray[np.bool_] | None = None,
@@ -499,6 +500,8 @@ def fit(
     experiment : Experiment
     starts : ndarray (p,) or (s, p)
         Scaled. From several the search finds the basin, from one Gauss-Newton begins.
+    also : ndarray (p,), optional
+        A further place to descend from, which may be of another optimum; by default where the search also ended.
     method : {"multistart", "genetic"}
         A genetic search needs no starts.
     options : SearchOptions, optional
@@ -513,7 +516,7 @@ def fit(
     run : Run, optional
     """
     found = search(experiment, starts, method=method, options=options, most_steps=most_steps, run=run)
-    start, also = found.best, found.other
+    start, also = found.best, found.other if also is None else also
     if options.earlier is not None:
         points = np.stack([start, options.earlier])
         start = points[experiment.costs(points).argmin()]
