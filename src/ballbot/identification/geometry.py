@@ -471,16 +471,22 @@ def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
         ball = replace(ball, radius=found["ball.radius"][0].value)
         wheels = replace(wheels, radius=found["wheels.radius"][0].value)
     if "wheels.tilt" in found:
-        wheels = replace(wheels, tilt=found["wheels.tilt"][0].value)
-    wheels = replace(wheels, azimuths=tuple(one.value - turn for one in azimuths))
+        wheels = replace(wheels, tilt=_in_degrees(found["wheels.tilt"][0].value))
+    wheels = replace(wheels, azimuths=tuple(_in_degrees(one.value - turn) for one in azimuths))
     sources, deviations = dict(robot.sources), dict(robot.standard_deviations)
     for name in ("ball.radius", "wheels.radius", "wheels.tilt", "wheels.azimuths"):
         if name in found:
-            deviation: Value = tuple(math.hypot(one.standard_error, one.slip) for one in found[name])
+            sizes = [math.hypot(one.standard_error, one.slip) for one in found[name]]
+            deviation: Value = tuple(sizes if name.endswith("radius") else map(_in_degrees, sizes))
             deviations[name] = deviation if name == "wheels.azimuths" else deviation[0]
             sources[name] = f"identified: geometry from logs ({found[name][0].kind})"
     moved = robot.replace(ball=ball, wheels=wheels)
     return moved.annotated(sources=sources, standard_deviations=deviations)
+
+
+def _in_degrees(angle: float) -> float:
+    """Return an angle [rad] that a file writes in degrees with nine decimals."""
+    return math.radians(round(math.degrees(angle), 9))
 
 
 _AGREES = (
