@@ -21,62 +21,6 @@ _AXES = ("x", "y", "z")
 _HEADINGS = ("quantity", "value", "unit")
 
 
-def _data(
-    spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
-) -> dict[str, object]:
-    """Return what results.json holds of a video's ball."""
-    view, errors, colour = spin.view, spin.calibration.errors, spin.colour
-    known = spin.known
-    omega = spin.omega[known]
-    return {
-        "findings": finding_results([*log_findings, *spin_findings(spin, comparison)]),
-        "frames": len(spin.t),
-        "duration": float(spin.t[-1] - spin.t[0]),
-        "tracked_share": float(np.mean(spin.track.tracked)),
-        "stretches": int(spin.track.stretch.max()) + 1,
-        "seam": spin.seam.name,
-        "colours": {"seam": colour.seam, "ball": colour.ball, "separation": colour.separation},
-        "view": {
-            "x": view.x,
-            "y": view.y,
-            "radius": view.radius,
-            "distance": view.distance,
-            "focal_length": view.focal,
-            "standard_errors": {
-                "x": errors[0],
-                "y": errors[1],
-                "radius": errors[2] * view.radius,
-                "distance": errors[3] * view.distance**2,
-            },
-        },
-        "ball_omega": {
-            "peak": spin.peak,
-            "rms": np.sqrt(np.mean(omega**2, axis=0)),
-            "median_standard_error": np.median(spin.errors[known], axis=0),
-        },
-        "robot_camera_wxyz": spin.robot_camera.as_quat(canonical=True)[[3, 0, 1, 2]],
-        "wheels": None if comparison is None else _wheels(comparison),
-    }
-
-
-def _wheels(comparison: WheelComparison) -> dict[str, object]:
-    return {
-        "clock": {
-            "offset": comparison.motion.clock.offset,
-            "offset_half_width": comparison.motion.offset_half_width,
-            "rate": comparison.motion.clock.rate,
-        },
-        "forward": comparison.forward,
-        "camera_tilt": comparison.tilt,
-        "rotation_half_width": comparison.motion.rotation_half_width,
-        "rms_difference": comparison.rms,
-        "rms_difference_of_peak": comparison.rms_share,
-        "peak": comparison.peak,
-        "gain": comparison.gain,
-        "gain_half_width": comparison.gain_half_width,
-    }
-
-
 def spin_report(
     spin: Spin,
     comparison: WheelComparison | None,
@@ -197,13 +141,13 @@ def _data(
         "wheels": comparison
         and {
             "clock": {
-                "offset": comparison.clock.offset,
-                "offset_half_width": comparison.offset_half_width,
-                "rate": comparison.clock.rate,
+                "offset": comparison.motion.clock.offset,
+                "offset_half_width": comparison.motion.offset_half_width,
+                "rate": comparison.motion.clock.rate,
             },
             "forward": comparison.forward,
             "camera_tilt": comparison.tilt,
-            "rotation_half_width": comparison.rotation_half_width,
+            "rotation_half_width": comparison.motion.rotation_half_width,
             "rms_difference": comparison.rms,
             "rms_difference_of_peak": comparison.rms_share,
             "peak": comparison.peak,
