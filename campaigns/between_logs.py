@@ -24,7 +24,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.files import write_text
 from ballbot.fitting.between_logs import LogEstimates, RobotLogs, fit_prior
-from ballbot.fitting.fit import fit
+from ballbot.fitting.fit import FitOptions, fit
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import (
@@ -195,8 +195,8 @@ def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
             begin,
             refused=prepared.excitation.refused,
             groups=prepared.groups,
+            options=FitOptions(most_profiles=0),
             most_steps=options.gauss_newton_steps,
-            most_profiles=0,
             run=run,
         )
         return Fit(

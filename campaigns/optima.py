@@ -21,7 +21,7 @@ import numpy as np
 
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
-from ballbot.fitting.fit import SearchOptions, descend, search
+from ballbot.fitting.fit import FitOptions, descend, search
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import (
     IdentificationOptions,
@@ -79,7 +79,7 @@ def fitted(task: Task, start: int | None) -> End:
             prepared.experiment,
             fixed_starts(prepared.experiment.coordinates),
             method=task.options.search,
-            options=SearchOptions(blocks=prepared.drawn),
+            options=FitOptions(blocks=prepared.drawn),
             most_steps=task.options.gauss_newton_steps,
             run=_RUN,
         )

@@ -220,17 +220,18 @@ class SearchResult:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SearchOptions:
-    """How far a search goes."""
+class FitOptions:
+    """How far a search goes, and the intervals after it."""
 
-    blocks: NDArray[np.int64] | None = None  #: those that it looks at; all if None
+    blocks: NDArray[np.int64] | None = None  #: those that the search looks at; all if None
     generations: int = 150  #: of a genetic one, at most
     population: int = 24  #: sets of parameters in each generation
     #: a scaled point (p,), where Gauss-Newton begins if it predicts better than where the search ended
     earlier: NDArray[np.float64] | None = None
+    most_profiles: int = MOST_PROFILES  #: see `FitOptions`
 
 
-DEFAULT_SEARCH = SearchOptions()
+DEFAULT_OPTIONS = FitOptions()
 
 
 def search(
@@ -238,7 +239,7 @@ def search(
     starts: NDArray[np.float64],
     *,
     method: Search,
-    options: SearchOptions = DEFAULT_SEARCH,
+    options: FitOptions = DEFAULT_OPTIONS,
     most_steps: int,
     run: Run,
 ) -> SearchResult:
@@ -374,9 +375,7 @@ class Fit(Generic[At]):
     other: OtherOptimum | None  #: where another descent ended
     searched: tuple[float, ...] = ()  #: best cost after each generation of a genetic search
     groups: NDArray[np.int64] | None = None  #: (w,), of blocks that should agree, from 0
-    most_profiles: int = (
-        MOST_PROFILES  #: parameters that are profiled, if their errors are doubtful, the worst first
-    )
+    most_profiles: int = MOST_PROFILES  #: see `FitOptions`
     run: Run = DEFAULT_RUN  #: its seed is the bootstrap's
 
     @property
@@ -486,11 +485,10 @@ def fit(
     *,
     also: NDArray[np.float64] | None = None,
     method: Search = "multistart",
-    options: SearchOptions = DEFAULT_SEARCH,
+    options: FitOptions = DEFAULT_OPTIONS,
     refused: NDArray[np.bool_] | None = None,
     groups: NDArray[np.int64] | None = None,
     most_steps: int = 30,
-    most_profiles: int = MOST_PROFILES,
     run: Run = DEFAULT_RUN,
 ) -> Fit[At]:
     """Search, fit by Gauss-Newton, fix what has no influence, and fit the rest again from there.
@@ -504,15 +502,13 @@ def fit(
         A further place to descend from, which may be of another optimum; by default where the search also ended.
     method : {"multistart", "genetic"}
         A genetic search needs no starts.
-    options : SearchOptions, optional
+    options : FitOptions, optional
     refused : ndarray (p,), optional
         Parameters that the data do not excite: they are fitted, and get no number.
     groups : ndarray (w,), optional
         Numbers from 0 of groups of blocks that should agree on the parameters.
     most_steps : int
         Of each descent.
-    most_profiles : int
-        How many parameters are profiled, if their errors are doubtful, the worst first.
     run : Run, optional
     """
     found = search(experiment, starts, method=method, options=options, most_steps=most_steps, run=run)
@@ -542,7 +538,7 @@ def fit(
         other=other and OtherOptimum(values=coordinates.physical(other.point), rise=rise),
         searched=found.history,
         groups=groups,
-        most_profiles=most_profiles,
+        most_profiles=options.most_profiles,
         run=run,
     )
 

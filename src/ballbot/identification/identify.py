@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, warning
-from ballbot.fitting.fit import Fit, Search, SearchOptions, fit
+from ballbot.fitting.fit import Fit, FitOptions, Search, fit
 from ballbot.fitting.intervals import MOST_PROFILES, Uncertainty
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -211,11 +211,12 @@ def identify(
     fitted = list(checked.logs.values())
     coordinates = estimated_parameters(robot, free=free, law=law, bounds=as_bounds(bounds))
     prepared = prepare(robot, coordinates, fitted, window=window, options=options, run=run)
-    searching = SearchOptions(
+    searching = FitOptions(
         blocks=prepared.drawn,
         generations=options.generations,
         population=options.population,
         earlier=options.warm_start and _values_of(coordinates, options.warm_start),
+        most_profiles=options.most_profiles,
     )
     estimate = fit(
         prepared.experiment,
@@ -225,7 +226,6 @@ def identify(
         refused=prepared.excitation.refused,
         groups=prepared.groups,
         most_steps=options.gauss_newton_steps,
-        most_profiles=options.most_profiles,
         run=run,
     )
     prepared, estimate = _alike(prepared, estimate, options=options)
@@ -412,8 +412,8 @@ def _alike(
         coordinates.scaled(wheels_mean(coordinates, estimate.values, names)),
         refused=refused,
         groups=estimate.groups,
+        options=FitOptions(most_profiles=options.most_profiles),
         most_steps=options.gauss_newton_steps,
-        most_profiles=options.most_profiles,
         run=estimate.run,
     )
     return prepared, replace(again, other=estimate.other, searched=estimate.searched)

@@ -321,16 +321,12 @@ def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tupl
     return best, next(rivals, None)
 
 
-def _parameter(name: str, unit: str, most: float) -> Parameter:
-    return Parameter(name=name, symbol=name, unit=unit, scale="signed", bounds=(-most, most), default=0.0)
-
-
 #: changes of the clock from where the fit starts, of the rotation, and the gyro's bias
 _PARAMETERS = (
-    _parameter("offset in the middle", "s", 2.0),
-    _parameter("rate", "s/s", _LARGEST_RATE),
-    *(_parameter(f"rotation about {axis}", "rad", 3.0) for axis in "xyz"),
-    *(_parameter(f"bias about {axis}", "rad/s", 2.0) for axis in "xyz"),
+    Parameter.about("offset in the middle", 0.0, "s", within=2.0),
+    Parameter.about("rate", 0.0, "s/s", within=_LARGEST_RATE),
+    *(Parameter.about(f"rotation about {axis}", 0.0, "rad", within=3.0) for axis in "xyz"),
+    *(Parameter.about(f"bias about {axis}", 0.0, "rad/s", within=2.0) for axis in "xyz"),
 )
 
 
