@@ -23,24 +23,20 @@ from numpy.typing import NDArray
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.files import write_text
-from ballbot.fitting.between_logs import RobotLogs, fit_prior
-from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty, assess
+from ballbot.fitting.between_logs import LogEstimates, RobotLogs, fit_prior
+from ballbot.fitting.fit import FitOptions, fit
+from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.fitting.run import Run, Threads
-from ballbot.fitting.uncertainty import discrepancy
 from ballbot.identification.identify import (
     IdentificationOptions,
     estimated_parameters,
     prepare,
-    refine,
-    speed_groups,
 )
 from ballbot.identification.laws import LawName
 from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
 from ballbot.identification.variation import (
     PRIOR_FILE,
-    LogEstimates,
     Priors,
-    log_estimates,
     scaled_units,
     shipped_priors,
     widened,
@@ -194,15 +190,20 @@ def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
         options, run = IdentificationOptions(step=STEP), Run(seed=0, executor=Threads(count=1))
         prepared = prepare(ROBOT, coordinates, [log], window=0.25, options=options, run=run)
         begin = coordinates.scaled(np.where(coordinates.free, BEGIN, coordinates.nominal))
-        estimate = refine(prepared, begin, options=options, run=run)
-        equations, experiment = estimate.finished.equations, prepared.experiment
-        widen = discrepancy(equations, speed_groups(experiment), estimate.estimated, seed=0).factor
-        within = assess(estimate, most_profiles=0, widen=widen, run=run)
+        estimate = fit(
+            prepared.experiment,
+            begin,
+            refused=prepared.excitation.refused,
+            groups=prepared.groups,
+            options=FitOptions(most_profiles=0),
+            most_steps=options.gauss_newton_steps,
+            run=run,
+        )
         return Fit(
             coordinates=coordinates,
             values=np.where(estimate.unknown, np.nan, estimate.values),
-            within=within,
-            by_log=log_estimates(within, equations, experiment.block_log, widen=widen),
+            within=estimate.uncertainty,
+            by_log=estimate.by_log,
         )
 
     return kept(KEPT, f"fit_{name}_{law}", make)

@@ -17,9 +17,10 @@ from scipy.stats import binom
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain
 from ballbot.control.references import square
-from ballbot.fitting.intervals import Interval, assess
+from ballbot.fitting.fit import fit
+from ballbot.fitting.intervals import Interval
 from ballbot.fitting.run import Run, Threads
-from ballbot.identification.identify import IdentificationOptions, prepare, refine
+from ballbot.identification.identify import IdentificationOptions, prepare
 from ballbot.identification.quantities import scale_between
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
@@ -85,12 +86,17 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
         options=options,
         run=run,
     )
-    estimate = refine(prepared, coordinates.scaled(BEGIN), options=options, run=run)
-    sure = assess(estimate, run=run)
+    estimate = fit(
+        prepared.experiment,
+        coordinates.scaled(BEGIN),
+        refused=prepared.excitation.refused,
+        most_steps=options.gauss_newton_steps,
+        run=run,
+    )
     numbers = zip(coordinates.labels, estimate.values.tolist(), estimate.unknown, strict=True)
     return Repeat(
         estimates={label: None if unknown else value for label, value, unknown in numbers},
-        intervals=sure.intervals,
+        intervals=estimate.uncertainty.intervals,
     )
 
 

@@ -21,14 +21,14 @@ import numpy as np
 
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
-from ballbot.fitting.fit import descend
+from ballbot.fitting.fit import FitOptions, descend, search
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import (
     IdentificationOptions,
     Prepared,
     estimated_parameters,
+    fixed_starts,
     prepare,
-    search,
 )
 from ballbot.identification.quantities import Bounds
 from ballbot.log import Log
@@ -75,7 +75,14 @@ def fitted(task: Task, start: int | None) -> End:
     begun = process_time()
     point = prepared.experiment.coordinates.scaled(prepared.experiment.coordinates.nominal)
     if start is None:
-        found = search(prepared, options=task.options, run=_RUN)
+        found = search(
+            prepared.experiment,
+            fixed_starts(prepared.experiment.coordinates),
+            method=task.options.search,
+            options=FitOptions(blocks=prepared.drawn),
+            most_steps=task.options.gauss_newton_steps,
+            run=_RUN,
+        )
         points = [found.best] if found.other is None else [found.best, found.other]
     else:  # scaled parameters: U(0, 1)
         point[free] = np.random.default_rng([start, 48]).uniform(size=int(free.sum()))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from ballbot.errors import InputError
-from ballbot.fitting.least_squares import Stopping, fit_clustered, fit_linear, minimize_squares
+from ballbot.fitting.least_squares import Stopping, fit_linear, minimize_squares
 
 
 def rosenbrock(p: np.ndarray) -> np.ndarray:
@@ -52,33 +51,3 @@ def test_linear_fit_equals_the_plain_formula_if_rows_are_independent():
         fit_linear(design, random.normal(size=400), np.arange(400) // 4).p_value((0, 1)) for _ in range(300)
     ]
     assert 0.01 < np.mean(np.array(p_values) < 0.05) < 0.09
-
-
-def test_jackknife_of_single_rows_is_the_plain_covariance_of_a_linear_model():
-    random = np.random.default_rng(11)
-    design, truth = random.normal(size=(400, 2)), np.array([0.3, -0.8])
-    values = design @ truth + 0.1 * random.normal(size=400)
-    found = fit_clustered(
-        lambda p: (design @ p - values)[:, None],
-        np.zeros(2),
-        scales=np.ones(2),
-        clusters=np.arange(400),
-        undetermined="",
-    )
-    np.testing.assert_allclose(found.values, np.linalg.lstsq(design, values, rcond=None)[0], atol=1e-8)
-    plain = np.linalg.inv(design.T @ design) * 0.1**2
-    np.testing.assert_allclose(found.covariance.diagonal(), plain.diagonal(), rtol=0.25)
-
-
-@pytest.mark.parametrize(("count", "sentence"), [(3, "3 intervals .* need 4"), (40, r"^Drive faster\.$")])
-def test_too_few_clusters_and_undetermined_parameters_are_refused(count, sentence):
-    # only the sum of the two parameters has an effect
-    x = np.linspace(-1.0, 1.0, count)
-    with pytest.raises(InputError, match=sentence):
-        fit_clustered(
-            lambda p: (x * (p[0] + p[1] - 1.0))[:, None],
-            np.zeros(2),
-            scales=np.ones(2),
-            clusters=np.arange(count),
-            undetermined="Drive faster.",
-        )

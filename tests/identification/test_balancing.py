@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballbot.fitting.fit import descend
-from ballbot.fitting.intervals import profile
+from ballbot.fitting.fit import descend, profile
 from ballbot.fitting.run import Threads
 from ballbot.fitting.uncertainty import NormalEquations, bootstrap, covariance, resamples
 from ballbot.identification.balancing import Balancing

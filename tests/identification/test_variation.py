@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ballbot.fitting.between_logs import LogEstimates, log_estimates
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
 from ballbot.identification.variation import (
-    LogEstimates,
     Priors,
-    log_estimates,
     variation_findings,
     widened,
     with_torque_scale,

@@ -33,7 +33,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import chdtrc, logsumexp
 
-from ballbot.fitting.intervals import HALF_WIDTH
+from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
+from ballbot.fitting.uncertainty import WindowEquations, leverage_corrected
 
 #: values of tau, in even steps of its logarithm
 _TAU = np.geomspace(0.05, 50.0, 121)
@@ -165,3 +166,64 @@ def _given(
     squares = np.einsum("gki,gkij,gkj->g", apart, W, apart)
     determinants = np.linalg.slogdet(V)[1] - np.linalg.slogdet(total)[1].sum(axis=1)
     return _Given(covariances=V, squares=squares, log_likelihoods=0.5 * (determinants - squares))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LogEstimates:
+    """The estimates of each of k logs, scaled, and their covariances within that log."""
+
+    points: NDArray[np.float64]  #: (k, p)
+    covariances: NDArray[np.float64]  #: (k, p, p); NaN for parameters without a standard error
+
+
+def log_estimates(
+    within: Uncertainty, equations: WindowEquations, block_log: NDArray[np.int64], *, widen: float
+) -> LogEstimates:
+    """Return what each log by itself leads to, to first order about the estimate from all of them.
+
+    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log.
+
+    Parameters
+    ----------
+    within : Uncertainty
+        Of the estimate from all logs.
+    equations : WindowEquations
+        There.
+    block_log : ndarray (w,)
+        The log of each window.
+    widen : float
+        What errors within a log are multiplied by, as those of `within` are.
+    """
+    estimated = np.isfinite(within.scaled_errors)
+    logs, places = np.unique(block_log), np.flatnonzero(estimated)
+    points = np.tile(within.point, (len(logs), 1))
+    covariances = np.tile(within.covariance, (len(logs), 1, 1))
+    if len(logs) > 1 and len(places):
+        common, _ = _step(equations, places)
+        own, inverses = equations.scores.copy(), []
+        for k, log in enumerate(logs):
+            rows = block_log == log
+            mine = WindowEquations(matrices=equations.matrices[rows], scores=equations.scores[rows])
+            step, inverse = _step(mine, places)
+            points[k, places] += step - common
+            # about the log's own estimate, or what it differs from the others by would count as noise within it
+            own[rows] += np.einsum("wij,j->wi", mine.matrices[:, :, places], step, optimize=False)
+            inverses.append(inverse)
+        scores = leverage_corrected(equations.matrices, own, estimated).scores[:, places]
+        of_window = widen**2 * np.einsum("wi,wj->ij", scores, scores, optimize=False) / (len(scores) - 1)
+        for k, (log, inverse) in enumerate(zip(logs, inverses, strict=True)):
+            covariances[k][np.ix_(places, places)] = (
+                inverse @ ((block_log == log).sum() * of_window) @ inverse
+            )
+    return LogEstimates(points=points, covariances=covariances)
+
+
+def _step(
+    equations: WindowEquations, places: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the Gauss-Newton step of the parameters at `places`, and the inverse of its matrix."""
+    H = equations.matrices[:, places[:, None], places].sum(axis=0)
+    scale = 1.0 / np.sqrt(np.maximum(H.diagonal(), np.finfo(float).tiny))
+    # a log may lack every window that determines a parameter: a small ridge keeps its equations soluble
+    inverse = np.linalg.inv(H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))) * np.outer(scale, scale)
+    return -inverse @ equations.scores[:, places].sum(axis=0), inverse

@@ -12,6 +12,15 @@ the alternative, Biometrika 64 (1977) 247-254). So they count as identified only
 best one without by more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the
 residuals, lambda corrects for their dependence as in `ballbot.fitting.intervals`, and q is the chi-squared quantile of
 as many parameters as the fit with s has more.
+
+A profile shows how far a parameter may go, all others following, before the fit is worse than chance explains. The cost
+of n_s states over N residuals each is, up to a constant, minus the logarithm of a likelihood over N n_s. Residuals
+within a block are not independent, so the doubled rise is no chi-squared variable but, for one parameter, one times
+
+    lambda = (clustered variance) / [H^-1]_ii
+
+(L. Pace, A. Salvan and N. Sartori, Adjusting composite likelihood ratio statistics, Statistica Sinica 21 (2011)
+129-148). A limit lies where 2 N n_s (cost - least cost) = lambda t^2, t being Student's quantile.
 """
 
 from __future__ import annotations
@@ -27,9 +36,27 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import lsq_linear
 
-from ballbot.fitting.experiment import At, Experiment
+from ballbot.fitting.between_logs import LogEstimates, log_estimates
+from ballbot.fitting.experiment import At, BlockErrors, ByDifferences, Experiment
+from ballbot.fitting.intervals import (
+    CONFIDENCE,
+    MOST_PROFILES,
+    Errors,
+    Interval,
+    Uncertainty,
+    between,
+    truncated_reach,
+)
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
-from ballbot.fitting.uncertainty import WindowEquations, covariance, leverage_corrected, without_influence
+from ballbot.fitting.uncertainty import (
+    Discrepancy,
+    WindowEquations,
+    bootstrap,
+    covariance,
+    discrepancy,
+    leverage_corrected,
+    without_influence,
+)
 from ballbot.progress import Progress
 
 #: half the width of the trust region at first, in scaled parameters; a step that gains less than a quarter of what was
@@ -192,6 +219,39 @@ class SearchResult:
     other: NDArray[np.float64] | None = None  #: (p,), where it also ended, elsewhere
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitOptions:
+    """How far a search goes, and the intervals after it."""
+
+    blocks: NDArray[np.int64] | None = None  #: those that the search looks at; all if None
+    generations: int = 150  #: of a genetic one, at most
+    population: int = 24  #: sets of parameters in each generation
+    #: a scaled point (p,), where Gauss-Newton begins if it predicts better than where the search ended
+    earlier: NDArray[np.float64] | None = None
+    most_profiles: int = MOST_PROFILES  #: see `FitOptions`
+
+
+DEFAULT_OPTIONS = FitOptions()
+
+
+def search(
+    experiment: Experiment[At],
+    starts: NDArray[np.float64],
+    *,
+    method: Search,
+    options: FitOptions = DEFAULT_OPTIONS,
+    most_steps: int,
+    run: Run,
+) -> SearchResult:
+    """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result."""
+    part = experiment if options.blocks is None else experiment.part(options.blocks)
+    if method == "genetic":
+        return genetic(part, generations=options.generations, population=options.population, run=run)
+    if starts.ndim == 1:
+        return SearchResult(best=starts)
+    return multistart(part, list(starts), most_steps=most_steps, run=run)
+
+
 def multistart(
     experiment: Experiment[At], starts: Sequence[NDArray[np.float64]], *, most_steps: int, run: Run
 ) -> SearchResult:
@@ -314,6 +374,9 @@ class Fit(Generic[At]):
     refused: NDArray[np.bool_]  #: (p,), others that the data do not excite
     other: OtherOptimum | None  #: where another descent ended
     searched: tuple[float, ...] = ()  #: best cost after each generation of a genetic search
+    groups: NDArray[np.int64] | None = None  #: (w,), of blocks that should agree, from 0
+    most_profiles: int = MOST_PROFILES  #: see `FitOptions`
+    run: Run = DEFAULT_RUN  #: its seed is the bootstrap's
 
     @property
     def values(self) -> NDArray[np.float64]:
@@ -344,9 +407,64 @@ class Fit(Generic[At]):
         kept = self.estimated & (blocks.normal.matrix.diagonal() > 0.0)
         return covariance(leverage_corrected(blocks.matrices, blocks.scores, kept), kept)
 
+    @cached_property
+    def discrepancy(self) -> Discrepancy:
+        """Whether groups of blocks want the same parameters."""
+        groups = (
+            np.zeros(len(self.finished.equations.scores), dtype=np.int64)
+            if self.groups is None
+            else self.groups
+        )
+        return discrepancy(self.finished.equations, groups, self.estimated, seed=self.run.seed)
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """Errors and 95 % intervals, widened where groups of blocks disagree.
+
+        The stage "intervals" is reported after each profile.
+        """
+        finished, widen = self.finished, self.discrepancy.factor
+        errors = Errors(
+            point=finished.point,
+            clustered=_roots(widen**2 * self.scaled_covariance),
+            bootstrap=widen * bootstrap(finished.equations, self.estimated, seed=self.run.seed).errors,
+            quantile=self.quantile,
+        )
+        chosen = errors.doubtful[: self.most_profiles].tolist()
+        within, profiled = np.flatnonzero(self.estimated), {}
+        for done, place in enumerate(chosen, start=1):
+            inverse = np.linalg.pinv(finished.equations.normal.matrix[np.ix_(within, within)], hermitian=True)
+            rise = errors.clustered[place] ** 2 / inverse.diagonal()[within == place][0] * errors.quantile**2
+            profiled[place] = profile(
+                finished,
+                place,
+                free=self.estimated | self.at_bound,
+                error=float(errors.half_width[place]),
+                rise=float(rise),
+            )
+            self.run.progress(Progress(stage="intervals", done=done, total=len(chosen)))
+        coordinates = finished.experiment.coordinates
+        return Uncertainty(
+            coordinates=coordinates,
+            point=finished.point,
+            covariance=widen**2 * self.scaled_covariance,
+            bootstrap=errors.bootstrap,
+            intervals=errors.intervals(coordinates, profiled) | _intervals_at_bounds(self, widen),
+        )
+
+    @cached_property
+    def by_log(self) -> LogEstimates:
+        """What each log by itself leads to."""
+        return log_estimates(
+            self.uncertainty,
+            self.finished.equations,
+            self.finished.experiment.block_log,
+            widen=self.discrepancy.factor,
+        )
+
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """The same in SI units."""
+        """That of `scaled_covariance` in SI units."""
         slopes = self.finished.experiment.coordinates.slopes(self.finished.point)
         return self.scaled_covariance * np.outer(slopes, slopes)
 
@@ -358,33 +476,46 @@ class Fit(Generic[At]):
     @property
     def quantile(self) -> float:
         """Student's t for 95 %, with as many blocks less the parameters estimated."""
-        freedom = len(self.finished.equations.scores) - int(self.estimated.sum())
-        return float(special.stdtrit(max(freedom, 1), 0.975))
+        return _quantile(len(self.finished.equations.scores), int(self.estimated.sum()))
 
 
 def fit(
     experiment: Experiment[At],
-    start: NDArray[np.float64],
+    starts: NDArray[np.float64],
     *,
     also: NDArray[np.float64] | None = None,
+    method: Search = "multistart",
+    options: FitOptions = DEFAULT_OPTIONS,
     refused: NDArray[np.bool_] | None = None,
+    groups: NDArray[np.int64] | None = None,
     most_steps: int = 30,
     run: Run = DEFAULT_RUN,
 ) -> Fit[At]:
-    """Fit by Gauss-Newton, fix what has no influence, and fit the rest again from there.
+    """Search, fit by Gauss-Newton, fix what has no influence, and fit the rest again from there.
 
     Parameters
     ----------
-    start : ndarray (p,)
-        Scaled, as a search found it.
+    experiment : Experiment
+    starts : ndarray (p,) or (s, p)
+        Scaled. From several the search finds the basin, from one Gauss-Newton begins.
     also : ndarray (p,), optional
-        Another place where a search ended.
+        A further place to descend from, which may be of another optimum; by default where the search also ended.
+    method : {"multistart", "genetic"}
+        A genetic search needs no starts.
+    options : FitOptions, optional
     refused : ndarray (p,), optional
         Parameters that the data do not excite: they are fitted, and get no number.
+    groups : ndarray (w,), optional
+        Numbers from 0 of groups of blocks that should agree on the parameters.
     most_steps : int
         Of each descent.
     run : Run, optional
     """
+    found = search(experiment, starts, method=method, options=options, most_steps=most_steps, run=run)
+    start, also = found.best, found.other if also is None else also
+    if options.earlier is not None:
+        points = np.stack([start, options.earlier])
+        start = points[experiment.costs(points).argmin()]
     coordinates = experiment.coordinates
     free = coordinates.free
     finished = descend(experiment, start, free=free, most_steps=most_steps, run=run)
@@ -405,6 +536,10 @@ def fit(
         no_influence=no_influence,
         refused=~no_influence & (False if refused is None else refused),
         other=other and OtherOptimum(values=coordinates.physical(other.point), rise=rise),
+        searched=found.history,
+        groups=groups,
+        most_profiles=options.most_profiles,
+        run=run,
     )
 
 
@@ -488,3 +623,140 @@ def _has_effect(
         run=run,
     )
     return without.cost > target
+
+
+# --- held-out blocks ---
+
+#: steps of a fit without some of the blocks, from the fit with all
+_HELD_OUT_STEPS = 8
+
+
+def held_out_squares(
+    experiment: ByDifferences, end: BlockErrors, groups: Sequence[NDArray[np.int64]], *, folds: int
+) -> NDArray[np.float64]:
+    """Fit again without each of so many parts of the groups of blocks; return the mean square errors there (w,).
+
+    `end` is where the fit with all blocks ended, and every block is in one group.
+    """
+    squares, count = np.empty(len(end.states)), len(end.states)
+    for fold in range(folds):
+        out = np.sort(np.concatenate(groups[fold::folds]))
+        kept = np.setdiff1d(np.arange(count), out)
+        (part, near), (rest, there) = (
+            (experiment.part(rows), replace(end, states=end.states[rows])) for rows in (kept, out)
+        )
+        again = descend(
+            part,
+            part.begin(end.point, near),
+            free=experiment.coordinates.free,
+            most_steps=_HELD_OUT_STEPS,
+            most_renewals=0,
+        )
+        squares[out] = rest.mean_squares(rest.begin(again.point, there))
+    return squares
+
+
+# --- intervals ---
+
+
+def _quantile(blocks: int, parameters: int) -> float:
+    return float(special.stdtrit(max(blocks - parameters, 1), 0.5 + 0.5 * CONFIDENCE))
+
+
+def _roots(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return standard errors (p,); NaN if a variance is not positive, as of a short, ill-posed fit."""
+    variances = covariance.diagonal()
+    return np.sqrt(np.where(variances > 0.0, variances, np.nan))
+
+
+#: fits of the other parameters on one side, and steps of each
+_MOST_FITS, _STEPS = 4, 3
+#: a limit is found if the rise is this near to lambda t^2, as a share of it: lambda is not known better
+_NEAR = 0.2
+
+
+def profile(
+    fit: Descended[At], place: int, *, free: NDArray[np.bool_], error: float, rise: float
+) -> tuple[float | None, float | None]:
+    """Return the 95 % limits of one parameter, scaled; None if the logs set none before its bound.
+
+    Parameters
+    ----------
+    place : int
+        Which parameter.
+    free : ndarray (p,)
+        Those that the estimate moved.
+    error : float
+        Half the width expected, scaled, for the first step.
+    rise : float
+        lambda t^2, see the module's text.
+    """
+    others = free & (np.arange(len(free)) != place)
+    # each fit begins from the farthest one below the limit: windows that have come to stick do not find back
+    nearest = [fit, fit]
+
+    def fitted(target: float, side: int) -> float:
+        """Return the root of the rise with the parameter there."""
+        moved = np.zeros(len(free))
+        moved[place] = target - nearest[side].point[place]
+        at = descend(fit.experiment, nearest[side].end, free=others, most_steps=_STEPS, moved=moved)
+        root = float(np.sqrt(max(2.0 * fit.experiment.residual_count * (at.cost - fit.cost), 0.0)))
+        if root**2 < rise:
+            nearest[side] = at
+        return root
+
+    origin = float(fit.point[place])
+    lower, upper = (
+        _limit(lambda target, side=side: fitted(target, side), origin, step=sign * error, rise=rise)
+        for side, sign in ((0, -1.0), (1, 1.0))
+    )
+    return lower, upper
+
+
+def _limit(root_of: Callable[[float], float], origin: float, *, step: float, rise: float) -> float | None:
+    """Return where the root of the rise reaches that of `rise`: it is nearly straight in the distance."""
+    wanted = np.sqrt(rise)
+    # where and the root of the rise there: the farthest below the limit, and the nearest above it
+    inside, outside = (origin, 0.0), None
+    target = origin + step
+    for _ in range(_MOST_FITS):
+        target = float(np.clip(target, 0.0, 1.0))
+        root = root_of(target)
+        if root**2 < rise:
+            inside = (target, root)
+            if target in (0.0, 1.0):
+                return None
+        else:
+            outside = (target, root)
+        if abs(root**2 / rise - 1.0) < _NEAR:
+            return target
+        if outside is not None:
+            share = (wanted - inside[1]) / (outside[1] - inside[1])
+            target = inside[0] + share * (outside[0] - inside[0])
+        else:
+            longer = 2.0 if inside[1] <= 0.5 * wanted else wanted / inside[1] * 1.05
+            target = origin + longer * ((inside[0] - origin) or step)
+    return target if outside else None
+
+
+def _intervals_at_bounds(fit: Fit[At], widen: float) -> dict[str, Interval]:
+    """Return the intervals of parameters at a bound, about the point that the unbounded equations lead to."""
+    found = {}
+    coordinates, normal = fit.finished.experiment.coordinates, fit.finished.equations.normal
+    for i in np.flatnonzero(fit.at_bound & (normal.matrix.diagonal() > 0.0)).tolist():
+        wanted = fit.estimated | (np.arange(len(fit.estimated)) == i)
+        places = np.flatnonzero(wanted)
+        matrix, score = normal.matrix[np.ix_(places, places)], normal.scores[:, places].sum(axis=0)
+        step = -np.linalg.lstsq(matrix, score, rcond=1e-13)[0][places == i][0]
+        error = widen * float(np.sqrt(covariance(normal, wanted)[i, i]))
+        half = _quantile(len(normal.scores), len(places)) * error
+        at = float(fit.finished.point[i])
+        middle = float(at + step)
+        reach = error * truncated_reach(abs(middle - at) / error if error > 0.0 else 0.0)
+        lower, upper = (
+            (min(middle - half, at), max(middle + half, at + reach))
+            if at <= 0.5
+            else (min(middle - half, at - reach), max(middle + half, at))
+        )
+        found[coordinates.labels[i]] = between(coordinates, i, lower, upper, method="at bound")
+    return found

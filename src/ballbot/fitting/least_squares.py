@@ -1,21 +1,12 @@
 """Least squares of residuals that depend on each other in time, with standard errors that allow for it.
 
 `minimize_squares` descends in any parameters within bounds. `fit_linear` fits a model that is linear in its parameters
-and tests them; `fit_clustered` fits any model and gives the jackknife's covariance.
+and tests them.
 
 Tests of linear parameters. Within a block of time, errors may depend on each other in any way. For q parameters,
 W = p^T V^-1 p with the covariance V of `ballbot.fitting.uncertainty.covariance_in_time` is tested as Hotelling's T^2 of
 G blocks, W (G - q) / (q (G - 1)) ~ F(q, G - q), with G the blocks in which the least frequent of the q columns is not
 zero: a rare event is known from few blocks.
-
-Jackknife. Slip, play and rollers disturb a kinematic model in the same way for many windows on end. The windows are
-therefore taken in clusters as long as that lasts. With cluster c left out the estimate moves by
-d_c = (H - H_c)^-1 g_c, H = J^T J, g_c = J_c^T r_c, and
-
-    covariance = (C - 1) / C sum_c d_c d_c^T
-
-(B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans, 1982). With some twenty clusters the sandwich
-H^-1 (sum g_c g_c^T) H^-1 is too small: in a trial its 95 % intervals contained 91 % of the true values.
 """
 
 from __future__ import annotations
@@ -29,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 from scipy.optimize import least_squares
 
-from ballbot.errors import InputError
 from ballbot.fitting.uncertainty import covariance_in_time
 
 
@@ -158,83 +148,6 @@ def fit_linear(
         residuals=residuals,
         blocks=np.count_nonzero(present, axis=1),
     )
-
-
-#: clusters, at the least, for each parameter; fewer make a covariance too small
-CLUSTERS_PER_PARAMETER = 2
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ClusteredFit:
-    """A least-squares estimate of p parameters."""
-
-    values: NDArray[np.float64]  #: (p,)
-    covariance: NDArray[np.float64]  #: (p, p)
-    residuals: NDArray[np.float64]  #: (w, k)
-
-    @property
-    def errors(self) -> NDArray[np.float64]:
-        """Standard errors (p,)."""
-        return np.sqrt(self.covariance.diagonal())
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the residuals."""
-        return float(np.sqrt(np.mean(self.residuals**2)))
-
-
-def fit_clustered(
-    residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    start: NDArray[np.float64],
-    *,
-    scales: NDArray[np.float64],
-    clusters: NDArray[np.int64],
-    undetermined: str,
-) -> ClusteredFit:
-    """Minimise the squares of residuals.
-
-    Parameters
-    ----------
-    residuals_of : callable
-        From parameters (p,) to residuals (w, k) of w windows.
-    start : ndarray (p,)
-    scales : ndarray (p,)
-        Changes of the parameters that matter; differences are taken over a hundredth of them.
-    clusters : ndarray (w,)
-        Number of the cluster that each window belongs to.
-    undetermined : str
-        Sentence of the error if the windows do not determine the parameters.
-
-    Raises
-    ------
-    InputError
-        If there are too few clusters for the parameters, or the windows do not determine them.
-    """
-    names, places = np.unique(clusters, return_inverse=True)
-    least = CLUSTERS_PER_PARAMETER * len(start)
-    if len(names) < least:
-        raise InputError(
-            f"The logs have {len(names)} intervals of usable motion for "
-            f"{len(start)} unknowns, which need {least}; log for longer."
-        )
-
-    def scaled_residuals(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        return residuals_of(start + z * scales).ravel()
-
-    values = start + minimize_squares(scaled_residuals, np.zeros(len(start))).point * scales
-    residuals = residuals_of(values)
-    J = central_differences(residuals_of, values, 1e-2 * scales) * scales
-    H = np.einsum("wki,wkj->ij", J, J)
-    if np.linalg.cond(H) > 1e10:
-        raise InputError(undetermined)
-    count, moves = len(names), []
-    for cluster in range(count):
-        inside = places == cluster
-        own = np.einsum("wki,wkj->ij", J[inside], J[inside])
-        score = np.einsum("wki,wk->i", J[inside], residuals[inside])
-        moves.append(np.linalg.lstsq(H - own, score, rcond=None)[0])
-    covariance = (count - 1) / count * np.array(moves).T @ np.array(moves)
-    return ClusteredFit(values=values, covariance=covariance * np.outer(scales, scales), residuals=residuals)
 
 
 def central_differences(

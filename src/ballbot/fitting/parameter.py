@@ -41,6 +41,13 @@ class Parameter:
         """Whether its bounds leave it free."""
         return self.bounds[1] > self.bounds[0]
 
+    @staticmethod
+    def about(name: str, default: float, unit: str, *, within: float = 0.0, factor: float = 1.0) -> Parameter:
+        """Return a number of either sign, within so much of its default, or one within a factor of it."""
+        scale: Scale = "ratio" if factor > 1.0 else "signed"
+        bounds = (default / factor - within, default * factor + within)
+        return Parameter(name=name, symbol=name, unit=unit, scale=scale, bounds=bounds, default=default)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterSpace:

@@ -42,7 +42,7 @@ from ballbot.findings import Finding, note
 from ballbot.fitting.experiment import BlockErrors, Residuals
 from ballbot.fitting.fit import Fit, fit
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.fitting.parameter import Parameter, Scale
+from ballbot.fitting.parameter import Parameter
 from ballbot.identification.driveline import BALL_NAMES
 from ballbot.identification.turning import (
     GYRO_NAMES,
@@ -174,15 +174,9 @@ class GeometryQuantity:
         return off > max(CLEAR * self.standard_error, self.slip)
 
 
-def _parameter(name: str, in_file: float, unit: str, reach: float, scale: Scale = "signed") -> Parameter:
-    """Return a parameter that may be as far from the file's value as `reach`, a share of the value for a ratio."""
-    bounds = (in_file / reach, in_file * reach) if scale == "ratio" else (in_file - reach, in_file + reach)
-    return Parameter(name=name, symbol=name, unit=unit, scale=scale, bounds=bounds, default=in_file)
-
-
 def _azimuths(robot: Robot) -> list[Parameter]:
-    azimuths = enumerate(robot.wheels.azimuths)
-    return [_parameter(f"wheels.azimuths[{i}]", one, "rad", 0.5 * math.pi) for i, one in azimuths]
+    named = {f"wheels.azimuths[{i}]": one for i, one in enumerate(robot.wheels.azimuths)}
+    return [Parameter.about(name, one, "rad", within=0.5 * math.pi) for name, one in named.items()]
 
 
 def _quantity(one: Parameter, value: float, error: float, kind: str) -> GeometryQuantity:
@@ -267,10 +261,10 @@ def _of_rolling(
 
     length = robot.wheels.radius / math.cos(robot.wheels.tilt)
     parameters = [
-        _parameter("wheels.radius / cos(wheels.tilt)", length, "m", 2.0, "ratio"),
+        Parameter.about("wheels.radius / cos(wheels.tilt)", length, "m", factor=2.0),
         *_azimuths(robot),
-        _parameter("leaning seen", 1.0, "1", 2.0),
-        _parameter("delay of the encoders", 0.0, "s", 0.5),
+        Parameter.about("leaning seen", 1.0, "1", within=2.0),
+        Parameter.about("delay of the encoders", 0.0, "s", within=0.5),
     ]
     return _fitted(BALANCING, parameters, residuals, clusters)
 
@@ -304,12 +298,14 @@ def _of_upside_down(
         return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axle_directions(p[1], p[2 : 2 + n]).T
 
     parameters = [
-        _parameter("ball.radius / wheels.radius", robot.ball.radius / robot.wheels.radius, "1", 2.0, "ratio"),
-        _parameter("wheels.tilt", robot.wheels.tilt, "rad", 0.5),
+        Parameter.about(
+            "ball.radius / wheels.radius", robot.ball.radius / robot.wheels.radius, "1", factor=2.0
+        ),
+        Parameter.about("wheels.tilt", robot.wheels.tilt, "rad", within=0.5),
         *_azimuths(robot),
-        _parameter("camera tilt about x", 0.0, "rad", 1.0),
-        _parameter("camera tilt about y", 0.0, "rad", 1.0),
-        _parameter("camera delay", 0.0, "s", 0.5),
+        Parameter.about("camera tilt about x", 0.0, "rad", within=1.0),
+        Parameter.about("camera tilt about y", 0.0, "rad", within=1.0),
+        Parameter.about("camera delay", 0.0, "s", within=0.5),
     ]
     quantities, found = _fitted(UPSIDE_DOWN, parameters, residuals, clusters)
     # nothing is assumed of a wheel's direction: |row| of the matrix G (n, 3) with wheels = turns G^T
@@ -319,7 +315,7 @@ def _of_upside_down(
         value = float(np.linalg.norm(one.values))
         error = math.sqrt(one.values @ one.covariance @ one.values) / value
         name, common = f"ball.radius / wheels.radius, wheel {number}", float(found.values[0])
-        ratios.append(_quantity(_parameter(name, common, "1", 0.0), value, error, UPSIDE_DOWN))
+        ratios.append(_quantity(Parameter.about(name, common, "1"), value, error, UPSIDE_DOWN))
     return quantities, ratios, found
 
 
@@ -438,8 +434,8 @@ def _of_both(robot: Robot, on_wheels: Fit[BlockErrors], rolling: Fit[BlockErrors
     J = np.array([[0.0, -length * s, c], [length * c, -ratio * length * s, ratio * c]])
     r_w, r_b = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
     return [
-        _quantity(_parameter("wheels.radius", robot.wheels.radius, "m", 0.0), length * c, r_w, BOTH),
-        _quantity(_parameter("ball.radius", robot.ball.radius, "m", 0.0), ratio * length * c, r_b, BOTH),
+        _quantity(Parameter.about("wheels.radius", robot.wheels.radius, "m"), length * c, r_w, BOTH),
+        _quantity(Parameter.about("ball.radius", robot.ball.radius, "m"), ratio * length * c, r_b, BOTH),
     ]
 
 
@@ -449,7 +445,7 @@ def _of_mountings(motions: Sequence[MotionFit]) -> list[GeometryQuantity]:
     weights = 1.0 / np.array([one.rotation_errors for one in motions]) ** 2
     mean, errors = (weights * values).sum(axis=0) / weights.sum(axis=0), 1.0 / np.sqrt(weights.sum(axis=0))
     return [
-        _quantity(_parameter(f"IMU rotation about {axis}", 0.0, "rad", 0.0), value, error, BALANCING)
+        _quantity(Parameter.about(f"IMU rotation about {axis}", 0.0, "rad"), value, error, BALANCING)
         for axis, value, error in zip("xyz", mean.tolist(), errors.tolist(), strict=True)
     ]
 
@@ -471,16 +467,22 @@ def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
         ball = replace(ball, radius=found["ball.radius"][0].value)
         wheels = replace(wheels, radius=found["wheels.radius"][0].value)
     if "wheels.tilt" in found:
-        wheels = replace(wheels, tilt=found["wheels.tilt"][0].value)
-    wheels = replace(wheels, azimuths=tuple(one.value - turn for one in azimuths))
+        wheels = replace(wheels, tilt=_in_degrees(found["wheels.tilt"][0].value))
+    wheels = replace(wheels, azimuths=tuple(_in_degrees(one.value - turn) for one in azimuths))
     sources, deviations = dict(robot.sources), dict(robot.standard_deviations)
     for name in ("ball.radius", "wheels.radius", "wheels.tilt", "wheels.azimuths"):
         if name in found:
-            deviation: Value = tuple(math.hypot(one.standard_error, one.slip) for one in found[name])
+            sizes = [math.hypot(one.standard_error, one.slip) for one in found[name]]
+            deviation: Value = tuple(sizes if name.endswith("radius") else map(_in_degrees, sizes))
             deviations[name] = deviation if name == "wheels.azimuths" else deviation[0]
             sources[name] = f"identified: geometry from logs ({found[name][0].kind})"
     moved = robot.replace(ball=ball, wheels=wheels)
     return moved.annotated(sources=sources, standard_deviations=deviations)
+
+
+def _in_degrees(angle: float) -> float:
+    """Return an angle [rad] that a file writes in degrees with nine decimals."""
+    return math.radians(round(math.degrees(angle), 9))
 
 
 _AGREES = (

@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, warning
-from ballbot.fitting.fit import Fit, Search, SearchResult, fit, genetic, multistart
-from ballbot.fitting.intervals import MOST_PROFILES, Uncertainty, assess
+from ballbot.fitting.fit import Fit, FitOptions, Search, fit
+from ballbot.fitting.intervals import MOST_PROFILES, Uncertainty
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import discrepancy
 from ballbot.identification.agreement import StageEstimate, file_findings
 from ballbot.identification.alike import (
     alike_finding,
@@ -70,7 +69,6 @@ from ballbot.identification.sweep import SweepFriction, with_sweep
 from ballbot.identification.variation import (
     Variation,
     discrepancy_finding,
-    log_estimates,
     shipped_priors,
     variation_findings,
     widened,
@@ -213,15 +211,25 @@ def identify(
     fitted = list(checked.logs.values())
     coordinates = estimated_parameters(robot, free=free, law=law, bounds=as_bounds(bounds))
     prepared = prepare(robot, coordinates, fitted, window=window, options=options, run=run)
-    searched = search(prepared, options=options, run=run)
-    begin = searched.best
-    if options.warm_start is not None:
-        begin = _better_start(prepared.experiment, begin, options.warm_start)
-    estimate = refine(prepared, begin, also=searched.other, options=options, run=run)
-    prepared, estimate = _alike(prepared, estimate, options=options, run=run)
-    return _result(
-        prepared, replace(estimate, searched=searched.history), checked, window, law, options=options, run=run
+    searching = FitOptions(
+        blocks=prepared.drawn,
+        generations=options.generations,
+        population=options.population,
+        earlier=options.warm_start and _values_of(coordinates, options.warm_start),
+        most_profiles=options.most_profiles,
     )
+    estimate = fit(
+        prepared.experiment,
+        fixed_starts(coordinates),
+        method=options.search,
+        options=searching,
+        refused=prepared.excitation.refused,
+        groups=prepared.groups,
+        most_steps=options.gauss_newton_steps,
+        run=run,
+    )
+    prepared, estimate = _alike(prepared, estimate, options=options)
+    return _result(prepared, estimate, checked, window, law, options=options)
 
 
 def identify_by_law(
@@ -282,10 +290,16 @@ def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, b
 class Prepared:
     """Windows to fit and to validate on."""
 
-    experiment: Balancing  #: all windows to fit
-    searched: Balancing  #: some of them, for the search
+    experiment: Balancing  #: windows to fit
+    drawn: NDArray[np.int64]  #: the number of those that the search looks at
     held_out: Windows
     excitation: Excitation
+
+    @property
+    def groups(self) -> NDArray[np.int64]:
+        """The number (w,) of each window's group, from the slowest third of the wheels' speeds to the fastest."""
+        speeds = np.abs(wheel_speeds(self.experiment)).mean(axis=(1, 2))
+        return np.argsort(np.argsort(speeds, kind="stable"), kind="stable") * _SPEED_GROUPS // len(speeds)
 
 
 def prepare(
@@ -330,28 +344,18 @@ def prepare(
     )
     return Prepared(
         experiment=experiment,
-        searched=experiment.part(drawn),
+        drawn=drawn,
         held_out=windows.take(held_rows),
         excitation=excitation,
     )
-
-
-def search(prepared: Prepared, *, options: IdentificationOptions, run: Run) -> SearchResult:
-    """Find the basin in the parameters that are free, the others where they are held."""
-    if options.search == "genetic":
-        return genetic(
-            prepared.searched, generations=options.generations, population=options.population, run=run
-        )
-    starts = _fixed_starts(prepared.searched.coordinates)
-    return multistart(prepared.searched, starts, most_steps=options.gauss_newton_steps, run=run)
 
 
 #: the fixed starts of friction, scaled: every amount's, and v_s and delta
 _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
 
 
-def _fixed_starts(coordinates: Coordinates) -> list[NDArray[np.float64]]:
-    """Return the scaled points (p,) that the search begins from: quantities besides friction as they were."""
+def fixed_starts(coordinates: Coordinates) -> NDArray[np.float64]:
+    """Return the scaled points (s, p) that the search begins from: quantities besides friction as they were."""
     names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
     points = []
     for amount, shape in product(_AMOUNTS, _SHAPES):
@@ -365,48 +369,22 @@ def _fixed_starts(coordinates: Coordinates) -> list[NDArray[np.float64]]:
             point[(names == name) & coordinates.free] = value
         if not any(np.array_equal(point, one) for one in points):
             points.append(point)
-    return points
+    return np.array(points)
 
 
-def _better_start(
-    experiment: Balancing, searched: NDArray[np.float64], start: Identification
-) -> NDArray[np.float64]:
-    """Return the parameters that predict better: the search's (p,), or an earlier identification's.
-
-    Parameters that the earlier one lacks keep their nominal values.
-    """
-    coordinates = experiment.coordinates
+def _values_of(coordinates: Coordinates, earlier: Identification) -> NDArray[np.float64]:
+    """Return an earlier identification's parameters, scaled (p,); those that it lacks keep their nominal values."""
     values = coordinates.nominal.copy()
     for name in coordinates.layout.names:
         mine = coordinates.layout.part(name, values)
-        theirs = start.layout.part(name, start.values)
+        theirs = earlier.layout.part(name, earlier.values)
         if mine is not None and theirs is not None:
             mine[...] = theirs
-    points = np.stack([searched, coordinates.scaled(values)])
-    return points[experiment.costs(points).argmin()]
-
-
-def refine(
-    prepared: Prepared,
-    start: NDArray[np.float64],
-    *,
-    also: NDArray[np.float64] | None = None,
-    options: IdentificationOptions,
-    run: Run,
-) -> Fit[WindowsIterate]:
-    """Fit all windows from a scaled start (p,), and from a second one."""
-    return fit(
-        prepared.experiment,
-        start,
-        also=also,
-        refused=prepared.excitation.refused,
-        most_steps=options.gauss_newton_steps,
-        run=run,
-    )
+    return coordinates.scaled(values)
 
 
 def _alike(
-    prepared: Prepared, estimate: Fit[WindowsIterate], *, options: IdentificationOptions, run: Run
+    prepared: Prepared, estimate: Fit[WindowsIterate], *, options: IdentificationOptions
 ) -> tuple[Prepared, Fit[WindowsIterate]]:
     """Return the estimate, fitted again with one number for all wheels where the logs cannot separate them."""
     experiment = prepared.experiment
@@ -429,8 +407,16 @@ def _alike(
         experiment=replace(experiment, coordinates=coordinates),
         excitation=replace(prepared.excitation, refused=refused),
     )
-    start = coordinates.scaled(wheels_mean(coordinates, estimate.values, names))
-    return prepared, replace(refine(prepared, start, options=options, run=run), other=estimate.other)
+    again = fit(
+        prepared.experiment,
+        coordinates.scaled(wheels_mean(coordinates, estimate.values, names)),
+        refused=refused,
+        groups=estimate.groups,
+        options=FitOptions(most_profiles=options.most_profiles),
+        most_steps=options.gauss_newton_steps,
+        run=estimate.run,
+    )
+    return prepared, replace(again, other=estimate.other, searched=estimate.searched)
 
 
 def _uncertainty(
@@ -439,33 +425,21 @@ def _uncertainty(
     scale_errors: NDArray[np.float64],
     *,
     options: IdentificationOptions,
-    run: Run,
 ) -> tuple[NDArray[np.float64], Uncertainty, Variation, list[Finding]]:
     """Return values (p,) with what windows, other logs, the torques' scale, other wheels and a sweep say of them."""
     coordinates = experiment.coordinates
-    apart = discrepancy(
-        estimate.finished.equations, speed_groups(experiment), estimate.estimated, seed=run.seed
-    )
-    within = assess(estimate, most_profiles=options.most_profiles, widen=apart.factor, run=run)
-    by_log = log_estimates(within, estimate.finished.equations, experiment.block_log, widen=apart.factor)
-    uncertainty, varied = widened(coordinates, within, by_log, priors=shipped_priors())
+    uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
     uncertainty = with_torque_scale(coordinates, uncertainty, scale_errors)
     uncertainty = uncertainty_of_each(coordinates, uncertainty)
     values, findings = estimate.values, ()
     if options.sweep is not None:  # which does not vary from log to log
         values, uncertainty, findings = with_sweep(coordinates, values, uncertainty, options.sweep)
-    said = [*findings, *discrepancy_finding(apart), *variation_findings(varied)]
+    said = [*findings, *discrepancy_finding(estimate.discrepancy), *variation_findings(varied)]
     return values, uncertainty, variation_of_each(coordinates, varied), said
 
 
 #: groups of windows by speed, of equal size
 _SPEED_GROUPS = 3
-
-
-def speed_groups(experiment: Balancing) -> NDArray[np.int64]:
-    """Return the number (w,) of each window's group, from the slowest third of the wheels' speeds to the fastest."""
-    speeds = np.abs(wheel_speeds(experiment)).mean(axis=(1, 2))
-    return np.argsort(np.argsort(speeds, kind="stable"), kind="stable") * _SPEED_GROUPS // len(speeds)
 
 
 def wheel_speeds(experiment: Balancing) -> NDArray[np.float64]:
@@ -483,14 +457,11 @@ def _result(
     law: str,
     *,
     options: IdentificationOptions,
-    run: Run,
 ) -> Identification:
     experiment, fitted = prepared.experiment, list(logs.logs.values())
     predictor, coordinates = experiment.predictor, experiment.coordinates
     layout, scale_errors = predictor.layout, torque_scale_errors(fitted, predictor.robot)
-    values, uncertainty, varied, said = _uncertainty(
-        experiment, estimate, scale_errors, options=options, run=run
-    )
+    values, uncertainty, varied, said = _uncertainty(experiment, estimate, scale_errors, options=options)
     bounds, errors = np.stack([coordinates.lower, coordinates.upper], axis=1), uncertainty.standard_errors
     covariance = uncertainty.correlation * np.outer(errors, errors)
     robot = found_robot(

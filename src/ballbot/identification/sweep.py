@@ -113,76 +113,40 @@ def combine(
     `covariance` (p, p) is of the logs' `values` (p,); NaN for parameters without standard error, which the sweep does
     not move.
     """
-    known = np.isfinite(covariance.diagonal())
-    C = np.where(np.outer(known, known), covariance, 0.0)
-    asked = _measurements(layout, values, known, sweep)
-    of_logs = asked.H @ C @ asked.H.T
-    apart = np.abs(asked.r) / np.sqrt((of_logs + asked.covariance).diagonal())
-    agrees = apart <= CONTRADICTS
+    known, n = np.isfinite(covariance.diagonal()), layout.wheel_count
+    C, places = np.where(np.outer(known, known), covariance, 0.0), np.arange(len(values))
+    at = np.concatenate([places[layout.columns(name)] for name in _QUANTITIES])
+    # b of all wheels, then c: the sweep's numbers, the torque that acts for each N m of its log, and their covariance
+    numbers, scale, H = sweep.values.T.ravel(), np.ones(2 * n), np.zeros((2 * n, len(values)))
+    H[np.arange(2 * n), at] = 1.0
+    if (gains := layout.columns("torque_gain")) is not None:
+        gain_of = np.tile(places[gains], 2)
+        scale = values[gain_of]
+        H[np.arange(2 * n), gain_of] = np.where(known[gain_of], -numbers, 0.0)
+    S = np.zeros((2 * n, 2 * n))
+    for i, own in enumerate(sweep.covariances):
+        S[np.ix_([i, n + i], [i, n + i])] = own
+    used = np.flatnonzero(known[at] & np.isfinite(S.diagonal()))
+    labels, theirs = [layout.labels[place] for place in at[used]], (scale * numbers)[used]
+    H, S, r = H[used], (S * np.outer(scale, scale))[np.ix_(used, used)], values[at[used]] - theirs
+    of_logs = H @ C @ H.T
+    stages = zip(("the sweep", "the balancing logs"), (theirs, theirs + r), (S, of_logs), strict=True)
     findings = agreement_findings(
-        StageEstimate(
-            source="the sweep", labels=asked.labels, values=asked.theirs, covariance=asked.covariance
-        ),
-        StageEstimate(
-            source="the balancing logs",
-            labels=asked.labels,
-            values=asked.theirs + asked.r,
-            covariance=of_logs,
-        ),
+        *(StageEstimate(source=one, labels=tuple(labels), values=x, covariance=P) for one, x, P in stages)
     )
-    for label, theirs, r, z in zip(asked.labels, asked.theirs, asked.r, apart, strict=True):
-        if z > CONTRADICTS:
-            text = (
-                f"{label} of the sweep, {theirs:.3g}, and of the balancing logs, {theirs + r:.3g}, differ by {z:.1f} "
-                "of their standard errors, so the value of the sweep is not used. A wheel under the robot's weight may "
-                "have other friction."
-            )
-            findings.append(warning("sweep", text))
+    apart = np.abs(r) / np.sqrt((of_logs + S).diagonal())
+    agrees = apart <= CONTRADICTS
+    for row in np.flatnonzero(~agrees):
+        text = (
+            f"{labels[row]} of the sweep, {theirs[row]:.3g}, and of the balancing logs, {theirs[row] + r[row]:.3g}, "
+            f"differ by {apart[row]:.1f} of their standard errors, so the value of the sweep is not used. A wheel "
+            "under the robot's weight may have other friction."
+        )
+        findings.append(warning("sweep", text))
     if not agrees.any():
         findings.append(warning("sweep", "Nothing of the sweep could be combined with these logs."))
         return values, covariance, tuple(findings)
-    H, S, r = asked.H[agrees], asked.covariance[np.ix_(agrees, agrees)], asked.r[agrees]
+    H, S, r = H[agrees], S[np.ix_(agrees, agrees)], r[agrees]
     K = np.linalg.solve(H @ C @ H.T + S, H @ C).T
     together = np.where(np.outer(known, known), C - K @ H @ C, np.nan)
     return values - K @ r, together, tuple(findings)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Measurements:
-    """The sweep's measurements of k combinations of parameters."""
-
-    labels: tuple[str, ...]
-    theirs: NDArray[np.float64]  #: (k,), g times the sweep's number
-    r: NDArray[np.float64]  #: (k,), the logs' number less theirs
-    H: NDArray[np.float64]  #: (k, p), its derivatives
-    covariance: NDArray[np.float64]  #: (k, k)
-
-
-def _measurements(
-    layout: Layout, values: NDArray[np.float64], known: NDArray[np.bool_], sweep: SweepFriction
-) -> _Measurements:
-    """Return the measurements of parameters that the logs determine and the sweep has an error of."""
-    places = np.arange(len(values), dtype=np.float64)
-    friction = np.array([layout.part(name, places) for name in _QUANTITIES], dtype=np.int64)
-    gain = layout.part("torque_gain", places)
-    gains = None if gain is None else gain.astype(np.int64)
-    wheels, which = np.nonzero(np.isfinite(np.diagonal(sweep.covariances, axis1=1, axis2=2)))
-    at = friction[which, wheels]
-    kept = known[at]
-    wheels, which, at = wheels[kept], which[kept], at[kept]
-    scale = np.ones(len(at)) if gains is None else values[gains[wheels]]
-    numbers = sweep.values[wheels, which]
-    H = np.zeros((len(at), len(values)))
-    H[np.arange(len(at)), at] = 1.0
-    if gains is not None:
-        free = known[gains[wheels]]
-        H[np.flatnonzero(free), gains[wheels][free]] = -numbers[free]
-    same = wheels[:, None] == wheels
-    own = sweep.covariances[wheels[:, None], which[:, None], which]
-    return _Measurements(
-        labels=tuple(layout.labels[place] for place in at),
-        theirs=scale * numbers,
-        r=values[at] - scale * numbers,
-        H=H,
-        covariance=np.where(same, own * np.outer(scale, scale), 0.0),
-    )

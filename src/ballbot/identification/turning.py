@@ -25,8 +25,8 @@ from scipy import fft
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.fitting.experiment import BlockErrors, Residuals
-from ballbot.fitting.fit import Fit, at_bound, fit
+from ballbot.fitting.experiment import Residuals
+from ballbot.fitting.fit import at_bound, fit
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.parameter import Parameter
 from ballbot.log import Log
@@ -321,17 +321,68 @@ def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tupl
     return best, next(rivals, None)
 
 
-def _parameter(name: str, unit: str, most: float) -> Parameter:
-    return Parameter(name=name, symbol=name, unit=unit, scale="signed", bounds=(-most, most), default=0.0)
-
-
 #: changes of the clock from where the fit starts, of the rotation, and the gyro's bias
 _PARAMETERS = (
-    _parameter("offset in the middle", "s", 2.0),
-    _parameter("rate", "s/s", _LARGEST_RATE),
-    *(_parameter(f"rotation about {axis}", "rad", 3.0) for axis in "xyz"),
-    *(_parameter(f"bias about {axis}", "rad/s", 2.0) for axis in "xyz"),
+    Parameter.about("offset in the middle", 0.0, "s", within=2.0),
+    Parameter.about("rate", 0.0, "s/s", within=_LARGEST_RATE),
+    *(Parameter.about(f"rotation about {axis}", 0.0, "rad", within=3.0) for axis in "xyz"),
+    *(Parameter.about(f"bias about {axis}", 0.0, "rad/s", within=2.0) for axis in "xyz"),
 )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pairs:
+    """Increments (n,) by both, and where the fit of the parameters x (8,) of `_PARAMETERS` starts."""
+
+    log: Turning
+    start: NDArray[np.float64]  #: (n,) of each, cameras' clock [s]
+    end: NDArray[np.float64]
+    turned: NDArray[np.float64]  #: (n, 3) by the cameras [rad]
+    clock: Clock
+    middle: float  #: of the log's times [s]
+    body_marker: Rotation
+
+    def clock_of(self, x: NDArray[np.float64]) -> Clock:
+        rate = self.clock.rate + x[1]
+        offset = self.clock.to_cameras(np.array(self.middle)) + x[0] - (1.0 + rate) * self.middle
+        return Clock(offset=float(offset), rate=float(rate))
+
+    def _at(
+        self, x: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return start and end (n,) by the log's clock, and the cameras' turning (n, 3) in its frame."""
+        clock = self.clock_of(x)
+        rotated = (Rotation.from_rotvec(x[2:5]) * self.body_marker).apply(self.turned)
+        return clock.to_log(self.start), clock.to_log(self.end), rotated
+
+    def errors(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return e (n, 3) of the module's text."""
+        s0, s1, rotated = self._at(x)
+        return rotated - self.log.over(s0, s1) + np.outer(s1 - s0, x[5:])
+
+    def slopes(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return its derivatives (n, 3, 8)."""
+        s0, s1, v = self._at(x)
+        w0, w1 = (self.log.over(s - _SLOPE, s + _SLOPE) / (2.0 * _SLOPE) - x[5:] for s in (s0, s1))
+        J = np.zeros((len(s0), 3, 8))
+        J[:, :, 0] = w1 - w0
+        J[:, :, 1] = w1 * (s1 - self.middle)[:, None] - w0 * (s0 - self.middle)[:, None]
+        # d (exp(d) v) = d x v
+        J[:, [0, 1, 2], [3, 4, 2]], J[:, [0, 1, 2], [4, 2, 3]] = v[:, [2, 0, 1]], -v[:, [1, 2, 0]]
+        J[:, [0, 1, 2], [5, 6, 7]] = (s1 - s0)[:, None]
+        return J
+
+    def experiment(self, weights: NDArray[np.float64]) -> Residuals:
+        """Return the experiment with these weights (n,) of squares."""
+        blocks, _ = _blocks(self.start)
+        root = np.sqrt(weights)[:, None]
+        return Residuals(
+            parameters=_PARAMETERS,
+            residuals_of=lambda x: self.errors(x) * root,
+            derivatives_of=lambda x: (self.slopes(x) * root[:, None]).reshape(-1, 8),
+            block=np.repeat(blocks, 3),
+            block_log=np.zeros(int(blocks[-1]) + 1, dtype=np.int64),
+        )
 
 
 def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
@@ -340,62 +391,37 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     if shared is None:
         return None
     start, end, turned = shared
-    middle = float(np.mean(clock.to_log(start)))
     logged = log.over(clock.to_log(start), clock.to_log(end))
-    # a constant rate, the gyro's bias, is no motion
-    body_marker = Rotation.align_vectors(_centred(logged), _centred(turned))[0]
-
-    def clock_of(x: NDArray[np.float64]) -> Clock:
-        rate = clock.rate + x[1]
-        offset = clock.to_cameras(np.array(middle)) + x[0] - (1.0 + rate) * middle
-        return Clock(offset=float(offset), rate=float(rate))
-
-    def errors(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        s0, s1 = clock_of(x).to_log(start), clock_of(x).to_log(end)
-        rotated = (Rotation.from_rotvec(x[2:5]) * body_marker).apply(turned)
-        return rotated - log.over(s0, s1) + np.outer(s1 - s0, x[5:])
-
-    def slopes(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        s0, s1 = clock_of(x).to_log(start), clock_of(x).to_log(end)
-        w0, w1 = (log.over(s - _SLOPE, s + _SLOPE) / (2.0 * _SLOPE) - x[5:] for s in (s0, s1))
-        v = (Rotation.from_rotvec(x[2:5]) * body_marker).apply(turned)
-        J = np.zeros((len(start), 3, 8))
-        J[:, :, 0] = w1 - w0
-        J[:, :, 1] = w1 * (s1 - middle)[:, None] - w0 * (s0 - middle)[:, None]
-        # d (exp(d) v) = d x v
-        J[:, [0, 1, 2], [3, 4, 2]], J[:, [0, 1, 2], [4, 2, 3]] = v[:, [2, 0, 1]], -v[:, [1, 2, 0]]
-        J[:, [0, 1, 2], [5, 6, 7]] = (s1 - s0)[:, None]
-        return J
-
-    blocks, quantile = _blocks(start)
-
-    def fitted(x: NDArray[np.float64], root: NDArray[np.float64]) -> Fit[BlockErrors]:
-        experiment = Residuals(
-            parameters=_PARAMETERS,
-            residuals_of=lambda x: errors(x) * root[:, None],
-            derivatives_of=lambda x: (slopes(x) * root[:, None, None]).reshape(-1, 8),
-            block=np.repeat(blocks, 3),
-            block_log=np.zeros(int(blocks[-1]) + 1, dtype=np.int64),
-        )
-        return fit(experiment, experiment.coordinates.scaled(x))
-
-    found = fitted(np.zeros(8), np.ones(len(start)))
+    pairs = _Pairs(
+        log=log,
+        start=start,
+        end=end,
+        turned=turned,
+        clock=clock,
+        middle=float(np.mean(clock.to_log(start))),
+        # a constant rate, the gyro's bias, is no motion
+        body_marker=Rotation.align_vectors(_centred(logged), _centred(turned))[0],
+    )
+    x, weights = np.zeros(8), np.ones(len(start))
+    space = pairs.experiment(weights).coordinates
     for _ in range(_REWEIGHTED):
-        found = fitted(found.values, _huber_roots(errors(found.values)))
+        x = fit(pairs.experiment(weights), space.scaled(x)).values
+        weights = _huber_weights(pairs.errors(x))
+    found = fit(pairs.experiment(weights), space.scaled(x))
     if at_bound(found.finished.point)[1]:  # clocks that differ so much are not of one run
         return None
-    x = found.values
-    covariance, standard_errors = found.covariance, found.errors
-    to_zero = np.array([1.0, -middle])  # from the offset at the middle and the rate to that at the log's zero
-    body_marker = Rotation.from_rotvec(x[2:5]) * body_marker
-    residuals = errors(x)
+    x, residuals, (_, quantile) = found.values, pairs.errors(found.values), _blocks(start)
+    to_zero = np.array(
+        [1.0, -pairs.middle]
+    )  # from the offset at the middle and the rate to that at the log's zero
+    body_marker = Rotation.from_rotvec(x[2:5]) * pairs.body_marker
     return MotionFit(
-        clock=clock_of(x),
+        clock=pairs.clock_of(x),
         body_marker=body_marker,
         bias=x[5:],
-        offset_half_width=float(quantile * np.sqrt(to_zero @ covariance[:2, :2] @ to_zero)),
-        rate_half_width=float(quantile * standard_errors[1]),
-        rotation_errors=standard_errors[2:5],
+        offset_half_width=float(quantile * np.sqrt(to_zero @ found.covariance[:2, :2] @ to_zero)),
+        rate_half_width=float(quantile * found.errors[1]),
+        rotation_errors=found.errors[2:5],
         quantile=quantile,
         error=float(np.sqrt(np.mean(residuals**2))),
         motion=float(np.sqrt(np.mean(_centred(turned) ** 2))),
@@ -404,11 +430,11 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     )
 
 
-def _huber_roots(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the roots of the weights (n,) of residuals (n, 3)."""
+def _huber_weights(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weights (n,) of residuals (n, 3)."""
     size = np.linalg.norm(residuals, axis=1)
     scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
-    return np.sqrt(np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300)))
+    return np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
 
 
 def _increments(

@@ -4,8 +4,7 @@ The errors of `ballbot.fitting.uncertainty` hold under the conditions of the log
 leads elsewhere: another way over the floor, other places of the rollers, another drift of the sensors act on what the
 model lacks. `ballbot.fitting.between_logs` has the statistics. This module gives it
 
-- the estimate from each log by itself: one Gauss-Newton step from the estimate from all logs, by that log's windows,
-  with the covariance that the scores of all logs' windows give it;
+- the estimate from each log by itself (`log_estimates` there);
 - sizes and prior of the variation, fitted to simulated robots with all faults of the twin, each with two logs
   (`between_logs.toml`, written by `python -m campaigns.between_logs prior`). With one log nothing else is known of
   the variation, and a finding says so; with every further log it counts less.
@@ -31,9 +30,9 @@ from numpy.typing import NDArray
 
 from ballbot.files import read_toml
 from ballbot.findings import Finding, warning
-from ballbot.fitting.between_logs import LogSpread, spread
+from ballbot.fitting.between_logs import LogEstimates, spread
 from ballbot.fitting.intervals import Interval, Uncertainty
-from ballbot.fitting.uncertainty import Discrepancy, WindowEquations, leverage_corrected
+from ballbot.fitting.uncertainty import Discrepancy
 from ballbot.identification.quantities import Coordinates
 
 PRIOR_FILE = Path(__file__).parent / "between_logs.toml"
@@ -63,14 +62,6 @@ def shipped_priors() -> Priors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LogEstimates:
-    """The estimates of each of k logs, scaled, and their covariances within that log."""
-
-    points: NDArray[np.float64]  #: (k, p)
-    covariances: NDArray[np.float64]  #: (k, p, p); NaN for parameters without a standard error
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Variation:
     """How parameters vary between logs of one robot."""
 
@@ -92,59 +83,6 @@ class Variation:
             "standard_deviations": {label: one for label, one in known if np.isfinite(one)},
             "next_log_intervals_95": self.predictions,
         }
-
-
-def log_estimates(
-    within: Uncertainty, equations: WindowEquations, block_log: NDArray[np.int64], *, widen: float
-) -> LogEstimates:
-    """Return what each log by itself leads to, to first order about the estimate from all of them.
-
-    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log.
-
-    Parameters
-    ----------
-    within : Uncertainty
-        Of the estimate from all logs.
-    equations : WindowEquations
-        There.
-    block_log : ndarray (w,)
-        The log of each window.
-    widen : float
-        What errors within a log are multiplied by, as those of `within` are.
-    """
-    estimated = np.isfinite(within.scaled_errors)
-    logs, places = np.unique(block_log), np.flatnonzero(estimated)
-    points = np.tile(within.point, (len(logs), 1))
-    covariances = np.tile(within.covariance, (len(logs), 1, 1))
-    if len(logs) > 1 and len(places):
-        common, _ = _step(equations, places)
-        own, inverses = equations.scores.copy(), []
-        for k, log in enumerate(logs):
-            rows = block_log == log
-            mine = WindowEquations(matrices=equations.matrices[rows], scores=equations.scores[rows])
-            step, inverse = _step(mine, places)
-            points[k, places] += step - common
-            # about the log's own estimate, or what it differs from the others by would count as noise within it
-            own[rows] += np.einsum("wij,j->wi", mine.matrices[:, :, places], step, optimize=False)
-            inverses.append(inverse)
-        scores = leverage_corrected(equations.matrices, own, estimated).scores[:, places]
-        of_window = widen**2 * np.einsum("wi,wj->ij", scores, scores, optimize=False) / (len(scores) - 1)
-        for k, (log, inverse) in enumerate(zip(logs, inverses, strict=True)):
-            covariances[k][np.ix_(places, places)] = (
-                inverse @ ((block_log == log).sum() * of_window) @ inverse
-            )
-    return LogEstimates(points=points, covariances=covariances)
-
-
-def _step(
-    equations: WindowEquations, places: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the Gauss-Newton step of the parameters at `places`, and the inverse of its matrix."""
-    H = equations.matrices[:, places[:, None], places].sum(axis=0)
-    scale = 1.0 / np.sqrt(np.maximum(H.diagonal(), np.finfo(float).tiny))
-    # a log may lack every window that determines a parameter: a small ridge keeps its equations soluble
-    inverse = np.linalg.inv(H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))) * np.outer(scale, scale)
-    return -inverse @ equations.scores[:, places].sum(axis=0), inverse
 
 
 def units_of(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -182,7 +120,7 @@ def widened(
     sizes = np.nan_to_num(shares * scaled_units(coordinates, values))
     places = np.flatnonzero(np.isfinite(by_log.covariances[0].diagonal()))
     logs = len(by_log.points)
-    found: LogSpread = spread(
+    found = spread(
         by_log.points[:, places],
         by_log.covariances[:, places[:, None], places],
         sizes[places],

@@ -11,16 +11,16 @@ varies within a tenth of a second; over much longer ones a single moment of stic
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.experiment import BlockErrors, ByDifferences
-from ballbot.fitting.fit import descend, fit
+from ballbot.fitting.fit import Fit, fit, held_out_squares
 from ballbot.fitting.model_selection import Gain, neighbours
 from ballbot.fitting.uncertainty import block_length, correlation
 from ballbot.identification.axis.model import LAWS, Axis, AxisModel, Values
@@ -34,7 +34,6 @@ _LEAST_WINDOWS = 9
 #: blocks of time are held out and drawn together; there are about as many
 _BLOCKS = 12
 _FOLDS = 3
-_HELD_OUT_STEPS = 8
 #: positions are compared this often [s]
 _COMPARED_EVERY = 0.01
 #: standard deviation of the start's speed, as a share of the usual one
@@ -82,10 +81,6 @@ class AxisExperiment(ByDifferences):
         """Return the experiment of some of the windows."""
         rows = np.column_stack([self.block_log, self.firsts, self.counts])[blocks]
         return _of_windows(self.model, self.motions, rows, self.starts[blocks])
-
-    def values(self, point: NDArray[np.float64]) -> dict[str, float]:
-        """Return parameters by name from scaled ones (p,)."""
-        return dict(zip(self.model.names, self.coordinates.physical(point).tolist(), strict=True))
 
     def scaled(self, values: Values) -> NDArray[np.float64]:
         """Return scaled parameters (p,) from those by name, brought within their bounds."""
@@ -160,10 +155,8 @@ class AxisEstimate:
     """A model's parameters, fitted to windows."""
 
     experiment: AxisExperiment
-    end: BlockErrors
-    values: dict[str, float]  #: by name, SI units
+    found: Fit[BlockErrors]
     standard_errors: dict[str, float]  #: by name, clustered by window; NaN for a parameter at a bound
-    correlation: NDArray[np.float64]  #: (p, p) of the parameters' errors
     errors: tuple[AxisErrors, ...] = ()  #: on the records fitted, then on the others
     gain: Gain | None = None  #: on held-out blocks over the simpler law
 
@@ -178,16 +171,33 @@ class AxisEstimate:
         return self.model.law
 
     @property
+    def end(self) -> BlockErrors:
+        """Where the fit ended."""
+        return self.found.finished.end
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """The parameters by name, SI units."""
+        return dict(zip(self.model.names, self.found.values.tolist(), strict=True))
+
+    @property
+    def correlation(self) -> NDArray[np.float64]:
+        """Of the parameters' errors (p, p)."""
+        return correlation(self.found.scaled_covariance)
+
+    @property
     def rms(self) -> float:
         """Root mean square error of the positions [m]."""
         return float(np.sqrt(np.mean(self.end.errors**2)))
 
+    def held_out(self) -> NDArray[np.float64]:
+        """Return the mean square errors [m^2] of windows (w,), by fits without the third of the blocks with them."""
+        return held_out_squares(self.experiment, self.end, blocks_of(len(self.end.states)), folds=_FOLDS)
+
     @property
     def half_widths(self) -> dict[str, float]:
         """Half widths of the 95 % intervals, by name."""
-        freedom = max(1, len(self.experiment.firsts) - len(self.values))
-        quantile = float(scipy.stats.t.ppf(0.975, freedom))
-        return {name: quantile * error for name, error in self.standard_errors.items()}
+        return {name: self.found.quantile * error for name, error in self.standard_errors.items()}
 
     def axis(self) -> Axis:
         """Return the axis."""
@@ -239,33 +249,11 @@ def fit_axis(experiment: AxisExperiment, start: Values) -> AxisEstimate:
             "The simulation of the axis diverges over windows of the record; check the unit of the force."
         )
     found = fit(experiment, point)
-    return AxisEstimate(
-        experiment=experiment,
-        end=found.finished.end,
-        values=experiment.values(found.finished.point),
-        standard_errors=dict(zip(experiment.model.names, found.errors.tolist(), strict=True)),
-        correlation=correlation(found.covariance),
-    )
+    errors = dict(zip(experiment.model.names, found.errors.tolist(), strict=True))
+    return AxisEstimate(experiment=experiment, found=found, standard_errors=errors)
 
 
 def blocks_of(windows: int) -> list[NDArray[np.int64]]:
     """Return the windows of each block of time: neighbours, which are held out and drawn together."""
     size = max(1, min(block_length(windows), windows // _BLOCKS))
     return neighbours(range(windows), block=size)
-
-
-def held_out_squares(estimate: AxisEstimate) -> NDArray[np.float64]:
-    """Fit again without each third of the blocks of time; return the mean square errors [m^2] there (w,)."""
-    experiment, count = estimate.experiment, len(estimate.experiment.firsts)
-    squares, blocks = np.empty(count), blocks_of(count)
-    for fold in range(_FOLDS):
-        out = np.concatenate(blocks[fold::_FOLDS])
-        kept = np.setdiff1d(np.arange(count), out)
-        part, rest = (
-            (experiment.part(rows), replace(estimate.end, states=estimate.end.states[rows]))
-            for rows in (kept, out)
-        )
-        begin, free = part[0].begin(estimate.end.point, part[1]), experiment.coordinates.free
-        again = descend(part[0], begin, free=free, most_steps=_HELD_OUT_STEPS, most_renewals=0)
-        squares[out] = rest[0].mean_squares(rest[0].begin(again.point, rest[1]))
-    return squares

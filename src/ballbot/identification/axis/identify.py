@@ -32,7 +32,6 @@ from ballbot.identification.axis.experiment import (
     AxisExperiment,
     blocks_of,
     fit_axis,
-    held_out_squares,
     window_duration,
 )
 from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, AxisModel, unit_for
@@ -180,7 +179,7 @@ def identify_axis(
         run.progress(Progress(stage=f"law {name}", done=number, total=len(wanted)))
         fits[name] = first if name == "coulomb" else _fit_law(name, first, seen)
     run.progress(Progress(stage="held-out blocks"))
-    squares, duration = {name: held_out_squares(fit) for name, fit in fits.items()}, window_duration(records)
+    squares, duration = {name: fit.held_out() for name, fit in fits.items()}, window_duration(records)
     for name, fit in fits.items():
         simpler = LAWS[name][1]
         gain = _gain(squares[name], squares[simpler]) if simpler in fits else None
@@ -258,7 +257,7 @@ def _with_forces(
 
 def _if_useful(name: str, fit: AxisEstimate, without: AxisEstimate, gains: dict[str, Gain]) -> AxisEstimate:
     """Return the fit with a force if held-out blocks support it, and note its gain; else the one without."""
-    gain = _gain(held_out_squares(fit), held_out_squares(without))
+    gain = _gain(fit.held_out(), without.held_out())
     if not (_useful(gain) and any(_is_clear(fit, one) for one in FORCES[name])):
         return without
     gains[name] = gain
