@@ -11,7 +11,7 @@ import pytest
 from ballbot import InputError, Robot
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
-from ballbot.control.presets import design_gain, nominal_controller, precise_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import UnsuitedController
 from ballbot.robot.components import scaled_friction
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
@@ -19,13 +19,14 @@ from tests.support.control_examples import FRICTION, alten, everything, four_whe
 
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
 def test_what_is_written_reads_back_to_the_bit(tmp_path, robot):
+    whole = everything(robot)
     written = Controller(
         robot,
-        design_gain(robot).gain,
+        whole.gain,
         compensation="partial",
         torque_limit=3.3,
         speed_band=0.1,
-        parts=everything(robot).parts,
+        parts=whole.parts,
         estimator="kalman",
     )
     path = tmp_path / "folder" / "controller.toml"
