@@ -169,15 +169,15 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
 
 def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
     """Return a figure for a page, with a link that saves its data; see `drawn`."""
+    return Picture(markup=partial(_with_data, draw, name), caption=caption)
 
-    def markup() -> str:
-        svg, figure = _drawn(draw, name)
-        if not (rows := _data_rows(figure)):
-            return svg
-        table = quote("\n".join(("panel,line,x,y", *rows)), safe=", .-+")
-        return f'{svg}<a class="data" download="{name}.csv" href="data:text/csv,{table}">CSV</a>'
 
-    return Picture(markup=markup, caption=caption)
+def _with_data(draw: Callable[[], Figure], name: str) -> str:
+    svg, figure = _drawn(draw, name)
+    if not (rows := _data_rows(figure)):
+        return svg
+    table = quote("\n".join(("panel,line,x,y", *rows)), safe=", .-+")
+    return f'{svg}<a class="data" download="{name}.csv" href="data:text/csv,{table}">CSV</a>'
 
 
 def one_panel(across: str, up: str, *, height: float = 3.4, width: float = 7.4) -> tuple[Figure, Axes]:
