@@ -73,7 +73,7 @@ def test_files_are_whole_and_the_same_each_time_with_the_load_of_the_processor(
     assert load["worst_share"] == pytest.approx(load["worst_cycles"] / (36e6 * 0.005))
     text = shown_text((tmp_path / "made" / "report.html").read_text(encoding="utf-8"))
     assert f"{load['worst_instructions']:,}" in text
-    assert "share of 5 ms at 36 MHz, worst" in text
+    assert "of the period of 5 ms at 36 MHz" in text
     assert export(given, tmp_path / "made", "--clock", "72") == 2
 
 
