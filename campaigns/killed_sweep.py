@@ -20,7 +20,7 @@ from campaigns.section import Section
 
 KILLS, RUNS = 20, 200
 #: until the first run is made, about [s]: imports, and processes that begin
-START = 5.0
+START = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,7 @@ def campaign() -> Section:
         undisturbed = alone.finish()
         lasted = monotonic() - begun
         # on average as long as the start and a twentieth of the work take
-        longest = 2.0 * (START + lasted / KILLS)
+        longest = START + 2.0 * lasted / KILLS
         moments = random.uniform(0.0, longest, KILLS)
         rows = [_row("processes", Sweep(folder=_made(Path(name) / "processes")), moments, undisturbed)]
         with LocalCluster(
