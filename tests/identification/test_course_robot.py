@@ -29,10 +29,14 @@ def folder(shared_data, tmp_path_factory) -> Path:
     logs, out = shared_data / "rob311", tmp_path_factory.mktemp("rob311")
     for name in (FITTED, PREDICTED, SWEEP):
         words = ["check-log", str(logs / f"{name}.txt"), "--robot", "rob311", "--out", str(out / name)]
-        assert main([*words, "--command", "duty"]) == 0
-        # as the logs of balancing show it: 0.061 and 0.066, standard errors 0.018 and 0.012
+        # without a gyro the second log leaves open whether an axis of the IMU is reversed: as in the first, none is
+        assert main([*words, "--command", "duty"]) == (2 if name == PREDICTED else 0)
         mapping = out / name / "mapping.toml"
-        write_text(mapping, mapping.read_text().replace("# dead_band = 0.0", "dead_band = 0.06"))
+        answered = [
+            line for line in mapping.read_text().splitlines() if not line.startswith("complete = false")
+        ]
+        # as the logs of balancing show it: 0.061 and 0.066, standard errors 0.018 and 0.012
+        write_text(mapping, "\n".join(answered).replace("# dead_band = 0.0", "dead_band = 0.06") + "\n")
     words = ["identify", "rob311", str(logs / f"{FITTED}.txt"), "--holdout", str(logs / f"{PREDICTED}.txt")]
     for name in (FITTED, PREDICTED):
         words += ["--mapping", str(out / name / "mapping.toml")]
