@@ -21,7 +21,7 @@ def stated(metadata: Any) -> str:
         if words:
             return f"{words} [{one.unit}]" if one.unit not in ("", "1") else words
     parts = metadata.get("components") or {}
-    units = {f"[{one['parameter'].unit}]" for one in parts.values()}
+    units = {f"[{one.unit}]" for one in parts.values()}
     return " ".join([str(metadata.get("heading", "")), ", ".join(parts), *units]).strip()
 
 
