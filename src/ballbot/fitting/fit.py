@@ -672,7 +672,7 @@ def _roots(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 #: fits of the other parameters on one side, and steps of each
 _MOST_FITS, _STEPS = 4, 3
 #: a limit is found if the rise is this near to lambda t^2, as a share of it: lambda is not known better
-_NEAR = 0.2
+_AT_LIMIT = 0.2
 
 
 def profile(
@@ -728,7 +728,7 @@ def _limit(root_of: Callable[[float], float], origin: float, *, step: float, ris
                 return None
         else:
             outside = (target, root)
-        if abs(root**2 / rise - 1.0) < _NEAR:
+        if abs(root**2 / rise - 1.0) < _AT_LIMIT:
             return target
         if outside is not None:
             share = (wanted - inside[1]) / (outside[1] - inside[1])
