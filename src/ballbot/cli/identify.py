@@ -30,7 +30,7 @@ from ballbot.robot.file import robot_text
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class FitOptions:
+class IdentifyFitOptions:
     """Quantities to estimate, and the method."""
 
     estimate: str = "friction"
@@ -65,7 +65,7 @@ class FitOptions:
     seed: options.Seed = 0
 
 
-_FIT = FitOptions()
+_FIT = IdentifyFitOptions()
 
 
 def identify(
@@ -74,7 +74,7 @@ def identify(
     *logs: options.Log,
     change: options.Changes = None,
     out: options.Out,
-    fit: FitOptions = _FIT,
+    fit: IdentifyFitOptions = _FIT,
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
     mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
     accept: options.Accept = None,

@@ -108,7 +108,8 @@ def connected(
     InputError if there is no such robot, both or neither of port and --emulated are given, or the link fails.
     """
     if link.emulated == (port is not None):
-        raise InputError("Give the robot's port, such as /dev/ttyACM0, or --emulated.")
+        both = f", not both: {port} would be a port" if port else ""
+        raise InputError(f"Give the robot's port, such as /dev/ttyACM0, or --emulated{both}.")
     with ExitStack() as held:
         if port is not None:
             robot = _robot_at(open_transport(port), time.monotonic, held)

@@ -169,6 +169,7 @@ class ByDifferences(ABC):
     #: of finite differences by a block's states (n,), in their standard deviations
     state_steps: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     state_weight: NDArray[np.float64] | float = 0.0  #: of each block (w,)
+    dependences: tuple[Dependence, ...] = ()  #: which parameters act through others
 
     @abstractmethod
     def errors(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -186,11 +187,6 @@ class ByDifferences(ABC):
     @cached_property
     def _coordinates(self) -> ParameterSpace:
         return ParameterSpace(parameters=self.parameters)
-
-    @property
-    def dependences(self) -> Sequence[Dependence]:
-        """None."""
-        return ()
 
     @property
     def residual_count(self) -> int:

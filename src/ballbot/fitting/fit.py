@@ -228,7 +228,7 @@ class FitOptions:
     population: int = 24  #: sets of parameters in each generation
     #: a scaled point (p,), where Gauss-Newton begins if it predicts better than where the search ended
     earlier: NDArray[np.float64] | None = None
-    most_profiles: int = MOST_PROFILES  #: see `FitOptions`
+    most_profiles: int = MOST_PROFILES  #: parameters with doubtful errors that are profiled, at most
 
 
 DEFAULT_OPTIONS = FitOptions()

@@ -195,7 +195,7 @@ def pendulum_motion(
 def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
     """Return the pendulum as an experiment, and the values to start from (6,): the spectrum's frequency, no friction.
 
-    Friction may come out below zero, so that its intervals are about zero where there is none.
+    The estimated friction may be negative: without friction, its interval then contains zero.
     """
     first = swing.values[swing.t - swing.t[0] <= swing.period]
     size, omega = 0.5 * float(np.ptp(first)), 2.0 * np.pi / swing.period

@@ -411,9 +411,8 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     if at_bound(found.finished.point)[1]:  # clocks that differ so much are not of one run
         return None
     x, residuals, (_, quantile) = found.values, pairs.errors(found.values), _blocks(start)
-    to_zero = np.array(
-        [1.0, -pairs.middle]
-    )  # from the offset at the middle and the rate to that at the log's zero
+    # from the offset at the middle and the rate to the offset at the log's zero
+    to_zero = np.array([1.0, -pairs.middle])
     body_marker = Rotation.from_rotvec(x[2:5]) * pairs.body_marker
     return MotionFit(
         clock=pairs.clock_of(x),

@@ -5,7 +5,7 @@ between wheels and ball, since contact forces act on both:
 
     d/dt (J Omega + (j_w + j_r) A^T w) = A^T (u - tau(w))        tau = b w + (c + s exp(-|w/v_s|)) sgn(w)
 
-w is what the encoders measure, or A Omega in a log without them. The experiment (`MomentumBalance`) has b, c and s of
+w is what the encoders measure, or A Omega in a log without them. The experiment (`momentum_balance`) has b, c and s of
 each wheel and v_s; its residuals are this equation's over pieces of 0.05 s, in blocks of a window. While a wheel is
 slow, the sign of its speed is uncertain and its friction no function of it: the directions in which it pushes are then
 left out. So are rows at the limit of speed or torque, where the torque that acts is not the one logged. The thesis's
@@ -253,40 +253,32 @@ def cut_pieces(robot: Robot, logs: Sequence[Log], *, duration: float, without: S
     )
 
 
-class MomentumBalance(Residuals):
-    """The experiment; see the module's text."""
-
-    @staticmethod
-    def of(pieces: Pieces) -> MomentumBalance:
-        """Return the experiment of pieces, in blocks of a window."""
-        # friction is below the torques that turn the ball, and that at its usual speed
-        usual = float(np.sqrt(np.mean(pieces.speeds**2))) if pieces.speeds.size else 1.0
-        torque = (0.0, pieces.torque)
-        bounds = {"viscous": (0.0, pieces.torque / usual), "coulomb": torque, "stribeck": torque}
-        return MomentumBalance(
-            parameters=tuple(
-                Parameter(
-                    name=one.name,
-                    symbol=label,
-                    unit=one.unit,
-                    scale=one.scale,
-                    bounds=bounds.get(one.name, SHAPES),
-                    default=0.0 if one.name in bounds else 1.0,
-                    meaning=one.meaning,
-                )
-                for one in QUANTITIES
-                for label in one.labels(len(pieces.A))
-            ),
-            block=np.repeat(pieces.window, 3),
-            block_log=pieces.log,
-            residuals_of=pieces.residuals,
-            derivatives_of=pieces.derivatives,
-        )
-
-    @property
-    def dependences(self) -> tuple[Dependence, ...]:
-        """v_s shapes how s fades."""
-        return (Dependence(through="stribeck", dependent=("stribeck_speed",)),)
+def momentum_balance(pieces: Pieces) -> Residuals:
+    """Return the experiment of the module's text on pieces, in blocks of a window."""
+    # friction is below the torques that turn the ball, and that at its usual speed
+    usual = float(np.sqrt(np.mean(pieces.speeds**2))) if pieces.speeds.size else 1.0
+    torque = (0.0, pieces.torque)
+    bounds = {"viscous": (0.0, pieces.torque / usual), "coulomb": torque, "stribeck": torque}
+    return Residuals(
+        parameters=tuple(
+            Parameter(
+                name=one.name,
+                symbol=label,
+                unit=one.unit,
+                scale=one.scale,
+                bounds=bounds.get(one.name, SHAPES),
+                default=0.0 if one.name in bounds else 1.0,
+                meaning=one.meaning,
+            )
+            for one in QUANTITIES
+            for label in one.labels(len(pieces.A))
+        ),
+        dependences=(Dependence(through="stribeck", dependent=("stribeck_speed",)),),
+        block=np.repeat(pieces.window, 3),
+        block_log=pieces.log,
+        residuals_of=pieces.residuals,
+        derivatives_of=pieces.derivatives,
+    )
 
 
 @summarized
@@ -408,7 +400,7 @@ def identify_upside_down(
     windows = cut_ball_windows(robot, everything, duration=window)
     fit_rows, held_rows = split(len(windows), held_out=held_out, seed=run.seed)
     kept = windows.take(held_rows)
-    experiment = MomentumBalance.of(cut_pieces(robot, everything, duration=window, without=kept.spans))
+    experiment = momentum_balance(cut_pieces(robot, everything, duration=window, without=kept.spans))
     _check(windows, experiment)
     run.progress(Progress(stage="fit", done=0, total=2))
     own, findings = _estimated(experiment, seed=run.seed)
@@ -439,7 +431,7 @@ def identify_upside_down(
     return replace(result, verdict=verdict)
 
 
-def _estimated(experiment: MomentumBalance, *, seed: int) -> tuple[StageEstimate, list[Finding]]:
+def _estimated(experiment: Residuals, *, seed: int) -> tuple[StageEstimate, list[Finding]]:
     """Return the friction with its covariance, and what the logs do not show, or disagree on."""
     space, findings = experiment.coordinates, list[Finding]()
     # v_s may have several minima
@@ -466,7 +458,7 @@ def _estimated(experiment: MomentumBalance, *, seed: int) -> tuple[StageEstimate
     ), findings
 
 
-def _check(windows: BallWindows, experiment: MomentumBalance) -> None:
+def _check(windows: BallWindows, experiment: Residuals) -> None:
     """Refuse torques of zero, and too few windows in which the ball turns."""
     if not np.any(windows.torques):
         raise InputError("The torques u are zero in every window; friction shows only while motors work.")

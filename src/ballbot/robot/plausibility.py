@@ -1,9 +1,9 @@
 """Whether a robot's numbers go together: sizes, masses, inertias, motors and rates against one another.
 
-`ballbot.robot.checks` refuses impossible robots. `robot_findings` finds improbable ones, each a finding: an
-error where a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is unusual. The
-ranges are wide: the presets, published robots of 0.6 to 52 kg, lie well within them. A single value is held against the
-usual values of its parameter.
+`ballbot.robot.checks` refuses impossible robots. `robot_findings` finds improbable ones, each a finding: an error where
+a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is unusual. The ranges are
+wide: the presets, published robots of 0.6 to 52 kg, lie well within them. A single value is compared with the usual
+values of its parameter.
 
 A slip of units is searched for among the parameters of each error: one parameter that, had it been meant in another
 unit, explains the findings on a robot.

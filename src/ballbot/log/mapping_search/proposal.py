@@ -59,7 +59,7 @@ LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
 #: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
 #: names them again, and not the mapping
 OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
-#: a dead band [of full duty] as firmwares have it, and the part of the torques' size from which it is told
+#: a dead band as firmware has it [of full duty], and the share of the torques from which it is reported
 SMALL_DUTY, NOTABLE_BAND = 0.01, 0.2
 #: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8
 #: rows a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
