@@ -170,6 +170,8 @@ def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
     count = context.get("actual_length")
     entries = "one entry" if count == 1 else f"{count} entries"
     match mistake.error["type"]:
+        case "value_error" if isinstance(context["error"], InputError):
+            return str(context["error"])
         case "missing":
             above = f"[{format_place(mistake.place[:-1])}]" if mistake.place[:-1] else of
             return f"{place} is missing; {above} needs it."

@@ -108,8 +108,12 @@ def file_of_every_part() -> str:
         ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[0\] is -0.014"),
         ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),
         ("robot =", "robot ==", "not valid TOML"),
-        ("frequency = 4.0", "frequency = 0.0", r"shaping.frequency is 0.0; it must be at least 1e-12"),
-        ("depth = 0.2", "depth = 2", r"notch.depth is 2; it must be below 1"),
+        (
+            "frequency = 4.0",
+            "frequency = 0.0",
+            "The reference shaping: frequency is 0 rad/s; it must be at least 1e-12",
+        ),
+        ("depth = 0.2", "depth = 2", "The notch: depth is 2; it must be at most 1"),
         ("[lean_limit]", "[lean_bound]", "lean_bound is not a key of a controller file"),
     ],
 )

@@ -11,18 +11,18 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, FiniteFloat, PositiveFloat
+from pydantic import ConfigDict, Field, PositiveFloat
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.linear import lacking_margin
 from ballbot.control.overcompensation import overcompensation_warning
-from ballbot.control.parts import KINDS, Parts
-from ballbot.control.records import Table, extended_table, table_of, table_text
+from ballbot.control.parts import Parts
+from ballbot.control.parts.part import Part
 from ballbot.errors import InputError, UnsuitedController, every
 from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import format_line, take_format
@@ -30,15 +30,17 @@ from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import BY_NAME, PARAMETERS
-from ballbot.robot.parameters import Value, value_of
+from ballbot.robot.parameters import DIMENSIONLESS, Value, value_of
 from ballbot.schema import toml_line, validate_table
 
-_GainRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=10, max_length=10)]
+_GainRow = Annotated[tuple[float, ...], Field(min_length=10, max_length=10)]
 
 
-class FeedbackTable(Table):
-    """A controller file without its parts."""
+@dataclass(frozen=True, kw_only=True)
+class ControllerTable(Parts):
+    """A controller file: a table for each part, and what every controller has."""
 
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)  # also of the tables in it
     robot: str
     sample_time: PositiveFloat
     compensation: Compensation
@@ -47,13 +49,7 @@ class FeedbackTable(Table):
     estimator: EstimatorName = "onboard"
     gain: Annotated[tuple[_GainRow, ...], Field(min_length=3, max_length=4)]
     friction: Friction  #: as in a robot file, in SI units
-    designed_for: dict[str, FiniteFloat | tuple[FiniteFloat, ...]] | None = None  #: see `design_values`
-
-
-#: a whole controller file: `FeedbackTable` and a table for each part
-ControllerTable = extended_table(
-    "ControllerTable", FeedbackTable, {name: (table_of(kind) | None, None) for name, kind in KINDS.items()}
-)
+    designed_for: dict[str, float | tuple[float, ...]] | None = None  #: see `design_values`
 
 
 def read_controller(path: str | Path, robot: RobotLike) -> Controller:
@@ -146,7 +142,7 @@ def controller_text(controller: Controller) -> str:
     # the words count in the checksum by which a prediction knows its controller, those of comments, too
     friction = controller.robot.friction
     rows = "\n".join(f"  {_row(row)}," for row in controller.gain.tolist())
-    parts = "".join(table_text(name, part, part.comment) for name, part in controller.parts.present())
+    parts = "".join(_part_text(name, part) for name, part in controller.parts.present())
     return f"""\
 # A controller for Ballbot: u = K S(psi) (r - x) + friction compensation, within the torque limit.
 # S(psi) turns the error into the heading frame. Use it with: ballbot simulate ROBOT --controller FILE
@@ -186,6 +182,18 @@ rolling = {friction.rolling!r}
 {_friction_terms_text(friction)}{parts}{_designed_for_text(controller)}"""
 
 
+def _part_text(name: str, part: Part) -> str:
+    """Return the table of a part, each key with its meaning and unit."""
+    lines = [f"\n# {part.comment}", f"[{name}]"]
+    for one in fields(part):
+        stated, value = *one.metadata.values(), getattr(part, one.name)
+        unit = "" if stated.unit == DIMENSIONLESS else f" [{stated.unit}]"
+        rows = "".join(f"\n  {_row(row)}," for row in np.atleast_2d(value))
+        text = f"[{rows}\n]" if np.ndim(value) else repr(float(value))
+        lines += [f"# {stated.meaning}{unit}", f"{one.name} = {text}"]
+    return "\n".join(lines) + "\n"
+
+
 def _friction_terms_text(friction: Friction) -> str:
     """Return the lines of the terms that a friction has beyond those of every file."""
     terms = {
@@ -221,14 +229,11 @@ def _row(values: Sequence[float]) -> str:
     return f"[{', '.join(repr(float(value)) for value in values)}]"
 
 
-def _controller(table: FeedbackTable, robot: Robot) -> Controller:
+def _controller(table: ControllerTable, robot: Robot) -> Controller:
     if len(table.gain) != robot.wheel_count:
         raise InputError(
             f"gain has {len(table.gain)} rows; the robot {robot.name!r} has {robot.wheel_count} wheels."
         )
-    parts = {
-        name: kind(**given.model_dump()) for name, kind in KINDS.items() if (given := getattr(table, name))
-    }
     controller = Controller(
         robot.replace(friction=table.friction),
         table.gain,
@@ -236,7 +241,7 @@ def _controller(table: FeedbackTable, robot: Robot) -> Controller:
         compensation=table.compensation,
         torque_limit=table.torque_limit,
         speed_band=table.speed_band,
-        parts=replace(Parts(), **parts),
+        parts=Parts(**dict(table.present())),  # pyright: ignore[reportArgumentType] (each by its name)
         estimator=table.estimator,
     )
     controller.designed_for = table.designed_for or {}

@@ -28,7 +28,16 @@ from ballbot.control.parts.feed_forward import add_feed_forward, lean_error
 from ballbot.control.parts.integral import add_integral, learn_integral
 from ballbot.control.parts.lean_limit import limit_error
 from ballbot.control.parts.notch import notched
-from ballbot.control.parts.part import LawSettings, Measured, Sample, Smooth, TorqueHistory, clipped
+from ballbot.control.parts.part import (
+    LawSettings,
+    Measured,
+    Sample,
+    Smooth,
+    TorqueHistory,
+    clipped,
+    row_times,
+    turned,
+)
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import shape
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
@@ -101,35 +110,12 @@ def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> N
 
 
 @inlined
-def _feedback(gain, e, i):
-    """Return the torque K e of a wheel."""
-    return (
-        gain[i, 0] * e[0]
-        + gain[i, 1] * e[1]
-        + gain[i, 2] * e[2]
-        + gain[i, 3] * e[3]
-        + gain[i, 4] * e[4]
-        + gain[i, 5] * e[5]
-        + gain[i, 6] * e[6]
-        + gain[i, 7] * e[7]
-        + gain[i, 8] * e[8]
-        + gain[i, 9] * e[9]
-    )
-
-
-@inlined
 def _forbidden(reference):
     """Return the first place at which A r is not 0 (lean or a rate), else `ALLOWED`."""
     for i in (2, 3, 5, 6, 7, 8, 9):
         if reference[i] != 0.0:
             return i
     return ALLOWED
-
-
-@inlined
-def _turned(a, v_x, v_y):
-    """Return a vector of the world in the heading frame."""
-    return a.cos_psi * v_x + a.sin_psi * v_y, a.cos_psi * v_y - a.sin_psi * v_x
 
 
 @inlined
@@ -142,29 +128,29 @@ def _turned_by(memory, angle):
 
 
 @inlined
-def _unshaped(reference, turned):
-    """Return the reference of x, y and psi, each a `Smooth` at rest, its heading turned by an angle."""
+def _unshaped(reference, moved):
+    """Return the reference of x, y and psi, each a `Smooth` at rest, its heading moved by an angle."""
     return (
         Smooth(reference[0], 0.0, 0.0, 0.0, 0.0),
         Smooth(reference[1], 0.0, 0.0, 0.0, 0.0),
-        Smooth(reference[4] + turned, 0.0, 0.0, 0.0, 0.0),
+        Smooth(reference[4] + moved, 0.0, 0.0, 0.0, 0.0),
     )
 
 
 @inlined
-def _heading_error(a, state, turned, wanted):
-    """Return S(psi) (r_s - x), the state's heading turned by an angle."""
+def _heading_error(a, state, moved, wanted):
+    """Return S(psi) (r_s - x), the state's heading moved by an angle."""
     x, y, psi = wanted
-    position = _turned(a, x.value - state[0], y.value - state[1])
-    lean = _turned(a, state[2], state[3])
-    speed = _turned(a, x.rate - state[5], y.rate - state[6])
-    lean_rate = _turned(a, state[7], state[8])
+    position = turned(a, x.value - state[0], y.value - state[1])
+    lean = turned(a, state[2], state[3])
+    speed = turned(a, x.rate - state[5], y.rate - state[6])
+    lean_rate = turned(a, state[7], state[8])
     return (
         position[0],
         position[1],
         -lean[0],
         -lean[1],
-        psi.value - (state[4] + turned),
+        psi.value - (state[4] + moved),
         speed[0],
         speed[1],
         -lean_rate[0],
@@ -206,13 +192,13 @@ def _decide(law, memory, measured, reference, torques):
     observe(law, memory, seen, n)
     a, state = predict(law, memory, seen, n)
     # nothing at the start, where a part takes the pose
-    turned = _turned_by(memory.measured_heading, measured[4])
+    moved = _turned_by(memory.measured_heading, measured[4])
     asked = _unshaped(reference, _turned_by(memory.reference_heading, reference[4]))
     wanted = shape(law, memory, asked, state)
-    e, error_limited = limit_error(law, lean_error(law, _heading_error(a, state, turned, wanted), a, wanted))
+    e, error_limited = limit_error(law, lean_error(law, _heading_error(a, state, moved, wanted), a, wanted))
     now = Sample(a, state, wanted, e)
     for i in range(n):
-        torque = add_feed_forward(law, _feedback(law.gain, e, i), now, i)
+        torque = add_feed_forward(law, row_times(law.gain[i], e), now, i)
         torques[i] = add_integral(law, memory, torque, now, i)
     if law.compensation.full + law.compensation.partial > 0.0:
         compensate(law, memory, now, torques)

@@ -52,91 +52,68 @@ class LinearController:
 
 def linear_controller(controller: Controller) -> LinearController:
     """Return a controller's law for small errors about upright at psi = 0."""
-    sizes = _memory_sizes(controller)
-    total, states = sum(sizes.values()), len(STATE_NAMES)
+    states = len(STATE_NAMES)
+    x, r = np.split(np.eye(2 * states), 2)
+    sizes = {name: len(rows) for name, rows in _update(controller, {}, x, r)[0].items()}
     # a linear function's matrices are its values for the unit vectors
-    unit = np.eye(total + 2 * states)
-    memory = (
-        dict(zip(sizes, np.split(unit[:total], np.cumsum([*sizes.values()])[:-1]), strict=True))
-        if sizes
-        else {}
-    )
-    after, torques = _update(controller, memory, unit[total : total + states], unit[total + states :])
-    rows = np.vstack([after[name] for name in sizes]) if sizes else np.zeros((0, len(unit)))
+    total = sum(sizes.values())
+    *parts, x, r = np.split(np.eye(total + 2 * states), np.cumsum([*sizes.values(), states]))
+    after, torques = _update(controller, dict(zip(sizes, parts, strict=True)), x, r)
+    rows = np.vstack([np.zeros((0, total + 2 * states)), *after.values()])
     return LinearController(A=rows[:, :total], B=rows[:, total:], C=torques[:, :total], D=torques[:, total:])
-
-
-def _memory_sizes(controller: Controller) -> dict[str, int]:
-    """Return what the parts of a controller remember, and how many numbers each of it is."""
-    law, wheels = controller.record[0], len(controller.gain)
-    sizes: dict[str, int] = {}
-    prediction, updates = law["prediction"], 0  # of how many updates the torques are needed later
-    if prediction["on"]:
-        updates = int(prediction["count"])
-    if law["disturbance_observer"]["on"]:
-        sizes |= {"rates": 5, "estimate": wheels}
-        updates = max(updates, int(prediction["samples"]) + 1 + int(prediction["fraction"] > 0.0))
-    if law["integral"]["on"]:
-        sizes |= {"sums": 3}
-    if law["notch"]["on"]:
-        sizes |= {"notch_1": wheels, "notch_2": wheels}
-    if updates:
-        sizes |= {"acting": updates * wheels, "added": updates * wheels}
-    return sizes
 
 
 def _update(
     controller: Controller, memory: Mapping[str, Matrix], x: Matrix, r: Matrix
 ) -> tuple[dict[str, Matrix], Matrix]:
-    """Return the memory after an update and the torques (n, c), for c columns of memories, states and references."""
-    law, wheels = controller.record[0], len(controller.gain)
-    after = dict(memory)
-    # of the updates before, the newest first
-    acting, added = (
-        [*memory[name].reshape(-1, wheels, x.shape[1])] if name in memory else []
-        for name in ("acting", "added")
+    """Return the memory after an update and the torques (n, c), for c columns of memories, states and references.
+
+    What is not in the memory is zero.
+    """
+    law, wheels, columns = controller.record[0], len(controller.gain), x.shape[1]
+    prediction, observer, integral, notch = (
+        law[name] for name in ("prediction", "disturbance_observer", "integral", "notch")
     )
-    observer, integral = law["disturbance_observer"], law["integral"]
-    estimate = np.zeros((wheels, x.shape[1]))
+
+    def past(name: str, rows: int) -> Matrix:
+        return memory.get(name, np.zeros((rows, columns)))
+
+    after: dict[str, Matrix] = {}
+    count, place, share = int(prediction["count"]), int(prediction["samples"]), float(prediction["fraction"])
+    updates = max(count, place + 1 + int(share > 0.0)) if observer["on"] else count
+    # torques of the updates before, the newest first, and the observer's part in them
+    acting, added = (
+        [*past(name, updates * wheels).reshape(updates, wheels, columns)] for name in ("acting", "added")
+    )
+    estimate = np.zeros((wheels, columns))
     if observer["on"]:
-        changes = law["rate"] * (x[5:] - memory["rates"])
+        changes = law["rate"] * (x[5:] - past("rates", 5))
         needed = observer["by_acceleration"][:wheels] @ changes + observer["by_lean"][:wheels] @ x[2:4]
-        lost = _over_last_sample(law, acting) - needed
-        estimate = memory["estimate"] + observer["fraction"] * (lost - memory["estimate"])
+        acted = (1.0 - share) * acting[place] + share * (acting[place + 1] if share > 0.0 else 0.0)
+        estimate = past("estimate", wheels)
+        estimate = estimate + observer["fraction"] * (acted - needed - estimate)
         after |= {"rates": x[5:], "estimate": estimate}
-    e = r - _predicted(law, x, acting, added)
+    if prediction["on"]:
+        ahead = prediction["transition"] @ x
+        for ago in range(count):
+            ahead = ahead + prediction["by_torque"][:wheels, ago].T @ (acting[ago] - added[ago])
+    else:
+        ahead = x
+    e = r - ahead
     torques = controller.gain @ e
     if integral["on"]:
-        torques = torques + integral["gain"][:wheels] @ memory["sums"]
-        after["sums"] = integral["kept"] * memory["sums"] + integral["step"] * e[list(_POSE)]
+        sums = past("sums", 3)
+        torques = torques + integral["gain"][:wheels] @ sums
+        after["sums"] = integral["kept"] * sums + integral["step"] * e[list(_POSE)]
     torques = torques + estimate
-    if (notch := law["notch"])["on"]:
-        asked = torques
-        torques = notch["b_0"] * asked + memory["notch_1"]
-        after["notch_1"] = notch["b_1"] * asked - notch["a_1"] * torques + memory["notch_2"]
+    if notch["on"]:
+        asked, torques = torques, notch["b_0"] * torques + past("notch_1", wheels)
+        after["notch_1"] = notch["b_1"] * asked - notch["a_1"] * torques + past("notch_2", wheels)
         after["notch_2"] = notch["b_2"] * asked - notch["a_2"] * torques
     if acting:
         after["acting"] = np.vstack([torques, *acting[:-1]])
         after["added"] = np.vstack([estimate, *added[:-1]])
     return after, torques
-
-
-def _over_last_sample(law: np.void, acting: Sequence[Matrix]) -> Matrix:
-    """Return the mean over the last sample of the torques that acted then."""
-    place, share = int(law["prediction"]["samples"]), float(law["prediction"]["fraction"])
-    return (1.0 - share) * acting[place] + share * (acting[place + 1] if share > 0.0 else 0.0)
-
-
-def _predicted(law: np.void, x: Matrix, acting: Sequence[Matrix], added: Sequence[Matrix]) -> Matrix:
-    """Return the state in which the torques will act."""
-    prediction = law["prediction"]
-    if not prediction["on"]:
-        return x
-    ahead = prediction["transition"] @ x
-    for ago in range(int(prediction["count"])):
-        by_torque = prediction["by_torque"][: len(acting[ago]), ago]
-        ahead = ahead + by_torque.T @ (acting[ago] - added[ago])
-    return ahead
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -196,7 +196,7 @@ def loop_margins(loop: RobotLoop | ControllerLike, *, robot: RobotLike | None = 
             f"The margins of {given} are not known; give a Controller, which knows its robot, or the name of a "
             "ready-made one with the robot, as in loop_margins('nominal', robot='alten')."
         )
-    radius = _radius(loop.closed()[None])[0]
+    radius = _radius(loop.closed())
     if not radius < 1.0:
         raise InputError(
             f"The loop of this controller is unstable (a mode grows by {radius:.6g} in each sample): leave out or "
@@ -236,48 +236,48 @@ def _margins_of(
     marked = (B * direction) @ C
     rest = A + B @ C - marked
 
-    def radius(factors: NDArray[np.complex128] | Matrix) -> Matrix:
-        return _radius(rest + np.asarray(factors)[:, None, None] * marked)
+    def late(delay: float) -> Matrix:
+        A, B, C = loop.broken(delay * direction)
+        return A + B @ C
 
-    def turned(phases: Matrix) -> Matrix:
-        return radius(np.exp(-1j * phases))
-
-    phase = _first_loss(turned, _PHASES)  # the negative phases are the conjugate poles'
-    frequency = math.nan
+    # the negative phases are the conjugate poles'
+    phase = _first_loss(lambda phi: rest + np.exp(-1j * phi) * marked, _PHASES)
+    frequency, delay = math.nan, math.inf
     if math.isfinite(phase):
         poles = np.linalg.eigvals(rest + np.exp(-1j * phase) * marked)
         frequency = float(abs(np.angle(poles[np.argmax(np.abs(poles))])) / loop.sample_time)
+        # exact between the samples; no longer than what turns the phase by the phase margin at its frequency
+        longest = min(2.0 * phase / max(frequency, 1e-9), _LONGEST_DELAY)
+        samples = np.arange(math.floor(longest / loop.sample_time) + 2, dtype=np.float64)
+        delay = _first_loss(late, loop.sample_time * samples)
     return LoopMargins(
-        gain_down=1.0 / _first_loss(lambda inverse: radius(1.0 / inverse), _GAINS),
-        gain_up=_first_loss(radius, _GAINS),
+        gain_down=1.0 / _first_loss(lambda inverse: rest + (1.0 / inverse) * marked, _GAINS),
+        gain_up=_first_loss(lambda factor: rest + factor * marked, _GAINS),
         phase=phase,
         phase_frequency=frequency,
-        delay=_delay_margin(loop, direction, phase=phase, frequency=max(frequency, 1e-9)),
+        delay=delay,
         disk=_disk_margin(loop, np.flatnonzero(direction), omega, response),
     )
 
 
-def _radius(matrices: NDArray[np.complex128] | Matrix) -> Matrix:
-    """Return the largest absolute value of the poles of each matrix (k, m, m)."""
-    return np.asarray(np.abs(np.linalg.eigvals(matrices)).max(axis=-1), dtype=np.float64)
+def _radius(matrix: NDArray[np.complex128] | Matrix) -> float:
+    """Return the largest absolute value of a matrix's poles."""
+    return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
-def _first_loss(radius: Callable[[Matrix], Matrix], path: Matrix) -> float:
-    """Return the first point of a path, from its stable begin, at which a pole leaves the unit circle; else inf."""
-    lost = np.flatnonzero(radius(path) > 1.0 + _ROUNDING)
-    if not lost.size:
-        return math.inf
-    return _crossing(
-        lambda point: float(radius(np.array([point]))[0]), *path[lost[0] - 1 : lost[0] + 1].tolist()
-    )
-
-
-def _crossing(radius: Callable[[float], float], stable: float, unstable: float) -> float:
-    """Return where the largest pole passes the unit circle between two points."""
-    if radius(stable) >= 1.0:  # by rounding
-        return float(stable)
-    found = root_scalar(lambda at: radius(at) - 1.0, bracket=(stable, unstable), xtol=_PRECISION * unstable)
-    return float(found.root)
+def _first_loss(closed: Callable[[float], NDArray[np.complex128] | Matrix], path: Matrix) -> float:
+    """Return the first point of a path, from its stable begin, at which a loop loses stability; else infinity."""
+    stable = 0.0
+    for point in path.tolist():
+        if _radius(closed(point)) > 1.0 + _ROUNDING:
+            if _radius(closed(stable)) >= 1.0:  # by rounding
+                return stable
+            found = root_scalar(
+                lambda at: _radius(closed(at)) - 1.0, bracket=(stable, point), xtol=_PRECISION * point
+            )
+            return float(found.root)
+        stable = point
+    return math.inf
 
 
 def _frequencies(loop: RobotLoop) -> Matrix:
@@ -291,25 +291,6 @@ def _frequencies(loop: RobotLoop) -> Matrix:
         [np.geomspace(_LOWEST, nyquist, _FREQUENCIES), np.linspace(_LOWEST, nyquist, _FREQUENCIES), near]
     )
     return np.unique(grid[(grid >= _LOWEST) & (grid <= nyquist)])
-
-
-def _delay_margin(loop: RobotLoop, direction: Matrix, *, phase: float, frequency: float) -> float:
-    """Return the delay [s] at which a pole leaves the unit circle, exact between the samples.
-
-    It is no longer than the one that turns the phase by the phase margin [rad] at its frequency [rad/s].
-    """
-    if not math.isfinite(phase):
-        return math.inf
-
-    def radius(delay: float) -> float:
-        A, B, C = loop.broken(delay * direction)
-        return float(_radius((A + B @ C)[None])[0])
-
-    step = loop.sample_time
-    for samples in range(1, math.floor(min(2.0 * phase / frequency, _LONGEST_DELAY) / step) + 2):
-        if radius(samples * step) > 1.0:
-            return _crossing(radius, (samples - 1) * step, samples * step)
-    return math.inf
 
 
 def _disk_margin(

@@ -37,11 +37,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.mechanics.friction import stribeck_decay, wheel_friction
+from ballbot.mechanics.friction import wheel_friction
 from ballbot.results import reported
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import BY_NAME, deviation_labels, scaled_friction
-from ballbot.robot.parameters import numbers_of
+from ballbot.robot.parameters import Value, numbers_of
 
 #: the normal quantile of one-sided 95 % confidence
 _Z = 1.6448536269514722
@@ -77,7 +77,28 @@ def cautious_friction(
         for place, label in enumerate(labels)
         if unknown[place]
     }
-    shares = [_certain_shares(_WheelCurve(friction, wheel), values, P, ends) for wheel in range(n)]
+    directions = (1.0,) if friction.is_plain else (1.0, -1.0)
+    speeds = np.tile(_CONFIDENCE_SPEEDS, len(directions))
+
+    def curves(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return each wheel's friction against its motion, (k, n), first of one direction of turning."""
+        changed = _with_numbers(friction, dict(zip(labels, values.tolist(), strict=True)))
+        return np.concatenate([_curve(changed, one, _CONFIDENCE_SPEEDS) for one in directions])
+
+    curve = lowest = curves(values)
+    steps = np.diag(_DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values)))
+    changes = np.array([curves(values + one) - curves(values - one) for one in steps])
+    g = changes / (2.0 * steps.diagonal()[:, None, None])
+    sigma = np.sqrt(np.maximum(np.einsum("ikn,ij,jkn->kn", g, P, g), 0.0))
+    # at each speed the curve rises or falls with each parameter, so it is lowest where all are at an end
+    for wheel in range(n):
+        own = [place for place in ends if _is_of(wheel, labels[place])]
+        for corner in itertools.product(*(ends[place] for place in own)):
+            moved = values.copy()
+            moved[own] = corner
+            lowest = np.where(np.arange(n) == wheel, np.minimum(lowest, curves(moved)), lowest)
+    bound = np.maximum(lowest - _Z * sigma, 0.0)
+    shares = [_certain_shares(values[wheel] * speeds, curve[:, wheel], bound[:, wheel]) for wheel in range(n)]
     least = values - _Z * np.sqrt(P.diagonal())  # of each number by itself
     for place, (low, _) in ends.items():
         least[place] = min(low, least[place])
@@ -112,45 +133,30 @@ def _numbers(friction: Friction) -> dict[str, float]:
     }
 
 
-class _WheelCurve:
-    """A wheel's friction against its motion at `_CONFIDENCE_SPEEDS`, of its own numbers out of all."""
+def _with_numbers(friction: Friction, numbers: Mapping[str, float]) -> Friction:
+    """Return a friction with other numbers, by the labels of `_numbers`."""
+    values: dict[str, Value] = {}
+    for label, number in numbers.items():
+        name = label.partition("[")[0]
+        if BY_NAME[name].shape == "list":
+            number = (*numbers_of(values.get(name, ())), number)
+        values[name] = number
+    own = tuple((name, values[f"friction.own.{name}"]) for name, _ in friction.own)
+    return replace(friction, **{name: values[f"friction.{name}"] for name in _NAMES}, own=own)
 
-    def __init__(self, friction: Friction, wheel: int) -> None:
-        labels = [label.removesuffix(f"[{wheel}]") for label in _numbers(friction)]
-        others = ("friction.rolling", "friction.load")
-        self.places = [k for k, name in enumerate(labels) if "[" not in name and name not in others]
-        self._names = [labels[place].rpartition(".")[2] for place in self.places]
-        self._law = friction.own_law
-        #: whether it differs with the direction of turning, or with the load
-        self.directed = bool(any((*friction.coulomb_asymmetry, *friction.stribeck_asymmetry, *friction.load)))
 
-    def __call__(self, values: NDArray[np.float64], direction: float) -> NDArray[np.float64]:
-        """Return it for a direction of turning; `values` are b, c, s, v_s, delta, d, e and the law's own."""
-        b, c, s, v_s, delta, d, e = values[:7]
-        if self._law:
-            numbers = dict(zip(self._names, values, strict=True))
-            taken = {name: numbers[name] for name in self._law.takes}
-            return (b * _CONFIDENCE_SPEEDS + direction * d) + self._law.size(_CONFIDENCE_SPEEDS, 0.0, **taken)
-        c, s = c + direction * d, s + direction * e
-        return b * _CONFIDENCE_SPEEDS + c + s * stribeck_decay(_CONFIDENCE_SPEEDS / v_s, delta)
+def _is_of(wheel: int, label: str) -> bool:
+    """Return whether a wheel's curve without load depends on a number."""
+    name, _, place = label.partition("[")
+    return name not in ("friction.rolling", "friction.load") and place in ("", f"{wheel}]")
 
 
 def _certain_shares(
-    curve_of: _WheelCurve,
-    all_values: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    ends: Mapping[int, tuple[float, float]],
+    viscous: NDArray[np.float64], curve: NDArray[np.float64], least: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return the shares of a wheel's b and of its dry friction, from 0 to 1, that stay below its lower bound."""
-    places = curve_of.places
-    values, P = all_values[places], covariance[np.ix_(places, places)]
-    unknown = {k: ends[place] for k, place in enumerate(places) if place in ends}
-    directions = (1.0, -1.0) if curve_of.directed else (1.0,)
-    curve = np.concatenate([curve_of(values, one) for one in directions])
-    least = np.concatenate([_lower_bound(curve_of, values, P, unknown, one) for one in directions])
+    """Return the shares, 0 to 1, of a wheel's viscous part and of the rest of its curve (k,) that stay below `least`."""
     if (least >= curve).all():
         return 1.0, 1.0
-    viscous = values[0] * np.tile(_CONFIDENCE_SPEEDS, len(directions))
     dry, left = curve - viscous, least - _VISCOUS_SHARES * viscous
     with np.errstate(divide="ignore", invalid="ignore"):
         of_dry = np.clip(
@@ -162,28 +168,6 @@ def _certain_shares(
     given[of_dry < 0.0] = -1.0  # this share of b alone exceeds the lower bound somewhere
     best = int(given.argmax())
     return float(_VISCOUS_SHARES[best, 0]), float(of_dry[best])
-
-
-def _lower_bound(
-    curve_of: _WheelCurve,
-    values: NDArray[np.float64],
-    P: NDArray[np.float64],
-    unknown: Mapping[int, tuple[float, float]],
-    direction: float,
-) -> NDArray[np.float64]:
-    """Return what a wheel's curve exceeds at each speed (k,), zero or more."""
-    curve = curve_of(values, direction)
-    steps = np.diag(_DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values)))
-    changes = [curve_of(values + one, direction) - curve_of(values - one, direction) for one in steps]
-    g = np.array(changes) / (2.0 * steps.diagonal()[:, None])
-    sigma = np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", g, P, g), 0.0))
-    # at each speed the curve rises or falls with each parameter, so it is lowest where all are at an end
-    lowest = curve
-    for corner in itertools.product(*unknown.values()):
-        moved = values.copy()
-        moved[list(unknown)] = corner
-        lowest = np.minimum(lowest, curve_of(moved, direction))
-    return np.maximum(lowest - _Z * sigma, 0.0)
 
 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
@@ -244,8 +228,8 @@ class CompensationMargin:
 def compensation_margin(controller: Controller, friction: Friction) -> CompensationMargin:
     """Return which fraction of a friction a controller compensates: of the true one, or of what is certain of it."""
     n = len(controller.gain)
-    both = not (controller.robot.friction.is_plain and friction.is_plain)
-    directions = (1.0, -1.0) if both else (1.0,)
+    plain = controller.robot.friction.is_plain and friction.is_plain
+    directions = (1.0,) if plain else (1.0, -1.0)
     signed = np.concatenate([direction * _SPEEDS for direction in directions])
     given = np.concatenate([_given(controller, one) for one in directions])
     taken = np.concatenate([_curve(friction, one) for one in directions])
@@ -307,9 +291,11 @@ def has_friction(friction: Friction) -> bool:
     return any((*friction.viscous, friction.rolling, *friction.breakaway))
 
 
-def _curve(friction: Friction, direction: float) -> NDArray[np.float64]:
-    """Return the friction (k, n) against a direction of turning at `_SPEEDS`, without load."""
-    turning = np.repeat(direction * _SPEEDS[:, None], len(friction.coulomb), axis=1)
+def _curve(
+    friction: Friction, direction: float, speeds: NDArray[np.float64] = _SPEEDS
+) -> NDArray[np.float64]:
+    """Return the friction (k, n) against a direction of turning at speeds (k,), without load."""
+    turning = np.repeat(direction * speeds[:, None], len(friction.coulomb), axis=1)
     return direction * wheel_friction(turning, friction)
 
 

@@ -1,11 +1,4 @@
-"""One schema for each part of the controller: the settings that people write, the records that compiled code reads.
-
-Settings are a frozen dataclass whose fields are annotated by a `Setting`: unit, meaning and allowed range. The checks,
-the table of a controller file and its comments follow from it.
-
-    @dataclass(frozen=True, kw_only=True)
-    class Notch(Part):
-        frequency: Annotated[float, Setting("Hz", "centre of the band", above=0.0)]
+"""The records of a controller's numbers and of its memory, as compiled code reads them.
 
 A record is a frozen dataclass whose fields carry a `Number`: unit and shape. `schema_of` derives the NumPy structured
 type from it; Numba reads its fields by name. Array lengths are compile-time maxima (`MAX_WHEELS`), so that every
@@ -27,110 +20,21 @@ Between Python and compiled code a record travels as the float64 array of its by
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, MISSING, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import cache
 from hashlib import sha256
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, create_model
 
 from ballbot.errors import InputError
-from ballbot.schema import validate_table
 
 #: wheels that a record has room for
 MAX_WHEELS = 4
 
 #: key of a field's metadata
 _NUMBER = "number"
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What a field of a part's settings means, and which values it may have; it annotates the field."""
-
-    unit: str  #: SI unit; "1" without one
-    text: str  #: what it is, for the comment in a file
-    _: KW_ONLY
-    above: float | None = None  #: exclusive lower limit
-    at_least: float | None = None
-    at_most: float | None = None
-    below: float | None = None  #: exclusive upper limit
-    columns: int = 0  #: of a matrix with a row for each wheel; 0 for a number
-
-
-@cache
-def settings_of(part: type) -> dict[str, Setting]:
-    """Return the settings of a part's dataclass by name, in order."""
-    hints = get_type_hints(part, include_extras=True)
-    return {one.name: get_args(hints[one.name])[1] for one in fields(part)}
-
-
-def check_settings(part: object, label: str) -> None:
-    """Raise InputError if a setting of a part is outside its range; make arrays of its matrices."""
-    values = {name: np.asarray(getattr(part, name)).tolist() for name in settings_of(type(part))}
-    try:
-        validate_table(table_of(type(part)), values, of="its settings")
-    except InputError as error:
-        raise InputError(f"The {label}: {error}") from None
-    for name, one in settings_of(type(part)).items():
-        if one.columns:
-            object.__setattr__(part, name, np.array(values[name], dtype=np.float64))
-
-
-class Table(BaseModel):
-    """A table of a file that knows its keys and refuses others."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-TableType = TypeVar("TableType", bound=Table)
-
-
-@cache
-def table_of(part: type) -> type[Table]:
-    """Return the table of a controller file that describes a part, derived from its settings."""
-    known = settings_of(part)
-    return extended_table(
-        f"{part.__name__}Table",
-        Table,
-        {
-            one.name: (_type_of(known[one.name]), ... if one.default is MISSING else one.default)
-            for one in fields(part)
-        },
-    )
-
-
-def extended_table(
-    name: str, base: type[TableType], keys: Mapping[str, tuple[object, object]]
-) -> type[TableType]:
-    """Return a table with more keys, each with its type and its default (... if it must be given)."""
-    described: dict[str, Any] = dict(keys)  # pydantic types its keyword arguments one by one
-    return create_model(name, __base__=base, **described)
-
-
-def _type_of(one: Setting) -> object:
-    if not one.columns:
-        return Annotated[float, Field(gt=one.above, ge=one.at_least, le=one.at_most, lt=one.below)]
-    row = Annotated[tuple[FiniteFloat, ...], Field(min_length=one.columns, max_length=one.columns)]
-    return Annotated[tuple[row, ...], Field(min_length=3, max_length=MAX_WHEELS)]
-
-
-def table_text(name: str, part: object, text: str) -> str:
-    """Return a part's table for a controller file, each key with its meaning and unit; `text` stands above it."""
-    lines = [f"\n# {text}", f"[{name}]"]
-    for key, one in settings_of(type(part)).items():
-        unit = "" if one.unit == "1" else f" [{one.unit}]"
-        lines += [f"# {one.text}{unit}", f"{key} = {_value_text(getattr(part, key))}"]
-    return "\n".join(lines) + "\n"
-
-
-def _value_text(value: float | NDArray[np.float64]) -> str:
-    if isinstance(value, np.ndarray):
-        rows = "".join(f"\n  [{', '.join(map(repr, row))}]," for row in value.tolist())
-        return f"[{rows}\n]"
-    return repr(float(value))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import get_args, get_type_hints
 
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
@@ -46,16 +46,11 @@ class Parts:
 
     def present(self) -> Iterator[tuple[str, Part]]:
         """Return the parts that the controller has, by name."""
-        for one in fields(self):
-            part = getattr(self, one.name)
+        for name in KINDS:
+            part = getattr(self, name)
             if part is not None:
-                yield one.name, part
-
-
-def _kinds() -> dict[str, type[Part]]:
-    hints = get_type_hints(Parts)
-    return {one.name: get_args(hints[one.name])[0] for one in fields(Parts)}
+                yield name, part
 
 
 #: every part by its name in `Parts`
-KINDS: dict[str, type[Part]] = _kinds()
+KINDS: dict[str, type[Part]] = {name: get_args(hint)[0] for name, hint in get_type_hints(Parts).items()}

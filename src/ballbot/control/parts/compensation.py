@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.friction_table import SPEEDS, friction_table
-from ballbot.control.parts.part import LawSettings
+from ballbot.control.parts.part import LawSettings, row_times
 from ballbot.control.records import MAX_WHEELS, number
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.vector import dot, rotate_back, subtract
@@ -121,11 +121,11 @@ def compensate(law, memory, now, torques):
     relative, force = _relative_rate(own, a, rates), _rolling_force(own, a, rates)
     agreement = 0.0  # u . rolling
     for i in range(len(torques)):
-        agreement += torques[i] * _rolling_torque(own, i, force)
+        agreement += torques[i] * row_times(own.for_rolling[i], force)
     rolls = own.full + (own.partial if agreement > 0.0 else 0.0)
     for i in range(len(torques)):
         friction, fraction = _wheel_friction(own, i, relative, torques[i])
-        more = fraction * friction + rolls * _rolling_torque(own, i, force)
+        more = fraction * friction + rolls * row_times(own.for_rolling[i], force)
         torques[i] += more
         added[0, i] = more
 
@@ -144,12 +144,6 @@ def _rolling_force(own, a, rates):
     speed = (v_x * v_x + v_y * v_y) ** 0.5
     size = rolling_brake(own.rolling * min(1.0, speed * own.rolling_steepness), speed)
     return size * (a.cos_psi * v_x + a.sin_psi * v_y), size * (a.cos_psi * v_y - a.sin_psi * v_x)
-
-
-@inlined
-def _rolling_torque(own, i, force):
-    """Return a wheel's part in carrying the rolling friction."""
-    return own.for_rolling[i, 0] * force[0] + own.for_rolling[i, 1] * force[1]
 
 
 @inlined

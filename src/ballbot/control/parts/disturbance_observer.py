@@ -14,15 +14,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import LawSettings, Part, clipped
 from ballbot.control.parts.prediction import over_last_sample
-from ballbot.control.records import MAX_WHEELS, Setting, number, whole
+from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.robot.parameters import parameter, parameter_class
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,7 +106,7 @@ def add_estimate(law, memory, torque, i):
     return torque + estimate
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class DisturbanceObserver(Part):
     """Estimate the torque that is lost to friction, a slope or a push, and add it; no friction model is needed.
 
@@ -122,8 +122,8 @@ class DisturbanceObserver(Part):
     record = ObserverRecord
     state = ObserverState
 
-    frequency: Annotated[float, Setting("rad/s", "w of the lag", above=0.0)] = 10.0
-    limit: Annotated[float, Setting("N m", "largest torque added to a wheel", above=0.0)] = 0.5
+    frequency: float = parameter("w of the lag", "rad/s", default=10.0)
+    limit: float = parameter("largest torque added to a wheel", "N m", default=0.5)
 
     def numbers(self, settings: LawSettings) -> ObserverRecord:
         """Return the sampled observer for the robot."""

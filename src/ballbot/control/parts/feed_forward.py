@@ -23,7 +23,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part
+from ballbot.control.parts.part import LawSettings, Part, turned
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
@@ -51,7 +51,7 @@ def lean_error(law, e, a, wanted):
     """Return the error to the lean, and from the position, that the motion asks for; see the module's docstring."""
     own = law.feed_forward
     x, y, _ = wanted
-    second, third = _turned(a, x.second, y.second), _turned(a, x.third, y.third)
+    second, third = turned(a, x.second, y.second), turned(a, x.third, y.third)
     lean, lean_rate = _times(own.lean, second), _times(own.lean, third)
     ahead, ahead_rate = _times(own.offset, second), _times(own.offset, third)
     return (
@@ -73,7 +73,7 @@ def add_feed_forward(law, torque, now, i):
     """Add a wheel's torque for s'', s'''' (heading frame) and psi''."""
     own = law.feed_forward
     x, y, psi = now.wanted
-    second, fourth = _turned(now.a, x.second, y.second), _turned(now.a, x.fourth, y.fourth)
+    second, fourth = turned(now.a, x.second, y.second), turned(now.a, x.fourth, y.fourth)
     return torque + (
         own.by_second[i, 0] * second[0]
         + own.by_second[i, 1] * second[1]
@@ -81,12 +81,6 @@ def add_feed_forward(law, torque, now, i):
         + own.by_fourth[i, 1] * fourth[1]
         + own.by_turning[i] * psi.second
     )
-
-
-@inlined
-def _turned(a, v_x, v_y):
-    """Return a vector of the world in the heading frame."""
-    return a.cos_psi * v_x + a.sin_psi * v_y, a.cos_psi * v_y - a.sin_psi * v_x
 
 
 @inlined

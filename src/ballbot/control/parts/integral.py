@@ -18,11 +18,14 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import GetPydanticSchema
 
+from ballbot.arrays import real_array
 from ballbot.control.parts.part import LawSettings, Part
-from ballbot.control.records import MAX_WHEELS, Setting, number, whole
+from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.robot.parameters import parameter, stated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,6 +76,10 @@ def _stepped(value, kept, change, limit, limited):
     return value if limited and abs(after) > abs(value) else after
 
 
+#: how a file has a matrix
+_ROWS = GetPydanticSchema(lambda _, schema_of: schema_of(tuple[tuple[float, ...], ...]))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IntegralAction(Part):
     """Feed back the integral of the error, to correct a lasting error of position or heading.
@@ -89,17 +96,20 @@ class IntegralAction(Part):
     record = IntegralRecord
     state = IntegralState
 
-    gain: Annotated[
-        NDArray[np.float64],
-        Setting("N m/(m s)", "K_I for the integrals of x, y and psi", columns=3),
-    ]
-    limit: Annotated[float, Setting("m s", "of the integral of x, and of y", above=0.0)] = 0.3
-    yaw_limit: Annotated[float, Setting("rad s", "of the integral of psi", above=0.0)] = 0.5
-    memory: Annotated[float, Setting("s", "time T over which it forgets", above=0.0)] = 60.0
-    dead_band: Annotated[
-        float,
-        Setting("m, rad", "error of x and y, and of psi, below which the integrals rest", at_least=0.0),
-    ] = 0.0
+    gain: Annotated[NDArray[np.float64], _ROWS] = field(
+        metadata={"matrix": stated("K_I for the integrals of x, y and psi", "N m/(m s)")}
+    )
+    limit: float = parameter("of the integral of x, and of y", "m s", default=0.3)
+    yaw_limit: float = parameter("of the integral of psi", "rad s", default=0.5)
+    memory: float = parameter("time T over which it forgets", "s", default=60.0)
+    dead_band: float = parameter(
+        "error of x and y, and of psi, below which the integrals rest", "m, rad", default=0.0, least=0.0
+    )
+
+    def __post_init__(self) -> None:
+        gain = real_array(self.gain, ("wheels", 3), "gain of the integral action")
+        object.__setattr__(self, "gain", gain.copy())
+        super().__post_init__()
 
     def numbers(self, settings: LawSettings) -> IntegralRecord:
         """Return the sampled integral."""

@@ -11,14 +11,14 @@ its rate are limited by the turn that they command. Within the limits nothing ch
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part
-from ballbot.control.records import Setting, number, whole
+from ballbot.control.parts.part import LawSettings, Part, row_times
+from ballbot.control.records import number, whole
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.robot.parameters import parameter, parameter_class
 
 #: where x, y and their rates are in the state
 _POSITION_PLACES = (0, 1, 5, 6)
@@ -49,8 +49,8 @@ def limit_error(law, e):
 @inlined
 def _fractions(own, e):
     """Return the shares kept of the position, then of position and speed together, and of the heading."""
-    near = _fraction(own.lean, *_lean(own, e[0], e[1], 0.0, 0.0))
-    p = _fraction(own.lean, *_lean(own, near * e[0], near * e[1], e[5], e[6]))
+    near = _fraction(own.lean, *_lean(own.asked, (e[0], e[1], 0.0, 0.0)))
+    p = _fraction(own.lean, *_lean(own.asked, (near * e[0], near * e[1], e[5], e[6])))
     return near, p, _fraction(own.turn, e[4] + own.turn_rate * e[9], 0.0)
 
 
@@ -61,16 +61,12 @@ def _fraction(limit, a, b):
 
 
 @inlined
-def _lean(own, x, y, v_x, v_y):
+def _lean(asked, errors):
     """Return the lean that errors command."""
-    asked = own.asked
-    return (
-        asked[0, 0] * x + asked[0, 1] * y + asked[0, 2] * v_x + asked[0, 3] * v_y,
-        asked[1, 0] * x + asked[1, 1] * y + asked[1, 2] * v_x + asked[1, 3] * v_y,
-    )
+    return row_times(asked[0], errors), row_times(asked[1], errors)
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class LeanLimit(Part):
     """Limit the lean and the turn that errors may command.
 
@@ -87,11 +83,8 @@ class LeanLimit(Part):
     )
     record = LeanLimitRecord
 
-    lean: Annotated[float, Setting("rad", "largest commanded lean", above=0.0)] = 0.1
-    turn: Annotated[
-        float,
-        Setting("rad", "largest commanded turn, with the contribution of its rate", above=0.0),
-    ] = 0.5
+    lean: float = parameter("largest commanded lean", "rad", default=0.1)
+    turn: float = parameter("largest commanded turn, with the contribution of its rate", "rad", default=0.5)
 
     def numbers(self, settings: LawSettings) -> LeanLimitRecord:
         """Return the limits with the lean that the gain commands."""

@@ -11,15 +11,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import LawSettings, Part
-from ballbot.control.records import MAX_WHEELS, Setting, number, whole
+from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.robot.parameters import parameter, parameter_class
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,13 +53,13 @@ def notched(law, memory, torque, i):
     return left
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class Notch(Part):
     """Remove a narrow band from each wheel's torque [N m], such as a resonance that `ballbot validate` reports.
 
     Off by default. Torques lag by 7 to 8 degrees at 3 Hz; without play in the gears the error on the square rises.
 
-    InputError if the frequency or the width is not positive, or the depth not a fraction below 1; when the controller
+    InputError if the frequency or the width is not positive, or the depth not a fraction; when the controller
     is made, if its sample time is too long for the frequency.
     """
 
@@ -68,11 +68,9 @@ class Notch(Part):
     record = NotchRecord
     state = NotchState
 
-    frequency: Annotated[float, Setting("Hz", "centre of the band, such as a resonance", above=0.0)]
-    width: Annotated[float, Setting("1", "of the band, over its frequency", above=0.0)] = 1.4
-    depth: Annotated[
-        float, Setting("1", "fraction of the torque left at its centre", at_least=0.0, below=1.0)
-    ] = 0.15
+    frequency: float = parameter("centre of the band, such as a resonance", "Hz")
+    width: float = parameter("of the band, over its frequency", default=1.4)
+    depth: float = parameter("fraction of the torque left at its centre", default=0.15, least=0.0, most=1.0)
 
     def numbers(self, settings: LawSettings) -> NotchRecord:
         """Return the sampled filter."""

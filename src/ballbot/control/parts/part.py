@@ -10,9 +10,9 @@ A part is one file with
 and joins the law by a line in `ballbot.control.parts.Parts` and the calls of its steps in `ballbot.control.law`. In
 compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being its field in `Parts`. To add a part:
 
-1. Copy `notch.py`. Give each field of the settings its `Setting`: unit, meaning and range. `eq=False` only if a
-   setting is a matrix; records and states always have it. A constant of the robot's hardware is no setting: take it
-   from `settings.robot` in `numbers`.
+1. Copy `notch.py`. Each setting is a `parameter`: meaning, unit and range. `eq=False` only if a setting is a matrix;
+   records and states always have it. A constant of the robot's hardware is no setting: take it from `settings.robot`
+   in `numbers`.
 2. Begin the record with `on`. If the controller lacks the part, its record is all zeros, so that `on` is 0. Every step
    must then do nothing, or return its value unchanged: because it asks for `on`, or because it only adds products with
    numbers of the record or the state.
@@ -45,10 +45,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import frictionless_model
-from ballbot.control.records import MAX_WHEELS, check_settings, number
+from ballbot.control.records import MAX_WHEELS, number
+from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.tracing import traced
+from ballbot.mechanics.engine.vector import summed
 from ballbot.mechanics.model import LinearModel
 from ballbot.robot import Robot
+from ballbot.robot.checks import check_parameters
 
 #: updates that the law remembers
 MAX_PAST = 22
@@ -98,6 +102,23 @@ class TorqueHistory:
 
 
 @inlined
+def turned(a, v_x, v_y):
+    """Return a vector of the world in the heading frame."""
+    return a.cos_psi * v_x + a.sin_psi * v_y, a.cos_psi * v_y - a.sin_psi * v_x
+
+
+@inlined
+def row_times(row, values):
+    """Return the product of an array and a tuple."""
+    return _product(row, values)
+
+
+@traced
+def _product(row, values):
+    return summed(row[place] * one for place, one in enumerate(values))
+
+
+@inlined
 def clipped(value, limit):
     """Return a value within -limit .. limit; NaN stays NaN."""
     return limit if value > limit else (-limit if value < -limit else value)
@@ -138,7 +159,10 @@ class Part(ABC):
     needs: ClassVar[Mapping[str, str]] = {}  #: parts that it cannot work without, and why
 
     def __post_init__(self) -> None:
-        check_settings(self, self.label)
+        try:
+            check_parameters(self)
+        except InputError as error:
+            raise InputError(f"The {self.label}: {error}") from None
 
     @abstractmethod
     def numbers(self, settings: LawSettings) -> object:

@@ -17,17 +17,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import held
 from ballbot.control.parts.part import MAX_PAST, LawSettings, Measured, Part
-from ballbot.control.records import MAX_WHEELS, Setting, number, whole
+from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.equations import attitude
+from ballbot.robot.parameters import parameter, parameter_class
 
 #: torques that may be under way; the past must have the sample before them as well, and room for one
 MAX_DELAY_SAMPLES = MAX_PAST - 2
@@ -147,7 +147,7 @@ def over_last_sample(own, values, wheel):
     return (1.0 - own.fraction) * last + own.fraction * values[own.samples + 1, wheel]
 
 
-@dataclass(frozen=True, kw_only=True)
+@parameter_class
 class DelayPrediction(Part):
     """Feed back the state that the robot will have when a late torque acts.
 
@@ -164,7 +164,7 @@ class DelayPrediction(Part):
     record = PredictionRecord
     state = PredictionState
 
-    delay: Annotated[float, Setting("s", "from a measurement to the action of its torque", above=0.0)]
+    delay: float = parameter("from a measurement to the action of its torque", "s")
 
     def numbers(self, settings: LawSettings) -> PredictionRecord:
         """Return the prediction for the robot."""

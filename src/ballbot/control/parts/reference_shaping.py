@@ -22,20 +22,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import LawSettings, Part, Smooth
-from ballbot.control.records import Setting, number, whole
+from ballbot.control.records import number, whole
 from ballbot.mechanics.engine.compiled import inlined
-
-
-def _setting(unit: str, text: str) -> Setting:
-    """Return a setting within the limits beyond which derivatives are lost in rounding or overflow."""
-    return Setting(unit, text, at_least=1e-12, at_most=1e12)
-
+from ballbot.robot.parameters import parameter, parameter_class
 
 #: lag of the bends [s]
 _BEND_LAG = 0.05
@@ -189,7 +184,11 @@ def _lagged(lags, memory, target):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+#: beyond which derivatives are lost in rounding or overflow
+_LEAST, _MOST = 1e-12, 1e12
+
+
+@parameter_class
 class ReferenceShaping(Part):
     """Make a jump of the reference a motion of limited speed without overshoot.
 
@@ -208,14 +207,26 @@ class ReferenceShaping(Part):
     record = ShapingRecord
     state = ShapingState
 
-    frequency: Annotated[float, _setting("rad/s", "w of each of the four lags of x and y")] = 3.0
-    speed_limit: Annotated[float, _setting("m/s", "speed of a jump over the floor")] = 0.5
-    yaw_frequency: Annotated[float, _setting("rad/s", "w of each of the four lags of psi")] = 3.0
-    yaw_rate_limit: Annotated[float, _setting("rad/s", "rate of a turn")] = 1.0
-    acceleration_limit: Annotated[
-        float, _setting("m/s^2", "beyond which a change of the reference's speed counts ever less as a bend")
-    ] = 0.2
-    yaw_acceleration_limit: Annotated[float, _setting("rad/s^2", "the same of a turn")] = 0.4
+    frequency: float = parameter(
+        "w of each of the four lags of x and y", "rad/s", default=3.0, least=_LEAST, most=_MOST
+    )
+    speed_limit: float = parameter(
+        "speed of a jump over the floor", "m/s", default=0.5, least=_LEAST, most=_MOST
+    )
+    yaw_frequency: float = parameter(
+        "w of each of the four lags of psi", "rad/s", default=3.0, least=_LEAST, most=_MOST
+    )
+    yaw_rate_limit: float = parameter("rate of a turn", "rad/s", default=1.0, least=_LEAST, most=_MOST)
+    acceleration_limit: float = parameter(
+        "beyond which a change of the reference's speed counts ever less as a bend",
+        "m/s^2",
+        default=0.2,
+        least=_LEAST,
+        most=_MOST,
+    )
+    yaw_acceleration_limit: float = parameter(
+        "the same of a turn", "rad/s^2", default=0.4, least=_LEAST, most=_MOST
+    )
 
     def numbers(self, settings: LawSettings) -> ShapingRecord:
         """Return the sampled shaping; the lead makes up for a delay that is predicted over."""
