@@ -177,6 +177,7 @@ def test_the_robot_stands_still_without_a_limit_cycle():
         ({"torque_limit": -1.0}, "torque limit"),
         ({"speed_band": np.nan}, "speed band"),
         ({"compensation": "most"}, "'none', 'full' or 'partial'"),
+        ({"gain": design_gain(alten())}, "The gain is a LqrDesign; it must be 3 rows of 10 numbers"),
     ],
 )
 def test_invalid_controllers_are_refused(values, sentence):
@@ -197,9 +198,3 @@ def test_copied_controller_has_its_own_state():
     np.testing.assert_array_equal(
         twin.update(0.0, state, np.zeros(10)), controller.update(0.0, state, np.zeros(10))
     )
-
-
-def test_design_passed_instead_of_gain_is_refused_with_a_hint() -> None:
-    robot = Robot.load("alten")
-    with pytest.raises(InputError, match=r"The gain is a LqrDesign; it must be 3 rows of 10 numbers"):
-        Controller(robot, design_gain(robot))

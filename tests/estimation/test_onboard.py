@@ -11,7 +11,7 @@ from ballbot.errors import InputError
 from ballbot.estimation import OnboardState, Reading, named_estimator
 from ballbot.estimation.interface import state_errors
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.mechanics.geometry import angle_rates, body_rates_matrix, rotation, transforms
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 
 ALTEN = Robot.load("alten")
@@ -37,12 +37,6 @@ def test_perfect_sensors_give_back_the_state(state: NDArray[np.float64]) -> None
     onboard.reset(position=(state[0], state[1]))
     # rounding of two inverses, the second worst near phi = 1.2
     np.testing.assert_allclose(onboard.update(reading_of(state)), state, atol=1e-12)
-
-
-@given(arrays(np.float64, 3, elements=st.floats(-1.4, 1.4)), arrays(np.float64, 3, elements=st.floats(-9, 9)))
-def test_angle_rates_invert_the_body_rates_matrix(attitude: NDArray, rates: NDArray) -> None:
-    body_rate = body_rates_matrix(*attitude) @ rates
-    np.testing.assert_allclose(angle_rates(attitude, body_rate), rates, atol=1e-11)
 
 
 def test_position_of_a_circle_driven_while_turning() -> None:

@@ -12,7 +12,6 @@ from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
 from ballbot.findings import texts
 from ballbot.identification.geometry import (
-    axle_directions,
     geometry_findings,
     mocap_run,
     robot_with_geometry,
@@ -20,7 +19,7 @@ from ballbot.identification.geometry import (
 )
 from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.columns import STATE_NAMES
-from ballbot.mechanics.geometry import axles, body_rates_matrix, transforms
+from ballbot.mechanics.geometry import body_rates_matrix, transforms
 from ballbot.progress import Progress
 from ballbot.robot import Friction
 from ballbot.robot.file import write_robot
@@ -91,13 +90,6 @@ TRUE = replace(
         ALTEN.wheels, radius=0.0612, tilt=math.radians(46.2), azimuths=tuple(np.radians([0.7, 119.1, 241.4]))
     ),
 )
-
-
-def test_axles_are_those_of_the_mechanics():
-    wheels = TRUE.wheels
-    np.testing.assert_allclose(
-        axle_directions(wheels.tilt, np.array(wheels.azimuths)), axles(wheels), atol=1e-15
-    )
 
 
 class TestKnownRobots:

@@ -10,15 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.mechanics.geometry import (
-    axles,
     body_rates_matrix,
-    contact_directions,
-    rolling_directions,
     rotation,
     transforms,
     wheel_load,
 )
 from ballbot.robot import Friction, Robot
+from ballbot.robot.wheel_directions import axles, contact_directions, rolling_directions
 
 # (V.2) and (V.3) as printed
 T_OWB = np.array([[-1.2346, 0.0000, 1.2346], [0.6173, -1.0692, 1.2346], [0.6173, 1.0692, 1.2346]])
@@ -80,10 +78,9 @@ def test_wheel_speeds_follow_from_rolling_without_slip(robot: Robot, ball_rate: 
     Omega, w = np.array(ball_rate), np.array(body_rate)
     r_b, r_w = robot.ball.radius, robot.wheels.radius
     speeds = T.T_owb @ Omega + T.T_owr @ w
-    directions = zip(
-        contact_directions(robot.wheels), rolling_directions(robot.wheels), axles(robot.wheels), strict=True
-    )
-    for speed, (n, t, a) in zip(speeds, directions, strict=True):
+    azimuths, tilt = robot.wheels.azimuths, robot.wheels.tilt
+    directions = contact_directions(azimuths, tilt), rolling_directions(azimuths), axles(azimuths, tilt)
+    for speed, n, t, a in zip(speeds, *directions, strict=True):
         across = w - a * (a @ w)  # the wheel keeps the body's rate but for its own spin about the axle
         ball = np.cross(Omega, r_b * n)
         rim = np.cross(w, (r_b + r_w) * n) + np.cross(across - speed * a, -r_w * n)

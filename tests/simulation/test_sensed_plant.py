@@ -321,16 +321,6 @@ def test_estimator_may_use_another_robot_than_the_plant():
     assert own.state[5] == pytest.approx(0.3, rel=0.02)  # of about 60 counts
 
 
-def test_a_run_ends_at_the_scenarios_lean():
-    plant = SensedPlant(FREE, replace(PERFECT, fallen_lean=0.3))
-    measured = plant.reset(leaning(0.2))
-    while measured.ended is None and measured.t < 2.0:
-        measured = plant.step(np.zeros(3), SAMPLE)
-    assert measured.ended is not None
-    assert measured.ended.startswith("fallen: lean past 0.3 rad at t = ")
-    assert 0.3 <= abs(measured.truth[2]) < 0.35
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -154,7 +154,7 @@ def _is_of(wheel: int, label: str) -> bool:
 def _certain_shares(
     viscous: NDArray[np.float64], curve: NDArray[np.float64], least: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return the shares, 0 to 1, of a wheel's viscous part and of the rest of its curve (k,) that stay below `least`."""
+    """Return the shares of a wheel's viscous part and of the rest of its curve (k,) that stay below a bound (k,)."""
     if (least >= curve).all():
         return 1.0, 1.0
     dry, left = curve - viscous, least - _VISCOUS_SHARES * viscous

@@ -56,6 +56,9 @@ from ballbot.mechanics.geometry import angle_rates, attitude_of_swing, heading_o
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
+#: where the work array has the covariance
+_TRIANGLE = slice(COVARIANCE, COVARIANCE + len(LOWER_TRIANGLE[0]))
+
 
 class KalmanFilter:
     """An extended Kalman filter of 14 states, updated every `sample_time` [s] without look-ahead.
@@ -85,7 +88,7 @@ class KalmanFilter:
         self._x[X : X + 2] = position
         self._shown = self._column[SHOWN : SHOWN + NUMBERS]
         self._shown[:] = np.nan
-        self._P = first_covariance(self.noise)
+        self._column[_TRIANGLE] = first_covariance(self.noise)[LOWER_TRIANGLE]
         self._angles: NDArray[np.float64] | None = None
         self._without_angles = 0  # samples since the encoders last had all angles
         self._gyro = np.zeros(3)
@@ -151,27 +154,17 @@ class KalmanFilter:
     def _P(self) -> NDArray[np.float64]:
         """Covariance (14, 14) of the states."""
         P = np.zeros((STATES, STATES))
-        P[LOWER_TRIANGLE] = self._column[COVARIANCE : COVARIANCE + len(LOWER_TRIANGLE[0])]
+        P[LOWER_TRIANGLE] = self._column[_TRIANGLE]
         return P + np.tril(P, -1).T
-
-    @_P.setter
-    def _P(self, P: NDArray[np.float64]) -> None:
-        self._column[COVARIANCE : COVARIANCE + len(LOWER_TRIANGLE[0])] = P[LOWER_TRIANGLE]
-
-    def _velocity(self) -> NDArray[np.float64]:
-        """Return the ball's velocity (2,), heading frame."""
-        x = self._x
-        return x[S : S + 2] - self._model.lever @ (self._gyro - x[BIAS : BIAS + 3])
 
     def _state(self) -> NDArray[np.float64]:
         x = self._x
+        rate = self._gyro - x[BIAS : BIAS + 3]
         attitude = attitude_of_swing(x[G : G + 2], float(x[PSI]))
-        forward, left = self._velocity().tolist()
+        forward, left = (x[S : S + 2] - self._model.lever @ rate).tolist()
         s3, c3 = math.sin(x[PSI]), math.cos(x[PSI])
         velocity = (c3 * forward - s3 * left, s3 * forward + c3 * left)
-        return np.concatenate(
-            (x[X : X + 2], attitude, velocity, angle_rates(attitude, self._gyro - x[BIAS : BIAS + 3]))
-        )
+        return np.concatenate((x[X : X + 2], attitude, velocity, angle_rates(attitude, rate)))
 
     def _take_fix(self, fix: Fix) -> None:
         position, heading = (np.nan if one is None else one for one in (fix.position, fix.heading))

@@ -59,6 +59,7 @@ from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.results import key, reported, to_results
 from ballbot.robot import Robot
 from ballbot.robot.parameters import Value
+from ballbot.robot.wheel_directions import axles
 
 #: windows on end that count as one cluster together last this long [s]: a roller takes about as long to pass
 CLUSTER = 2.0
@@ -295,7 +296,7 @@ def _of_upside_down(
 
     def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
         frame = Rotation.from_rotvec([p[2 + n], p[3 + n], 0.0])
-        return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axle_directions(p[1], p[2 : 2 + n]).T
+        return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axles(p[2 : 2 + n], p[1]).T
 
     parameters = [
         Parameter.about(
@@ -317,14 +318,6 @@ def _of_upside_down(
         name, common = f"ball.radius / wheels.radius, wheel {number}", float(found.values[0])
         ratios.append(_quantity(Parameter.about(name, common, "1"), value, error, UPSIDE_DOWN))
     return quantities, ratios, found
-
-
-def axle_directions(tilt: float, azimuths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a_i (n, 3) as `ballbot.mechanics.geometry.axles` does, from angles that no robot need have."""
-    lean = np.cos(tilt)
-    return np.column_stack(
-        [-lean * np.cos(azimuths), -lean * np.sin(azimuths), np.full(len(azimuths), np.sin(tilt))]
-    )
 
 
 def _upside_down_increments(log: Log, wheel_count: int) -> _Increments:

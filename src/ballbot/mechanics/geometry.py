@@ -1,14 +1,6 @@
-"""Where the wheels sit and how they turn: the transformation matrices of the thesis's Appendix II.
+"""The transformation matrices of the thesis's Appendix II, and attitudes.
 
-Wheel i touches the ball at azimuth beta_i and tilt alpha from the zenith, in the body frame, whose origin is
-the ball's centre:
-
-    n_i = ( cos beta_i sin alpha,   sin beta_i sin alpha,  cos alpha)   contact direction
-    t_i = (-sin beta_i,             cos beta_i,            0        )   rolling direction
-    a_i = n_i x t_i                                                     axle
-
-The axle a_i is the direction about which a *ball* that follows the wheel turns; the wheel turns the
-other way. A wheel that drives pushes the ball along t_i.
+The directions n_i, t_i and a_i of each wheel are those of `ballbot.robot.wheel_directions`.
 """
 
 from __future__ import annotations
@@ -20,34 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.robot import Robot, Wheels
+from ballbot.robot import Robot
+from ballbot.robot.wheel_directions import contact_directions, rolling_directions
 
 #: (II.12) the ball's pushes on the ground that count as positive force in x and in y
 _GROUND_PUSHES = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
-def contact_directions(wheels: Wheels) -> NDArray[np.float64]:
-    """Return n_i (n, 3): unit vectors from the ball's centre to each contact point, body frame."""
-    beta = np.asarray(wheels.azimuths)
-    height = np.full_like(beta, np.cos(wheels.tilt))
-    return np.stack([np.cos(beta) * np.sin(wheels.tilt), np.sin(beta) * np.sin(wheels.tilt), height], axis=-1)
-
-
-def rolling_directions(wheels: Wheels) -> NDArray[np.float64]:
-    """Return t_i (n, 3): unit vectors along which each wheel pushes the ball, body frame."""
-    beta = np.asarray(wheels.azimuths)
-    return np.stack([-np.sin(beta), np.cos(beta), np.zeros_like(beta)], axis=-1)
-
-
-def axles(wheels: Wheels) -> NDArray[np.float64]:
-    """Return a_i = n_i x t_i (n, 3): unit vectors along each wheel's axle, up and inward, body frame."""
-    return _cross(contact_directions(wheels), rolling_directions(wheels))
-
-
 def wheel_load(robot: Robot) -> float:
     """Return the least force [N] with which the robot, at rest and upright, presses one of its wheels on the ball."""
     weight = np.array([0.0, 0.0, robot.body.mass * robot.gravity])
-    return float((np.linalg.pinv(contact_directions(robot.wheels).T) @ weight).min())
+    return float(
+        (np.linalg.pinv(contact_directions(robot.wheels.azimuths, robot.wheels.tilt).T) @ weight).min()
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,7 +53,8 @@ def transforms(robot: Robot) -> Transforms:
     T_obw is then its pseudo-inverse, the ball's velocity of least squared error.
     """
     r_b, r_w = robot.ball.radius, robot.wheels.radius
-    n, t = contact_directions(robot.wheels), rolling_directions(robot.wheels)
+    azimuths = robot.wheels.azimuths
+    n, t = contact_directions(azimuths, robot.wheels.tilt), rolling_directions(azimuths)
     r_pw, r_cw = r_b * n, (r_b + r_w) * n
     r_pg = np.array([0.0, 0.0, -r_b])
 

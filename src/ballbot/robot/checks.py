@@ -37,6 +37,7 @@ from ballbot.robot.parameters import (
     to_si,
     value_of,
 )
+from ballbot.robot.wheel_directions import axles
 
 #: fraction by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
@@ -264,10 +265,7 @@ def _check_wheels(wheels: Wheels) -> None:
                 f"wheels.azimuths[{i}] and [{j}] are both {math.degrees(first):g} deg; the "
                 "wheels must be at different places to give three independent torques."
             )
-    azimuths, lean = np.array(wheels.azimuths), math.cos(wheels.tilt)
-    rise = np.full(len(azimuths), math.sin(wheels.tilt))
-    axles = np.column_stack((-lean * np.cos(azimuths), -lean * np.sin(azimuths), rise))  # a_i, body frame
-    if np.linalg.svd(axles, compute_uv=False)[-1] < _WEAKEST_AXIS:
+    if np.linalg.svd(axles(wheels.azimuths, wheels.tilt), compute_uv=False)[-1] < _WEAKEST_AXIS:
         places = ", ".join(f"{math.degrees(one):.4g}" for one in wheels.azimuths)
         # 0, 2.09 and 4.19 written as degrees
         radians = 0.0 < max(map(math.degrees, map(abs, wheels.azimuths))) <= 2.0 * math.pi

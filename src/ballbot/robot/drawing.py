@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot.robot.components import Body, Wheels
 from ballbot.robot.robot import Robot
+from ballbot.robot.wheel_directions import axles, contact_directions, rolling_directions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,15 +52,12 @@ def body_shape(body: Body) -> BodyShape:
 
 def wheel_shapes(robot: Robot) -> list[WheelShape]:
     """Return the wheels in the order of their azimuths, touching the ball."""
-    reach, tilt, shapes = robot.ball.radius + robot.wheels.radius, robot.wheels.tilt, []
-    for azimuth in robot.wheels.azimuths:
-        contact = np.array(
-            [math.cos(azimuth) * math.sin(tilt), math.sin(azimuth) * math.sin(tilt), math.cos(tilt)]
-        )
-        rolling = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
-        axle = np.cross(contact, rolling)
-        shapes.append(WheelShape(contact=contact, rolling=rolling, axle=axle, center=reach * contact))
-    return shapes
+    reach, azimuths, tilt = robot.ball.radius + robot.wheels.radius, robot.wheels.azimuths, robot.wheels.tilt
+    directions = contact_directions(azimuths, tilt), rolling_directions(azimuths), axles(azimuths, tilt)
+    return [
+        WheelShape(contact=contact, rolling=rolling, axle=axle, center=reach * contact)
+        for contact, rolling, axle in zip(*directions, strict=True)
+    ]
 
 
 def row_offsets(wheels: Wheels) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ torques or a floor that is not level (`Imperfections`), and may be left as soon 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -340,43 +340,46 @@ def _loops(
         record = LOOP.zeros()
         fill_record(record, LoopRecord(sample_time=sample_time))
         return record.view(np.float64)[None], np.empty((0, 0))
-    many = max(len(borne), len(robots), len(controllers))
-    loops, filters, made, known = [], [], {}, {}
-    for k in range(many):
-        one, robot = borne[k % len(borne)], robots[k % len(robots)]
-        estimator = controllers[k % len(controllers)].estimator
-        # a record does not depend on the seed, by which alone the lanes of a comparison differ
-        key = (*(id(value) for name, value in vars(one).items() if name != "seed"), id(robot), estimator)
-        if key not in made:
-            made[key] = loop_record(one, robot, estimator=estimator, sample_time=sample_time)
-        knows = one.known or robot
-        if id(knows) not in known:
-            known[id(knows)] = filter_row(knows, sample_time=sample_time)
-        loops.append(made[key])
-        filters.append(known[id(knows)])
-    needed = any(one.sensors is not None for one in borne) and any(
-        c.estimator == "kalman" for c in controllers
+    lanes = range(max(len(borne), len(robots), len(controllers)))
+    of = [
+        (borne[k % len(borne)], robots[k % len(robots)], controllers[k % len(controllers)].estimator)
+        for k in lanes
+    ]
+    # a record does not depend on the seed, by which alone the lanes of a comparison differ
+    keys = [
+        (*(id(value) for name, value in vars(one).items() if name != "seed"), id(robot), estimator)
+        for one, robot, estimator in of
+    ]
+    loops = _once(
+        keys, lambda k: loop_record(of[k][0], of[k][1], estimator=of[k][2], sample_time=sample_time)
     )
-    return np.array(loops), np.array(filters) if needed else np.empty((0, 0))
+    needed = any(one.sensors for one in borne) and any(one.estimator == "kalman" for one in controllers)
+    known = [one.known or robot for one, robot, _ in of if needed]
+    filters = _rows(lambda robot: filter_row(robot, sample_time=sample_time), known)
+    return np.array(loops), filters if needed else np.empty((0, 0))
 
 
 def _on_floors(models: Sequence[Model], borne: Sequence[Imperfections]) -> NDArray[np.float64]:
     """Return the rows of `packed_on_floor`; one if it holds for every robot."""
-    made: dict[tuple[object, ...], NDArray[np.float64]] = {}
-    rows = []
-    for k in range(max(len(models), len(borne))):
-        model, one = models[k % len(models)], borne[k % len(borne)] if borne else Imperfections()
-        key = (id(model), one.slope, one.imbalance)
-        if key not in made:
-            made[key] = packed_on_floor(model, one)
-        rows.append(made[key])
-    return np.array(rows if len(made) > 1 else rows[:1])
+    borne = borne or [Imperfections()]
+    of = [(models[k % len(models)], borne[k % len(borne)]) for k in range(max(len(models), len(borne)))]
+    keys = [(id(model), one.slope, one.imbalance) for model, one in of]
+    rows = _once(keys, lambda k: packed_on_floor(*of[k]))
+    return np.array(rows if len(set(keys)) > 1 else rows[:1])
 
 
 def _rows(row_of: Callable[[T], NDArray[np.float64] | float], values: Sequence[T]) -> NDArray[np.float64]:
     """Return a row for each value, made once where a value is there more than once."""
-    made = {id(value): row_of(value) for value in {id(value): value for value in values}.values()}
-    return np.array([made[id(value)] for value in values])
+    return np.array(_once([id(value) for value in values], lambda k: row_of(values[k])))
+
+
+def _once(keys: Sequence[Hashable], make: Callable[[int], T]) -> list[T]:
+    """Return make(k) for each place k, made once for those of the same key."""
+    made: dict[Hashable, T] = {}
+    for k, key in enumerate(keys):
+        if key not in made:
+            made[key] = make(k)
+    return [made[key] for key in keys]
 
 
 def _common_sample_time(controllers: Sequence[Feedback]) -> float:

@@ -43,13 +43,14 @@ from ballbot.control.records import MAX_WHEELS, fill_record, number, schema_of, 
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.geometry import contact_directions, rotation_to, transforms
+from ballbot.mechanics.geometry import rotation_to, transforms
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import pack
 from ballbot.robot import Robot, Rollers, Sensors
 from ballbot.robot.checks import check_parameters
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import parameter, parameter_class, table
+from ballbot.robot.wheel_directions import contact_directions
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 
 #: fraction of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
@@ -336,7 +337,8 @@ def loop_record(
 
 
 def _of_contacts(one: Imperfections, robot: Robot) -> dict[str, object]:
-    wheels, normals = robot.wheels, contact_directions(robot.wheels)
+    wheels = robot.wheels
+    normals = contact_directions(wheels.azimuths, wheels.tilt)
     at_rest = robot.body.mass * robot.gravity / (len(normals) * math.cos(wheels.tilt))
     values: dict[str, object] = {"load_dependence": one.load_dependence, "pressure": at_rest}
     if one.contacts is None:

@@ -33,9 +33,10 @@ from ballbot.mechanics.engine.vector import add, cross, dot, each, from_array, r
 from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles
 from ballbot.mechanics.floor import floor_friction
 from ballbot.mechanics.friction import directed_friction, sign
-from ballbot.mechanics.geometry import body_rates_matrix, contact_directions, rolling_directions
+from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.robot.wheel_directions import contact_directions, rolling_directions
 from ballbot.simulation.plant import Measurement
 
 
@@ -95,7 +96,8 @@ _LIFTED = 1e9  # the friction needed where nothing presses
 
 def pack_contacts(robot: Robot) -> NDArray[np.float64]:
     """Return a robot's contacts as the row (2 + 3 n + n^2,) that compiled code reads: m_r, 1/r_w, and N_i's factors."""
-    n, t = contact_directions(robot.wheels), rolling_directions(robot.wheels)
+    azimuths = robot.wheels.azimuths
+    n, t = contact_directions(azimuths, robot.wheels.tilt), rolling_directions(azimuths)
     pressing = np.linalg.pinv(n.T)
     scalars = [robot.body.mass, 1.0 / robot.wheels.radius]
     return np.concatenate([scalars, pressing.ravel(), (pressing @ t.T).ravel() / robot.wheels.radius])

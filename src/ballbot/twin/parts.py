@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.geometry import axles, contact_directions, rolling_directions
 from ballbot.robot import Robot, Rollers
+from ballbot.robot.wheel_directions import axles, contact_directions, rolling_directions
 
 _ROLLER_FRACTION = 0.4  # of the wheel's inertia; rubber rollers on an aluminium hub
 _POINT_FRACTION = 1e-3  # sideways its spin then weighs some 0.1 g
@@ -74,8 +74,9 @@ def wheel_frames(robot: Robot) -> NDArray[np.float64]:
     x points from the wheel to the contact (-n_i), y along the rolling direction t_i, z along the hinge. The
     hinge axis is -a_i: if a wheel turns by +1 about it, the ball turns about +a_i, as gears do.
     """
-    n = contact_directions(robot.wheels)
-    return np.stack((-n, rolling_directions(robot.wheels), -axles(robot.wheels)), axis=-1)
+    azimuths, tilt = robot.wheels.azimuths, robot.wheels.tilt
+    n = contact_directions(azimuths, tilt)
+    return np.stack((-n, rolling_directions(azimuths), -axles(azimuths, tilt)), axis=-1)
 
 
 def split_robot(robot: Robot, rollers: Rollers, *, point: bool) -> tuple[WheelParts, BodyParts]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import Log
-from ballbot.mechanics.geometry import axles, body_rates_matrix, rotation, transforms
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Body, Robot
@@ -18,6 +18,7 @@ from ballbot.robot.derived import (
     thick_shell_inertia,
     thin_shell_inertia,
 )
+from ballbot.robot.wheel_directions import axles
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.bench import CHANGE, Bench
 from ballbot.thesis.reproduce.item import Mistake, check
@@ -432,13 +433,16 @@ def _wheel_rates(robot: Robot, q: NDArray[np.float64]) -> tuple[NDArray[np.float
     ball = found.T_owb @ back @ np.linalg.pinv(found.T_vgb)[:, :2]
     body = found.T_owr @ back  # with (II.24) as printed
     # a wheel counts its spin against a_i, so that the body's share is added
-    return np.hstack([ball, body + axles(robot.wheels) @ back]), np.hstack([ball, body])
+    return np.hstack([ball, body + axles(robot.wheels.azimuths, robot.wheels.tilt) @ back]), np.hstack(
+        [ball, body]
+    )
 
 
 def locked_wheels_twice(bench: Bench) -> Mistake:
     """Mistake 17."""
     # a wheel that is locked turns about its axle with a_i . w
-    twice = bench.robot.wheels.inertia * float(np.sum(axles(bench.robot.wheels)[:, 2] ** 2))
+    wheels = bench.robot.wheels
+    twice = wheels.inertia * float(np.sum(axles(wheels.azimuths, wheels.tilt)[:, 2] ** 2))
     share = 100.0 * twice / bench.robot.body.inertia[2]
     return Mistake(
         number=17,
