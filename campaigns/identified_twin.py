@@ -25,7 +25,7 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.bench import parameter_rows
 from ballbot.robot import Friction, Robot
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
+from ballbot.twin.bench import Bench, bench_torques, run_bench
 from campaigns.section import Section
 
 ROBOT = Robot.load("alten")
@@ -38,11 +38,9 @@ DURATION = 32.0  #: of each log [s]
 @cache
 def bench_log(bench: Bench) -> Log:
     """Return a minute of the held twin: the thesis's sweep on the stand, sines with the ball on the wheels."""
-    if bench == "stand":
-        torques = sweep_torques(ROBOT, NOMINAL, duration=62.83)
-    else:
-        torques = multisine_torques(ROBOT, NOMINAL, duration=60.0, seed=5)
-    return run_bench(ROBOT, NOMINAL, torques, bench=bench, seed=5).log
+    duration = 62.83 if bench == "stand" else 60.0
+    torques = bench_torques(ROBOT, NOMINAL, bench=bench, duration=duration, seed=5)
+    return run_bench(ROBOT, NOMINAL, torques, bench=bench, seed=5)[0]
 
 
 def _balancing_friction() -> Friction:
