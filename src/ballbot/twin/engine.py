@@ -89,11 +89,11 @@ class Engine:
 
     def positions(self, kind: str, count: int) -> slice:
         """Return the indices of the hinges "kind 1" to "kind count" in `qpos`, one for each wheel."""
-        return _evenly_spaced(*(self.model.joint(f"{kind} {i}").qposadr[0] for i in (1, 2)), count)
+        return _evenly_spaced([int(self.model.joint(f"{kind} {i}").qposadr[0]) for i in (1, 2)], count)
 
     def velocities(self, kind: str, count: int) -> slice:
         """Return the indices of the hinges "kind 1" to "kind count" in `qvel`, one for each wheel."""
-        return _evenly_spaced(*(self.model.joint(f"{kind} {i}").dofadr[0] for i in (1, 2)), count)
+        return _evenly_spaced([int(self.model.joint(f"{kind} {i}").dofadr[0]) for i in (1, 2)], count)
 
 
 def _mujoco():  # the module has no types
@@ -146,9 +146,10 @@ def _leave_out_files(spec) -> None:  # MjSpec
         spec.delete(part)
 
 
-def _evenly_spaced(first: int, second: int, count: int) -> slice:
+def _evenly_spaced(places: list[int], count: int) -> slice:
     # wheels are built alike, one after the other; a slice gives views where a list of indices would copy
-    return slice(int(first), int(first + count * (second - first)), int(second - first))
+    first, step = places[0], places[1] - places[0]
+    return slice(first, first + count * step, step)
 
 
 def attitude_of(quaternion_wxyz: NDArray[np.float64], *, near_psi: float) -> NDArray[np.float64]:
