@@ -185,14 +185,18 @@ def _step(
     return np.clip(point + step, 0.0, 1.0) - point
 
 
-#: ends that differ by more in some scaled parameter are not of one optimum
-_ELSEWHERE = 0.05
+#: ends that differ by more standard errors in some parameter are not of one optimum; those of a search, which are not
+#: settled, not of one basin
+_ELSEWHERE, _ANOTHER_BASIN = 2.0, 3.0
 _AT_BOUND = 1e-9
 
 
-def elsewhere(point: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    """Return whether two scaled ends (p,) of a fit are different optima."""
-    return bool(np.abs(point - other).max() > _ELSEWHERE)
+def elsewhere(best: Descended[At], other: Descended[At], *, errors: float = _ELSEWHERE) -> bool:
+    """Return whether two ends of a fit lie so many standard errors of the best one apart in some parameter."""
+    normal = best.equations.normal
+    varied = best.experiment.coordinates.free & (normal.matrix.diagonal() > 0.0)
+    deviations = np.sqrt(covariance(normal, varied).diagonal())
+    return bool((np.abs(best.point - other.point) > errors * deviations).any())
 
 
 def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -204,8 +208,9 @@ def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 #: how the basin is found: by descents from fixed starts, or by a genetic algorithm, as in the thesis
 Search = Literal["multistart", "genetic"]
-#: from so many starts so many steps, side by side; the best go on
-_ROUNDS = ((4, 3), (2, 6))
+#: steps from each start. Fewer from the starts that look worse lost the lower optimum of one log in four: it is reached
+#: late, and on part of the blocks it may be the higher one
+_SEARCH_STEPS = 9
 #: a genetic search ends early where this many generations together gain less than that; a descent follows
 _SEARCH_PATIENCE, _LEAST_SEARCH_GAIN = 25, 1e-3
 
@@ -255,10 +260,10 @@ def search(
 def multistart(
     experiment: Experiment[At], starts: Sequence[NDArray[np.float64]], *, most_steps: int, run: Run
 ) -> SearchResult:
-    """Descend from scaled starts (p,), from the best ones farther, and return the best end; the stage is "search"."""
-    rounds = [(count, min(steps, most_steps)) for count, steps in _ROUNDS]
-    total, done, least = sum(count * steps for count, steps in rounds), 0, np.inf
-    reporting = Lock()  # descents go side by side
+    """Descend from scaled starts (p,) side by side, and return the best end; the stage is "search"."""
+    steps = min(_SEARCH_STEPS, most_steps)
+    total, done, least = len(starts) * steps, 0, np.inf
+    reporting = Lock()
 
     def report(step: Progress) -> None:
         nonlocal done, least
@@ -266,22 +271,15 @@ def multistart(
             done, least = done + 1, min(least, step.cost)
             run.progress(Progress(stage="search", done=min(done, total), total=total, cost=least))
 
-    def descent(steps: int, begin: NDArray[np.float64] | At) -> At:
+    def descent(experiment: Experiment[At], begin: NDArray[np.float64]) -> Descended[At]:
         reported = replace(run, progress=report)
-        return descend(
-            experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported
-        ).end
+        return descend(experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported)
 
     # a cluster works on the pieces of each descent
     threads = run.executor if isinstance(run.executor, Threads) else Threads()
-    begins: Sequence[NDArray[np.float64] | At] = starts
-    found: list[At] = []
-    for count, steps in rounds:
-        found = sorted(threads(descent, steps, begins[:count]), key=lambda one: one.cost)
-        begins = found
-    best = found[0].point
-    others = (one.point for one in found[1:] if elsewhere(best, one.point))
-    return SearchResult(best=best, other=next(others, None))
+    best, *ends = sorted(threads(descent, experiment, starts), key=lambda end: end.cost)
+    others = (end.point for end in ends if elsewhere(best, end, errors=_ANOTHER_BASIN))
+    return SearchResult(best=best.point, other=next(others, None))
 
 
 def genetic(experiment: Experiment[At], *, generations: int, population: int, run: Run) -> SearchResult:
@@ -355,6 +353,8 @@ def evolve(
 LARGEST_LOSS = 1e-3
 #: a second optimum that costs more than the first by this, 30 in 2 ln(likelihood) of a log of 48 s, is no alternative
 _NEAR = 1e-3
+#: steps on all blocks after which two descents are compared; the search's have gone before
+_COMPARED_STEPS = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -362,7 +362,7 @@ class OtherOptimum:
     """Where another descent from the same logs ended."""
 
     values: NDArray[np.float64]  #: (p,), SI units
-    rise: float  #: of the cost there, over that of the estimate
+    rise: float  #: of the cost there, over that of the estimate, before blocks were begun again
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -518,11 +518,7 @@ def fit(
         start = points[experiment.costs(points).argmin()]
     coordinates = experiment.coordinates
     free = coordinates.free
-    finished = descend(experiment, start, free=free, most_steps=most_steps, run=run)
-    other = None if also is None else _second_optimum(finished, also, most_steps=most_steps, run=run)
-    if other is not None and other.cost < finished.cost:
-        finished, other = other, finished
-    rise = 0.0 if other is None else other.cost - finished.cost
+    finished, other = _optima(experiment, start, also, most_steps=most_steps, run=run)
     dependent, through = unidentifiable(finished, most_steps=most_steps, run=run)
     no_influence = free & (dependent | without_influence(finished.equations.normal))
     if no_influence.any():
@@ -535,7 +531,7 @@ def fit(
         finished=finished,
         no_influence=no_influence,
         refused=~no_influence & (False if refused is None else refused),
-        other=other and OtherOptimum(values=coordinates.physical(other.point), rise=rise),
+        other=other,
         searched=found.history,
         groups=groups,
         most_profiles=options.most_profiles,
@@ -543,19 +539,31 @@ def fit(
     )
 
 
-def _second_optimum(
-    finished: Descended[At], point: NDArray[np.float64], *, most_steps: int, run: Run
-) -> Descended[At] | None:
-    """Return where a descent from a point (p,) ends; None if at the same optimum or far above it."""
-    experiment, free = finished.experiment, finished.experiment.coordinates.free
-    target = finished.cost + _NEAR
-    other = descend(
-        experiment, point, free=free, most_steps=most_steps, most_renewals=0, target=target, run=run
-    )
-    if not elsewhere(finished.point, other.point) or other.cost > target:
-        return None
-    other = descend(experiment, other.end, free=free, most_steps=most_steps, run=run)
-    return other if elsewhere(finished.point, other.point) else None
+def _optima(
+    experiment: Experiment[At],
+    start: NDArray[np.float64],
+    also: NDArray[np.float64] | None,
+    *,
+    most_steps: int,
+    run: Run,
+) -> tuple[Descended[At], OtherOptimum | None]:
+    """Return where the descent from the better of two points (p,) ends, and another optimum near the other one.
+
+    They are compared before blocks are begun again: that gains more than optima differ by, and takes longest.
+    """
+    free = experiment.coordinates.free
+    if also is None:
+        return descend(experiment, start, free=free, most_steps=most_steps, run=run), None
+    steps, ends, target = min(_COMPARED_STEPS, most_steps), list[Descended[At]](), np.inf
+    for point in (start, also):
+        end = descend(experiment, point, free=free, most_steps=steps, most_renewals=0, target=target, run=run)
+        ends, target = [*ends, end], end.cost + _NEAR
+    low, high = sorted(ends, key=lambda end: end.cost)
+    after = descend(experiment, low.end, free=free, most_steps=most_steps, run=run)
+    rise, finished = high.cost - low.cost, replace(after, history=(*low.history, *after.history))
+    if rise > _NEAR or not elsewhere(finished, high):
+        return finished, None
+    return finished, OtherOptimum(values=experiment.coordinates.physical(high.point), rise=rise)
 
 
 def _as_before(
