@@ -27,20 +27,10 @@ from ballbot.fitting.between_logs import LogEstimates, RobotLogs, fit_prior
 from ballbot.fitting.fit import FitOptions, fit
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.fitting.run import Run, Threads
-from ballbot.identification.identify import (
-    IdentificationOptions,
-    estimated_parameters,
-    prepare,
-)
+from ballbot.identification.identify import IdentificationOptions, estimated_parameters, prepare
 from ballbot.identification.laws import LawName
 from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
-from ballbot.identification.variation import (
-    PRIOR_FILE,
-    Priors,
-    scaled_units,
-    shipped_priors,
-    widened,
-)
+from ballbot.identification.variation import PRIOR_FILE, Priors, scaled_units, shipped_priors, widened
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction, Robot
@@ -49,15 +39,7 @@ from ballbot.simulation.imperfections import Supply
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import (
-    Compliance,
-    CurrentLoop,
-    LoadDependence,
-    Payload,
-    Roughness,
-    Softness,
-    Timing,
-)
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
 from campaigns.coverage import BEGIN
 from campaigns.faulty_twins import asymmetric
 from campaigns.section import Section, kept, share_words

@@ -117,10 +117,7 @@ def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
             candidate=str(cell),
             controller=controllers[cell],
             condition=Condition(
-                plant=PLANT,
-                reference=SQUARE.reference_spec.reference,
-                duration=SQUARE.duration,
-                seed=seed,
+                plant=PLANT, reference=SQUARE.reference_spec.reference, duration=SQUARE.duration, seed=seed
             ),
         )
         for seed in seeds

@@ -29,15 +29,7 @@ from ballbot.workflows.controller_prediction import (
 )
 from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
 from ballbot.workflows.statistics import fraction_with_interval
-from campaigns.faulty_twins import (
-    CONTROLLERS,
-    KINDS,
-    FaultyTwin,
-    Studied,
-    drawn,
-    recorded,
-    studied,
-)
+from campaigns.faulty_twins import CONTROLLERS, KINDS, FaultyTwin, Studied, drawn, recorded, studied
 from campaigns.section import Section
 
 #: seeds of twins that the constants are made from, and of those that are judged

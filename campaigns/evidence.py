@@ -55,7 +55,7 @@ CAMPAIGNS = {
 
 #: campaigns whose section the page does not have, and why
 NOT_ON_THE_PAGE = {
-    "axis_machines": "not run yet since one method replaced several; docs/axis.md has a sample of it",
+    "axis_machines": "not run yet since one method replaced several; docs/axis.md has a sample of it"
 }
 
 _HEAD = """# Evidence

@@ -23,15 +23,7 @@ from ballbot.simulation.plant import Measurement, Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import (
-    Compliance,
-    CurrentLoop,
-    LoadDependence,
-    Payload,
-    Roughness,
-    Softness,
-    Timing,
-)
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
 from ballbot.workflows.controller_choice import (
     SQUARE,
     ControllerChoice,
@@ -262,11 +254,7 @@ def record(study: Studied, twin: FaultyTwin, name: str) -> Log:
     estimator = named_estimator(controller.estimator, study.found.robot, sample_time=SAMPLE_TIME)
     plant = WeakMotors(Twin(twin.robot, twin.scenario, estimator=estimator), twin.torque_scale)
     log = simulate(
-        plant,
-        controller,
-        SQUARE.reference_spec.reference(),
-        duration=SQUARE.duration,
-        seed=twin.seed,
+        plant, controller, SQUARE.reference_spec.reference(), duration=SQUARE.duration, seed=twin.seed
     )
     return log.without_truth()
 

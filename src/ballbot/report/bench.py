@@ -23,11 +23,7 @@ from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.style import (
-    drawn_picture,
-    one_panel,
-    thinned,
-)
+from ballbot.report.style import drawn_picture, one_panel, thinned
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import between, digits, unit_heading, value_and_error
@@ -107,11 +103,7 @@ def _geometry_table(found: Geometry) -> Sheet:
 
 
 def upside_down_report(
-    found: UpsideDown,
-    described: Robot,
-    logs: Mapping[str, Log],
-    *,
-    findings: Sequence[Finding],
+    found: UpsideDown, described: Robot, logs: Mapping[str, Log], *, findings: Sequence[Finding]
 ) -> Result:
     """Return the page of friction identified upside down."""
     verdict = [("Verdict", found.verdict.sentence)]
@@ -134,11 +126,7 @@ def upside_down_report(
                 if described.friction != Friction.none(described.wheel_count)
                 else None,
             ),
-            section(
-                "Predictions",
-                _error_table(found),
-                prediction_series(found, next(iter(logs.values()))),
-            ),
+            section("Predictions", _error_table(found), prediction_series(found, next(iter(logs.values())))),
         ],
         undecided=[
             *texts(found.findings),
@@ -191,11 +179,7 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
 
 
 def geometry_report(
-    found: Geometry,
-    findings: Sequence[Finding],
-    *,
-    robot: Robot,
-    log_findings: Sequence[Finding],
+    found: Geometry, findings: Sequence[Finding], *, robot: Robot, log_findings: Sequence[Finding]
 ) -> Result:
     """Return the page of a geometry identified from logs."""
     (first, *others), count = texts(findings), len([*found.measured, *found.wheel_ratios])
@@ -203,13 +187,7 @@ def geometry_report(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
         verdict=[("", f"{count} lengths, ratios and angles were identified. {first}")],
-        sections=[
-            section(
-                "Geometry",
-                _geometry_table(found),
-                Bullets(items=others) if others else None,
-            )
-        ],
+        sections=[section("Geometry", _geometry_table(found), Bullets(items=others) if others else None)],
         undecided=[
             "Ratios stand for lengths: the wheels show r_b / r_w, and only motion capture shows a length itself.",
             "The shape of single rollers, and a ball that is not round.",
@@ -280,10 +258,7 @@ def curve_figure(
 
 
 def driveline_report(
-    robot: str,
-    sweeps: Sequence[Sweep],
-    fits: Sequence[DrivelineFit],
-    findings: Sequence[Finding] = (),
+    robot: str, sweeps: Sequence[Sweep], fits: Sequence[DrivelineFit], findings: Sequence[Finding] = ()
 ) -> Result:
     """Return the page."""
     seconds = sweeps[0].t[-1] - sweeps[0].t[0]

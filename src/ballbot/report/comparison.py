@@ -24,15 +24,7 @@ from ballbot.report.words import capital
 from ballbot.rounding import digits, interval, unit_heading
 from ballbot.summary import counted
 from ballbot.workflows.courses import Course
-from ballbot.workflows.league import (
-    METRIC_BY_KEY,
-    METRICS,
-    RATIOS,
-    League,
-    Standing,
-    overall,
-    standing,
-)
+from ballbot.workflows.league import METRIC_BY_KEY, METRICS, RATIOS, League, Standing, overall, standing
 from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
 from ballbot.workflows.statistics import Estimate
 

@@ -101,10 +101,7 @@ def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Fi
         job.robot,
         title=f"{job.robot.name}: a run of the twin",
         lead=f"{lead}; scenario {job.scenario.name}, seed {job.seed}.",
-        undecided=[
-            _NOT_A_ROBOT,
-            "How much runs differ: this is one seed (--seeds records more).",
-        ],
+        undecided=[_NOT_A_ROBOT, "How much runs differ: this is one seed (--seeds records more)."],
         held=held,
         ending=f"{float(log.t[-1] - log.t[0]):.1f} s were recorded." if held else "",
         findings=findings,
