@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -76,12 +75,9 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
         Line("reference y", longest["ref_y"], "sixth"),
     )
     return TimeSeries(
-        t=t,
-        panels=(
-            Panel(label="distance from the reference [mm]", lines=lines, from_zero=True),
-            Panel(label="reference [m]", lines=reference),
-        ),
-        caption=caption,
+        t,
+        (Panel("distance from the reference [mm]", lines, from_zero=True), Panel("reference [m]", reference)),
+        caption,
         shaded=true_spans(longest.t, settled(longest, SETTLE)),
         shade="errors count",
     )
@@ -103,7 +99,7 @@ def _overall_sheet(league: League) -> Sheet:
         "courses, with 95 % intervals over the seeds."
     )
     headings = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
-    return Sheet(headings=headings, rows=rows, caption=caption)
+    return Sheet(headings, rows, caption)
 
 
 def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
@@ -122,9 +118,9 @@ def _cell(found: Standing, metric: Metric) -> Cell:
     text = f"{'≥ ' if late else ''}{digits(metric.scale * found.means[metric.key].mean)}"
     difference = found.differences.get(metric.key)
     if difference is None or math.isnan(difference.mean):
-        return Cell(text=text)
+        return Cell(text)
     star = " *" if difference.sign else ""
-    return Cell(text=text, below=f"{_estimate(difference, metric.scale, plus='+')}{star}")
+    return Cell(text, f"{_estimate(difference, metric.scale, plus='+')}{star}")
 
 
 def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "") -> str:
@@ -170,13 +166,9 @@ def course_series(league: League, course: Course) -> TimeSeries:
     ]
     pushes = ", ".join(f"{time:g} s" for time in course.disturbed)
     return TimeSeries(
-        t=t,
-        panels=(
-            Panel(
-                label="distance from the reference [mm]", lines=lines, levels=(1e3 * BAND,), from_zero=True
-            ),
-        ),
-        caption=f"The same runs over time.{f' Pushed at {pushes}.' if pushes else ''}",
+        t,
+        (Panel("distance from the reference [mm]", lines, levels=(1e3 * BAND,), from_zero=True),),
+        f"The same runs over time.{f' Pushed at {pushes}.' if pushes else ''}",
         level=f"{1e3 * BAND:g} mm: has arrived",
     )
 
@@ -223,9 +215,9 @@ def _course_section(league: League, course: Course, place: int) -> Section:
     floor = f"The path over the floor of one run of each controller, {shown}. Broad: the reference."
     made = section(
         course.name.replace("_", " ").capitalize(),
-        Paragraph(text=f"{course.about} A run lasts {course.duration:g} s."),
-        Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
-        drawn_picture(f"course-{place}", partial(course_figure, league, course), floor),
+        Paragraph(f"{course.about} A run lasts {course.duration:g} s."),
+        Sheet(("", *league.controllers), metric_rows(league, course.name), caption),
+        drawn_picture(f"course-{place}", floor, course_figure, league, course),
         course_series(league, course),
     )
     return replace(made, folded=place > 0)

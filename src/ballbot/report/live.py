@@ -38,7 +38,7 @@ def alternation_report(
         lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
         verdict=[("", _conclusion(found))],
         sections=[
-            section("Compared", *_gains_and_runs(found, runs), Bullets(items=verdicts)),
+            section("Compared", *_gains_and_runs(found, runs), Bullets(verdicts)),
             section("Over time", _errors_in_turn(runs, logs)),
         ],
         undecided=undecided,
@@ -83,7 +83,7 @@ def _gains_and_runs(found: Alternation, runs: Sequence[str]) -> tuple[Sheet, She
         )
         for name, shown in SHOWN.items()
     ]
-    return gains, Sheet(headings=("quantity", *runs), rows=performances, caption="Runs in turn.")
+    return gains, Sheet(("quantity", *runs), performances, "Runs in turn.")
 
 
 def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
@@ -93,8 +93,8 @@ def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
         Line(f"run {name}", values, looks[k % len(looks)])
         for k, (name, values) in enumerate(zip(runs, errors, strict=True))
     ]
-    panel = Panel(label="distance from the reference [mm]", lines=lines, from_zero=True)
-    return TimeSeries(t=t, panels=(panel,), caption="The runs one over another, from their starts.")
+    panel = Panel("distance from the reference [mm]", lines, from_zero=True)
+    return TimeSeries(t, (panel,), "The runs one over another, from their starts.")
 
 
 def _conclusion(found: Alternation) -> str:

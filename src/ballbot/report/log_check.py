@@ -135,7 +135,7 @@ def _wheel_table(wheels: WheelAgreement) -> Sheet:
         for wheel, (own, sign, gain, correlation) in enumerate(found, start=1)
     ]
     headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
-    return Sheet(headings=headings, rows=rows, caption="Wheels, compared with the robot's kinematics.")
+    return Sheet(headings, rows, "Wheels, compared with the robot's kinematics.")
 
 
 def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
@@ -184,14 +184,14 @@ def proposal_report(
     verdict = (
         evaluation.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     )
-    said = Verbatim(text="\n".join(answer_lines(evaluation)))
+    said = Verbatim("\n".join(answer_lines(evaluation)))
     return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", capital(verdict))],
         sections=[
             section("What was found", said, _placement_table(proposal) if proposal.tested else None),
-            section("The mapping file", Verbatim(text=evaluation.text)),
+            section("The mapping file", Verbatim(evaluation.text)),
             section("The log that it makes", *over_time(evaluation.log, robot)) if evaluation.log else None,
         ],
         undecided=[f"{capital(one.text)}." for one in proposal.questions],

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -37,18 +37,19 @@ class Line:
     look: Look
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Panel:
     """Lines over the same axis."""
 
     label: str  #: quantity and unit, as "lean [deg]"
     lines: Sequence[Line]
+    _: KW_ONLY
     levels: Sequence[float] = ()  #: limits, as lines across
     from_zero: bool = False  #: whether the axis begins at zero
     ends: tuple[float, float] | None = None  #: of the axis, if lines may leave it
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class TimeSeries:
     """Panels over one time."""
 
@@ -56,8 +57,9 @@ class TimeSeries:
     t: NDArray[np.float64]  #: (n,) [s], increasing
     panels: Sequence[Panel]
     caption: str
+    _: KW_ONLY
     across: str = "time [s]"
-    shaded: Sequence[tuple[float, float]] = field(default=())  #: intervals of time
+    shaded: Sequence[tuple[float, float]] = ()  #: intervals of time
     shade: str = ""  #: what the shade means, for the legend
     level: str = ""  #: what the levels are, for the legend
 
