@@ -41,7 +41,6 @@ CAMPAIGNS = {
     "effective": "campaigns.between_logs:effective",
     "one_axis": "campaigns.one_axis",
     "axis_machines": "campaigns.one_axis:machines",
-    "drivelines": "campaigns.identified_twin:drivelines",
     "driveline_coverage": "campaigns.stage_coverage:drivelines",
     "upside_down": "campaigns.stage_coverage:upside_down",
     "killed_sweep": "campaigns.killed_sweep",

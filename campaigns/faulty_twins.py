@@ -31,13 +31,11 @@ from ballbot.workflows.controller_choice import (
     choose_controller,
     draw_plants,
 )
-from campaigns.compensation import identified
 from campaigns.section import finished, kept
+from campaigns.twin_logs import NOMINAL, ROBOT, identified
 
 #: the folder of what is finished, within build
 KEPT = "controller_prediction"
-ROBOT = Robot.load("alten")
-NOMINAL = Scenario.nominal(ROBOT)
 SAMPLE_TIME = 0.005
 #: of the study
 DRAWS, SEED = 20, 100
@@ -240,7 +238,7 @@ def studied() -> Studied:
 
 
 def _study() -> Studied:
-    found = identified(ROBOT)
+    found = identified()
     made = candidates(found, sample_time=SAMPLE_TIME)
     controllers = {name: made[name] for name in CONTROLLERS}
     plants = draw_plants(found, scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)

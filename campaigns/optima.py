@@ -19,8 +19,6 @@ from time import process_time
 
 import numpy as np
 
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import named_reference
 from ballbot.fitting.fit import FitOptions, descend, search
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import (
@@ -34,10 +32,9 @@ from ballbot.identification.quantities import Bounds
 from ballbot.log import Log
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
-from ballbot.simulation.run import simulate
-from ballbot.twin import Scenario, Twin
 from campaigns.course_robot import SOURCES, mapped
 from campaigns.section import Section, data_folder
+from campaigns.twin_logs import twin_log
 
 STARTS = 20
 DURATION = 48.0  # [s], of a twin's log
@@ -90,13 +87,6 @@ def fitted(task: Task, start: int | None) -> End:
     steps = task.options.gauss_newton_steps
     fits = [descend(prepared.experiment, one, free=free, most_steps=steps, run=_RUN) for one in points]
     return End(cost=min(one.cost for one in fits), seconds=process_time() - begun)
-
-
-def twin_log(reference: str, *, duration: float, seed: int) -> Log:
-    """Return a log of the nominal twin by its own sensors."""
-    robot = Robot.load("alten")
-    twin, course = Twin(robot, Scenario.nominal(robot)), named_reference(reference)
-    return simulate(twin, nominal_controller(robot), course, duration=duration, seed=seed).without_truth()
 
 
 def tasks() -> dict[str, Task]:
