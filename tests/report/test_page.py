@@ -172,10 +172,12 @@ def test_no_name_ends_the_data_of_a_plot():
 
 
 def test_runs_of_different_length_share_the_longest_time():
-    t, (short, long) = together([(np.arange(3.0), np.arange(3.0)), (np.arange(5.0), np.ones(5))])
+    t, (short, long) = together(
+        [("a", "first", np.arange(3.0), np.arange(3.0)), ("b", "second", np.arange(5.0), np.ones(5))]
+    )
     np.testing.assert_array_equal(t, np.arange(5.0))
-    np.testing.assert_array_equal(short, [0.0, 1.0, 2.0, np.nan, np.nan])
-    np.testing.assert_array_equal(long, np.ones(5))
+    np.testing.assert_array_equal(short.values, [0.0, 1.0, 2.0, np.nan, np.nan])
+    np.testing.assert_array_equal(long.values, np.ones(5))
 
 
 def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():

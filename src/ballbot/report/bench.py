@@ -262,9 +262,7 @@ def driveline_report(
     seconds = sweeps[0].t[-1] - sweeps[0].t[0]
     largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
     curves = "Friction over speed, up to the speed limit and at low speeds."
-    measured = (
-        "Torque over the speed of each wheel, free of the ball. The vertical ends are the supply's speed limit."
-    )
+    measured = "Torque over the speed of each wheel, free of the ball. The vertical ends are the supply's speed limit."
     laws = [fit.law.steady_friction for fit in fits]
     words = (
         "A driveline resists with b ω + (c + s exp(−|ω/v_s|)) sgn ω. Each is identified as an axis of the file's "

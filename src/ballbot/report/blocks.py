@@ -285,7 +285,9 @@ def _on_terminal(block: Block) -> Iterator[RenderableType]:
 
 def section(heading: str, *blocks: Block | None) -> Section:
     """Return a section of those blocks that are not None, and of no empty list."""
-    here = [block for block in blocks if not (block is None or (isinstance(block, Bullets) and not block.items))]
+    here = [
+        block for block in blocks if not (block is None or (isinstance(block, Bullets) and not block.items))
+    ]
     return Section(heading=heading, blocks=here)
 
 

@@ -65,11 +65,12 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
 def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     """Return the distance from the reference over time, with the reference below."""
     longest = max(runs.values(), key=len)
-    t, errors = together([(log.t, 1e3 * position_error(log)) for log in runs.values()])
-    lines = [
-        Line(CANDIDATE_NAMES[name], values, RUN_LOOKS[name])
-        for name, values in zip(runs, errors, strict=True)
-    ]
+    t, lines = together(
+        [
+            (CANDIDATE_NAMES[name], RUN_LOOKS[name], log.t, 1e3 * position_error(log))
+            for name, log in runs.items()
+        ]
+    )
     reference = (
         Line("reference x", longest["ref_x"], "measured"),
         Line("reference y", longest["ref_y"], "sixth"),
@@ -134,7 +135,7 @@ def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "") -> str:
 
 
 #: of controllers in turn; of the first three as in the study's report
-_TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
+TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
 
 
 def course_figure(league: League, course: Course) -> Figure:
@@ -153,17 +154,14 @@ def course_figure(league: League, course: Course) -> Figure:
 
 def course_series(league: League, course: Course) -> TimeSeries:
     """Return each controller's distance from the reference over time, of the same runs."""
-    runs, names = [], []
-    for name in league.controllers:
+    runs = []
+    for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
         wanted = _asked(course, track.t)
-        runs.append((track.t, 1e3 * np.hypot(track.x - wanted[:, 0], track.y - wanted[:, 1])))
-        names.append(name + (" (fell)" if track.ended else ""))
-    t, distances = together(runs)
-    lines = [
-        Line(name, values, _TRACK_LOOKS[place % len(_TRACK_LOOKS)])
-        for place, (name, values) in enumerate(zip(names, distances, strict=True))
-    ]
+        distance = 1e3 * np.hypot(track.x - wanted[:, 0], track.y - wanted[:, 1])
+        look = TRACK_LOOKS[index % len(TRACK_LOOKS)]
+        runs.append((name + (" (fell)" if track.ended else ""), look, track.t, distance))
+    t, lines = together(runs)
     pushes = ", ".join(f"{time:g} s" for time in course.disturbed)
     return TimeSeries(
         t,
@@ -175,8 +173,8 @@ def course_series(league: League, course: Course) -> TimeSeries:
 
 def line_of(index: int) -> LineStyle:
     """Return how the controller of that place is drawn; beyond the looks again, broader."""
-    again, place = divmod(index, len(_TRACK_LOOKS))
-    look = LOOKS[_TRACK_LOOKS[place]]
+    again, place = divmod(index, len(TRACK_LOOKS))
+    look = LOOKS[TRACK_LOOKS[place]]
     return {**look, "linewidth": look["linewidth"] + 0.7 * again}
 
 

@@ -36,11 +36,10 @@ from ballbot.report.palette import BLUE, MUTED, SHADE
 from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture, one_panel
 from ballbot.report.words import NO_FRICTION, capital, state_mark
-from ballbot.results import to_results
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.robot_check import linearization_results, state_order
+from ballbot.workflows.robot_check import state_order
 from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
 
 
@@ -193,16 +192,7 @@ def robust_design_report(design: RobustDesign, findings: Sequence[Finding]) -> R
             f"The cost's tail beyond {design.fresh} robots: rarer ones may fall.",
         ],
         findings=findings,
-        data={
-            "robot": controller.robot.name,
-            "sample_time": controller.sample_time,
-            "compensation": controller.compensation,
-            "gain": controller.gain,
-            "poles": design.design.poles,
-            "loop_margins": design.loop_margins.to_dict(),
-            "linearization": linearization_results(frictionless_model(controller.robot)),
-            **to_results(design),
-        },
+        data=design.to_dict(),
     )
 
 

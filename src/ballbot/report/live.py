@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Column, Result, Sheet, section, sheet_of
-from ballbot.report.series import Line, Look, Panel, TimeSeries, together
+from ballbot.report.series import Look, Panel, TimeSeries, together
 from ballbot.results import to_results
 from ballbot.rounding import unit_heading
 from ballbot.workflows.alternation import Alternation
 from ballbot.workflows.controller_prediction import SHOWN
 from ballbot.workflows.metrics import position_error
+
+LOOKS_IN_TURN: tuple[Look, ...] = ("second", "first", "third", "fourth", "fifth", "sixth")
 
 
 def alternation_report(
@@ -87,12 +90,10 @@ def _gains_and_runs(found: Alternation, runs: Sequence[str]) -> tuple[Sheet, She
 
 
 def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
-    t, errors = together([(log.t - log.t[0], 1e3 * position_error(log)) for log in logs])
-    looks: tuple[Look, ...] = ("second", "first", "third", "fourth", "fifth", "sixth")
-    lines = [
-        Line(f"run {name}", values, looks[k % len(looks)])
-        for k, (name, values) in enumerate(zip(runs, errors, strict=True))
-    ]
+    looked = zip(runs, cycle(LOOKS_IN_TURN), logs, strict=False)
+    t, lines = together(
+        [(f"run {name}", look, log.t - log.t[0], 1e3 * position_error(log)) for name, look, log in looked]
+    )
     panel = Panel("distance from the reference [mm]", lines, from_zero=True)
     return TimeSeries(t, (panel,), "The runs one over another, from their starts.")
 

@@ -129,14 +129,17 @@ def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
 
 
 def together(
-    runs: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
-) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Return one time and the values of each run (t, values) at it, NaN where a run has none.
+    runs: Sequence[tuple[str, Look, NDArray[np.float64], NDArray[np.float64]]],
+) -> tuple[NDArray[np.float64], list[Line]]:
+    """Return one time and a line for each run (name, look, t, values) at it, NaN where a run has none.
 
     The longest run's times are kept, and others are interpolated between their rows.
     """
-    t = max((one for one, _ in runs), key=len)
-    return t, [np.interp(t, own, values, left=np.nan, right=np.nan) for own, values in runs]
+    t = max((own for *_, own, _ in runs), key=len)
+    return t, [
+        Line(name, np.interp(t, own, values, left=np.nan, right=np.nan), look)
+        for name, look, own, values in runs
+    ]
 
 
 def true_spans(t: NDArray[np.float64], flags: NDArray[np.bool_]) -> list[tuple[float, float]]:

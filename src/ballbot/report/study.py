@@ -36,6 +36,7 @@ from ballbot.report.prediction import predicted_sheet
 from ballbot.report.style import drawn_picture, one_panel, plain_log_ticks
 from ballbot.report.validation import undecided_by, validation_results, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
+from ballbot.results import to_results
 from ballbot.robot.file import robot_text
 from ballbot.rounding import digits, interval
 from ballbot.summary import counted
@@ -249,27 +250,6 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
     yield predicted_sheet(prediction)
 
 
-_STIFFNESS: tuple[Column[tuple[Stiffness, Variant, Trial]], ...] = (
-    Column(
-        "gain [N m/m]", lambda row: row[0].position_gain, lambda gain: digits(gain, 2), key="position_gain"
-    ),
-    Column(
-        "compensation",
-        lambda row: row[1].compensation,
-        lambda has: "full" if has else "none",
-        key="compensation",
-    ),
-    Column("observer", lambda row: row[1].observer, lambda has: "yes" if has else "no", key="observer"),
-    Column(None, lambda row: row[0].sensitivity, key="sensitivity"),
-    Column("peak [mm]", lambda row: row[2].peak.median, millimetres),
-    Column("falls", lambda row: row[2].falls),
-)
-
-
-def _of_every_gain(stiffness: FrictionByStiffness) -> list[tuple[Stiffness, Variant, Trial]]:
-    return [(one, variant, trial) for one in stiffness.gains for variant, trial in one.trials.items()]
-
-
 def _stiffness_section(stiffness: FrictionByStiffness) -> Section:
     """Return the section on the peak error of each gain, with and without compensation and observer."""
     course, runs = stiffness.course, len(stiffness.gains[0].trials[VARIANTS[0]].scores)
@@ -435,21 +415,25 @@ def _confirmation(made: Confirmation) -> dict[str, object]:
 
 def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:
     """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
-    stiffest = {plain.observer: stiffness.stiffest(plain) for plain in VARIANTS if not plain.compensation}
-    return {
-        "course": stiffness.course,
-        "gains": [entries_of(row, _STIFFNESS) | _trial(row[2]) for row in _of_every_gain(stiffness)],
-        "verdicts": [
+    gains = [
+        {"position_gain": one.position_gain, "sensitivity": one.sensitivity}
+        | to_results(variant)
+        | _trial(trial)
+        for one in stiffness.gains
+        for variant, trial in one.trials.items()
+    ]
+    verdicts = []
+    for observer in (False, True):
+        stiffest = stiffness.stiffest(Variant(compensation=False, observer=observer))
+        pays = [one.position_gain for one in stiffness.pays_over(observer=observer)]
+        verdicts.append(
             {
                 "observer": observer,
-                "stiffest": one and one.position_gain,
-                "compensation_pays_over": [
-                    gain.position_gain for gain in stiffness.pays_over(observer=observer)
-                ],
+                "stiffest": stiffest and stiffest.position_gain,
+                "compensation_pays_over": pays,
             }
-            for observer, one in stiffest.items()
-        ],
-    }
+        )
+    return {"course": stiffness.course, "gains": gains, "verdicts": verdicts}
 
 
 #: the files of a study besides results.json and its page

@@ -813,10 +813,7 @@ def _states(runs: Mapping[str, Log], names: Sequence[str], *, end: float = math.
     longest = max(runs.values(), key=len)
     panels = []
     for name in names:
-        columns = together([(log.t, log[name]) for log in runs.values()])[1]
-        lines = [
-            Line(_SHOWN[one][0], values, _SHOWN[one][1]) for one, values in zip(runs, columns, strict=True)
-        ]
+        _, lines = together([(*_SHOWN[one], log.t, log[name]) for one, log in runs.items()])
         if f"ref_{name}" in longest:
             lines.append(Line("reference", longest[f"ref_{name}"], "reference"))
         panels.append(Panel(f"{state_mark(name)} [{STATE_UNITS[name]}]", lines))
