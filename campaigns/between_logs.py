@@ -27,11 +27,10 @@ from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters, prepare
 from ballbot.identification.laws import LawName
-from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
+from ballbot.identification.quantities import FRICTION, Bounds, Coordinates, Layout
 from ballbot.identification.variation import PRIOR_FILE, Priors, scaled_units, shipped_priors, widened
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Supply
 from ballbot.simulation.sensors import SensorFaults
@@ -300,19 +299,13 @@ SEEDS = range(1, 11)
 
 
 DRY_SPEED = 0.5  # [rad/s]
+#: of the twelve parameters
+LAYOUT = Layout(wheel_count=3)
 
 
 def _dry(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    b, c, s = values[:3], values[3:6], values[6:9]
-    friction = Friction(
-        viscous=tuple(0.0 * b),
-        coulomb=tuple(c.tolist()),
-        stribeck=tuple(s.tolist()),
-        stribeck_speed=float(values[9]),
-        stribeck_exponent=float(values[10]),
-        rolling=0.0,
-    )
-    return wheel_friction(np.full(3, DRY_SPEED), friction)
+    friction = LAYOUT.robot_of(ROBOT, values).friction
+    return wheel_friction(np.full(3, DRY_SPEED), replace(friction, viscous=(0.0,) * 3))
 
 
 #: the nominal twin with one fault switched off
@@ -331,7 +324,7 @@ _SWITCHED_SEEDS = (1, 2)
 
 def effective() -> Section:
     """Identify twins with single faults off and return the section of docs/generated/evidence.md."""
-    rows = [["set", *_means(_set_values())]]
+    rows = [["set", *_means(LAYOUT.nominal(ROBOT.replace(friction=NOMINAL.friction)))]]
     for name, scenario in SWITCHED.items():
         logs = [nominal_log(seed, scenario) for seed in _SWITCHED_SEEDS]
         fits = [
@@ -346,11 +339,6 @@ def effective() -> Section:
         columns=["", "b", "c", "s", "v_s", "delta", "C_rr", "dry at 0.5 rad/s"],
         rows=rows,
     )
-
-
-def _set_values() -> NDArray[np.float64]:
-    f = NOMINAL.friction
-    return np.array([*f.viscous, *f.coulomb, *f.stribeck, f.stribeck_speed, f.stribeck_exponent, f.rolling])
 
 
 def _mean_known(values: NDArray[np.float64]) -> NDArray[np.float64]:

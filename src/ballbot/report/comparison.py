@@ -1,4 +1,4 @@
-"""Comparisons of controllers: runs side by side, and the league.
+"""Comparisons of controllers: runs side by side, the league, and two in turn on a live robot.
 
 Of a league: tables, an overview with intervals, and each course as it was run with the first seed.
 """
@@ -6,7 +6,7 @@ Of a league: tables, an overview with intervals, and each course as it was run w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.log import Log
-from ballbot.report.blocks import Cell, Paragraph, Result, Section, Sheet, section
+from ballbot.report.blocks import Bullets, Cell, Column, Paragraph, Result, Section, Sheet, section, sheet_of
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import LOOKS, LineStyle, drawn_picture, label_of, one_panel, thinned
 from ballbot.report.words import capital
 from ballbot.rounding import digits, interval, unit_heading
 from ballbot.summary import counted
+from ballbot.workflows.alternation import Alternation
+from ballbot.workflows.controller_prediction import SHOWN
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import METRIC_BY_KEY, METRICS, RATIOS, League, Standing, overall, standing
 from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
@@ -146,7 +148,7 @@ def course_figure(league: League, course: Course) -> Figure:
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
         label = label_of(name) + (" (fell)" if track.ended else "")
-        floor.plot(track.x, track.y, label=label, **line_of(index))
+        floor.plot(track["x"], track["y"], label=label, **line_of(index))
     floor.set_aspect("equal", adjustable="datalim")
     figure.legend(*floor.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
@@ -157,10 +159,10 @@ def course_series(league: League, course: Course) -> TimeSeries:
     runs = []
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
-        wanted = _asked(course, track.t)
-        distance = 1e3 * np.hypot(track.x - wanted[:, 0], track.y - wanted[:, 1])
+        wanted = _asked(course, track["t"])
+        distance = 1e3 * np.hypot(track["x"] - wanted[:, 0], track["y"] - wanted[:, 1])
         look = TRACK_LOOKS[index % len(TRACK_LOOKS)]
-        runs.append((name + (" (fell)" if track.ended else ""), look, track.t, distance))
+        runs.append((name + (" (fell)" if track.ended else ""), look, track["t"], distance))
     t, lines = together(runs)
     pushes = ", ".join(f"{time:g} s" for time in course.disturbed)
     return TimeSeries(
@@ -240,3 +242,96 @@ def _verdict(league: League) -> str:
         equal.append(first)
     others = f" Not significantly less accurate: {every(equal)}." if equal else ""
     return f"{capital(best)} is the most accurate: peak error {_estimate(peaks[best])} times {first}'s.{others} {fell}"
+
+
+def alternation_report(
+    found: Alternation,
+    logs: Sequence[Log],
+    *,
+    controllers: tuple[str, str],  # the files of the one before and the one after
+    about: str,
+    origin: Mapping[str, object],  # the provenance with the robot's
+) -> Result:
+    """Return the page of two controllers in turn."""
+    runs = [f"{k} {'after' if k % 2 == 0 else 'before'}" for k in range(1, len(logs) + 1)]
+    verdicts = [
+        f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
+        for k, one in enumerate(found.verdicts, start=1)
+    ]
+    undecided = ["Where the robot truly was: the errors are those of its own position, which drifts."]
+    open_ones = [name.replace("_", " ") for name, gain in found.gains.items() if gain.verdict == "undecided"]
+    if open_ones:
+        text = f"Whether {', '.join(open_ones)} differ: their intervals contain one. More --rounds make them narrow."
+        undecided.insert(0, text)
+    return Result(
+        title="Two controllers in turn on a live robot",
+        lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
+        verdict=[("", _conclusion(found))],
+        sections=[
+            section("Compared", *_gains_and_runs(found, runs), Bullets(verdicts)),
+            section("Over time", _errors_in_turn(runs, logs)),
+        ],
+        undecided=undecided,
+        data={
+            "recommendation": found.recommendation,
+            "conclusion": _conclusion(found),
+            "runs": found.performances,
+            "gains": found.gains,
+            "verdicts": [
+                {
+                    "recommendation": one.recommendation,
+                    "reason": one.reason,
+                    "outside": [quantity.name for quantity in one.quantities if quantity.place != "inside"],
+                }
+                for one in found.verdicts
+            ],
+            "controllers": dict(zip(("before", "after"), controllers, strict=True)),
+            "provenance": origin,
+        },
+    )
+
+
+def _gains_and_runs(found: Alternation, runs: Sequence[str]) -> tuple[Sheet, Sheet]:
+    names = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
+    gains = sheet_of(
+        found.gains.items(),
+        [
+            Column("quantity", lambda one: names[one[0]]),
+            Column("factor", lambda one: f"{one[1].factor:.2f}"),
+            Column("95 % interval", lambda one: f"{one[1].low:.2f} to {one[1].high:.2f}"),
+            Column("", lambda one: one[1].verdict),
+            Column("drift from run to run", lambda one: f"{round(100.0 * (one[1].drift - 1.0)):+d} %"),
+        ],
+        caption="After over before, the drift removed.",
+    )
+    performances = [
+        (
+            unit_heading(shown.words, shown.unit),
+            *(shown.shown(getattr(one, name)) for one in found.performances),
+        )
+        for name, shown in SHOWN.items()
+    ]
+    return gains, Sheet(("quantity", *runs), performances, "Runs in turn.")
+
+
+def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
+    t, lines = together(
+        [
+            (f"run {name}", TRACK_LOOKS[k % len(TRACK_LOOKS)], log.t - log.t[0], 1e3 * position_error(log))
+            for k, (name, log) in enumerate(zip(runs, logs, strict=True))
+        ]
+    )
+    panel = Panel("distance from the reference [mm]", lines, from_zero=True)
+    return TimeSeries(t, (panel,), "The runs one over another, from their starts.")
+
+
+def _conclusion(found: Alternation) -> str:
+    """Return the result of runs in turn in one or two sentences."""
+    advice = f"{found.recommendation.capitalize()} the controller by the study's prediction."
+    gain = found.gains.get("peak_error")
+    if gain is None:
+        return f"{advice} A run ended before it settled, so that the errors are not compared."
+    size = f"The peak error is {gain.factor:.2f} times as large ({gain.low:.2f} to {gain.high:.2f})"
+    if gain.verdict == "undecided":
+        return f"{advice} {size}, which decides nothing; repeat the comparison with more --rounds."
+    return f"{advice} {size}."
