@@ -31,12 +31,7 @@ from ballbot.report.study import study_report, study_results, study_texts
 from ballbot.robot import Robot
 from ballbot.workflows import controller_choice
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import (
-    NamedCourse,
-    compensated_robot,
-    confirm,
-    draw_plants,
-)
+from ballbot.workflows.controller_choice import NamedCourse, compensated_robot, confirm, draw_plants
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     Prediction,
