@@ -1,12 +1,6 @@
 """File formats of logs: each is one file here and one line in `FORMATS`, and every command reads and writes through it.
 
-text      tables of text by a `TextLayout`
-inference the layout that a table of text shows
-json      JSON, a list of objects or an object of lists
-parquet   Parquet, by pyarrow
-mat       MATLAB files of version 4 to 7, their numeric variables
-mcap      MCAP: JSON messages for Foxglove and PlotJuggler, with units and a scene
-ros       bags of ROS 1 and ROS 2, in one file or as folders; topics with times of their own as one table; only read
+A table of text is read by its `TextLayout` (`text`), which a mapping states or its lines show (`inference`).
 """
 
 from __future__ import annotations
@@ -19,7 +13,7 @@ from pathlib import Path
 
 from ballbot.arrays import check_table, format_bytes
 from ballbot.errors import InputError, either, nearest, suggest
-from ballbot.files import LARGEST_TABLE, check_regular, folder_refusal
+from ballbot.files import LARGEST_TABLE, check_regular
 from ballbot.log.columns import (
     Columns,
     Floats,
@@ -73,6 +67,8 @@ class LogFormat:
 _TEXT = LogFormat(
     "CSV", (".csv", ".txt", ".tsv", ".dat", ".log"), read_inferred, write_text_table, is_text=True
 )
+#: of ROS 1 or 2; also how a folder is read, whatever its name
+_BAG = LogFormat("ROS bag", (".db3", ".bag"), read_bag, extra="formats")
 #: every format; adding one takes a file beside this one and a line here
 FORMATS: tuple[LogFormat, ...] = (
     _TEXT,
@@ -80,11 +76,8 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat("JSON", (".json", ".jsonl", ".ndjson"), read_json_table),
     LogFormat("MATLAB", (".mat",), read_mat, write_mat),
     LogFormat("MCAP", (".mcap",), read_mcap, write_mcap, extra="formats"),
-    LogFormat("ROS 2 bag", (".db3",), read_bag, extra="formats"),
-    LogFormat("ROS 1 bag", (".bag",), read_bag, extra="formats"),
+    _BAG,
 )
-#: how a folder is read, whatever its name
-_FOLDER = LogFormat("ROS 2 bag", (), read_bag, extra="formats")
 _SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
 _COMPRESSED = (".gz", ".zst", ".xz", ".bz2", ".zip")
 #: suffixes of the files that are written, the default first
@@ -204,8 +197,10 @@ def _format_of(path: str | Path, *, otherwise: LogFormat | None = None) -> LogFo
     """Return the format of a file by its suffix, or `otherwise`; InputError if it is compressed, or of no format."""
     path = Path(path)
     suffix = path.suffix.lower()
-    found = _FOLDER if path.is_dir() else next((one for one in FORMATS if suffix in one.suffixes), otherwise)
-    if suffix in _COMPRESSED and found is not _FOLDER:
+    if path.is_dir():
+        return _BAG
+    found = next((one for one in FORMATS if suffix in one.suffixes), otherwise)
+    if suffix in _COMPRESSED:
         check_regular(path)
         raise InputError(f"{path} is compressed; unpack it first.")
     if found is None:
@@ -218,9 +213,7 @@ def _format_of(path: str | Path, *, otherwise: LogFormat | None = None) -> LogFo
 
 def _read(one: LogFormat, path: Path) -> Columns:
     """Return a file's variables, checked as `LogFormat` promises."""
-    if one is _FOLDER and not is_bag_folder(path):
-        raise folder_refusal(path)
-    size = 0 if one is _FOLDER else check_regular(path)
+    size = 0 if one is _BAG and is_bag_folder(path) else check_regular(path)
     if size > LARGEST_TABLE:
         raise InputError(f"{path} has {format_bytes(size)}; at most {format_bytes(LARGEST_TABLE)} are read.")
     with _needing(one, reading=path):
