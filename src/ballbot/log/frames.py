@@ -61,10 +61,11 @@ def _numbers(name: str, values: Series | Index) -> Floats:
     """Return values as numbers, dates and durations as seconds; dates count from the first row."""
     kind = values.dtype.kind
     if kind in "mM":
-        from pandas import Index
+        import pandas
 
-        moments = Index(values)
-        return (moments if kind == "m" else moments - moments[0]).total_seconds().to_numpy(dtype=np.float64)
+        moments = pandas.Index(values)
+        durations = pandas.TimedeltaIndex(moments if kind == "m" else moments - moments[0])
+        return durations.total_seconds().to_numpy(dtype=np.float64)
     if kind not in "fiub":
         raise InputError(
             f"The frame's column {name!r} does not contain numbers (its type is {values.dtype}). Convert it, or leave "

@@ -60,22 +60,19 @@ class LogFormat:
     suffixes: tuple[str, ...]  #: of the names of its files; a written file has the first
     read: Callable[[Path], Columns]
     write: Callable[[Path, Mapping[str, Floats]], None] | None = None  #: None: only read
-    extra: str = ""  #: the extra of `pip install ballbot[...]` that it needs
-    is_text: bool = False  #: whether a mapping file may give its layout
 
 
-_TEXT = LogFormat(
-    "CSV", (".csv", ".txt", ".tsv", ".dat", ".log"), read_inferred, write_text_table, is_text=True
-)
+#: the one whose layout a mapping file may give
+_TEXT = LogFormat("CSV", (".csv", ".txt", ".tsv", ".dat", ".log"), read_inferred, write_text_table)
 #: of ROS 1 or 2; also how a folder is read, whatever its name
-_BAG = LogFormat("ROS bag", (".db3", ".bag"), read_bag, extra="formats")
+_BAG = LogFormat("ROS bag", (".db3", ".bag"), read_bag)
 #: every format; adding one takes a file beside this one and a line here
 FORMATS: tuple[LogFormat, ...] = (
     _TEXT,
-    LogFormat("Parquet", (".parquet",), read_parquet_table, write_parquet_table, extra="formats"),
+    LogFormat("Parquet", (".parquet",), read_parquet_table, write_parquet_table),
     LogFormat("JSON", (".json", ".jsonl", ".ndjson"), read_json_table),
     LogFormat("MATLAB", (".mat",), read_mat, write_mat),
-    LogFormat("MCAP", (".mcap",), read_mcap, write_mcap, extra="formats"),
+    LogFormat("MCAP", (".mcap",), read_mcap, write_mcap),
     _BAG,
 )
 _SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
@@ -105,7 +102,7 @@ def is_foreign(path: str | Path) -> bool:
     if not path.exists():
         return False
     one = _format_of(path, otherwise=_TEXT)
-    return not has_native_names(read_head(path).names if one.is_text else _read(one, path))
+    return not has_native_names(read_head(path).names if one is _TEXT else _read(one, path))
 
 
 def read_columns(
@@ -129,9 +126,9 @@ def read_columns(
         Sentences on what is left out are added to it.
     """
     one, notes = _format_of(path), [] if notes is None else notes
-    if one.is_text and layout is not None:
+    if one is _TEXT and layout is not None:
         return read_text_table(path, layout, used=used, notes=notes)
-    columns = read_inferred(path, of_a_log=True, notes=notes) if one.is_text else _table(one, Path(path))
+    columns = read_inferred(path, of_a_log=True, notes=notes) if one is _TEXT else _table(one, Path(path))
     if layout is not None:
         return columns
     read: Columns = {}
@@ -152,13 +149,13 @@ def read_variables(path: str | Path) -> Columns:
 
 def read_units(path: str | Path) -> dict[str, str]:
     """Return the units of a file's variables by name, as a table of text has them in a row below its header."""
-    return dict(read_head(path).units) if _format_of(path).is_text else {}
+    return dict(read_head(path).units) if _format_of(path) is _TEXT else {}
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
     """Read a table of any format, and of text in any layout, whatever its suffix; InputError if it has no numbers."""
     one = _format_of(path, otherwise=_TEXT)
-    if one.is_text:
+    if one is _TEXT:
         return infer_text_table(path, given_names=names)
     columns = _table(one, Path(path))
     if names is not None:
@@ -231,7 +228,7 @@ def _needing(one: LogFormat, *, reading: Path | None = None) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise InputError(
-            f"{one.name} files need {error.name}: pip install 'ballbot[{one.extra}]'. Or use CSV."
+            f"{one.name} files need {error.name}: pip install 'ballbot[formats]'. Or use CSV."
         ) from None
     except InputError:
         raise

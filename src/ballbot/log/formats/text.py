@@ -79,7 +79,8 @@ def read_text_table(
     rows, cut, damaged = _whole_rows(path, lines, layout, len(names))
     frame = _frame(path, list(rows.values()), layout, len(names))
     table, words = np.empty(frame.shape), np.zeros(frame.shape, dtype=np.bool_)
-    for i, column in frame.items():
+    for i in range(len(names)):
+        column = frame[i]
         if column.dtype.kind in "iuf":
             table[:, i] = column
         else:
