@@ -145,13 +145,12 @@ def _header_names(path: str | Path, lines: list[str], layout: TextLayout) -> lis
     check_table(0, len(cells), source=str(path))
     if not cells:
         raise InputError(f"{path}, line {number}: {_TOO_LONG}")
-    names, problems = names_of(cells, len(cells))
-    if problems or all(map(is_number, names)):
-        problem = (
-            problems[0] if problems else "This line has numbers; it must be the header with the column names."
-        )
-        raise InputError(f"{path}, line {number}: {problem[0].lower()}{problem[1:]}")
-    return names
+    _, problems = names_of(cells, len(cells))
+    if all(map(is_number, cells)):
+        problems = ["This line has numbers; it must be the header with the column names."]
+    if problems:
+        raise InputError(f"{path}, line {number}: {problems[0][0].lower()}{problems[0][1:]}")
+    return cells
 
 
 def names_of(cells: list[str], width: int) -> tuple[list[str], list[str]]:
