@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ballbot.fitting.experiment import Residuals
+from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import fit
 from ballbot.fitting.parameter import Limits, Parameter
 
@@ -16,9 +16,9 @@ def line(seed: int, **more: Limits) -> tuple[Residuals, np.ndarray, np.ndarray]:
     random = np.random.default_rng(seed)
     X = random.normal(size=(400, 2))
     values = X @ [0.3, -0.8] + 0.1 * random.normal(size=400)
-    made = Residuals(
+    made = residuals_without_states(
+        lambda p: (X @ p - values).reshape(100, 4),
         parameters=(signed("a", **more), signed("b")),
-        residuals_of=lambda p: (X @ p - values).reshape(100, 4),
         block=np.arange(400),
         block_log=np.zeros(400, dtype=np.int64),
     )

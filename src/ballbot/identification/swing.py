@@ -34,7 +34,7 @@ from scipy.special import ellipk, stdtrit
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.findings import Finding, error, finding, finding_results, note, warning
-from ballbot.fitting.experiment import Residuals
+from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import descend, fit
 from ballbot.fitting.intervals import HALF_WIDTH
 from ballbot.fitting.parameter import Parameter
@@ -228,11 +228,8 @@ def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
         for name, symbol, unit, most in sizes
     )
     block = np.minimum((swing.t - swing.t[0]) // swing.period, swing.swings // 1.0 - 1.0).astype(np.int64)
-    experiment = Residuals(
-        parameters=(frequency, *others),
-        residuals_of=lambda p: _sensed(p, swing)[1] - swing.values,
-        block=block,
-        block_log=np.zeros(block[-1] + 1, dtype=np.int64),
+    experiment = residuals_without_states(
+        lambda p: _sensed(p, swing)[1] - swing.values, parameters=(frequency, *others), block=block
     )
     return experiment, np.array([omega**2, 0.0, 0.0, angle, rate, zero])
 
