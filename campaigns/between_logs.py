@@ -32,7 +32,6 @@ from ballbot.identification.identify import (
     estimated_parameters,
     prepare,
 )
-from ballbot.identification.laws import LawName
 from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
 from ballbot.identification.variation import (
     PRIOR_FILE,
@@ -179,7 +178,7 @@ class Fit:
     by_log: LogEstimates
 
 
-def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
+def fit_of(log: Log, name: str, *, law: str = "stribeck") -> Fit:
     """Return a log's fit, in one thread, from file if it is there.
 
     As `identify` does, without its evolution, from a start far from the truth, and without profiles.

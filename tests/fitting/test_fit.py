@@ -58,9 +58,9 @@ def test_of_two_optima_the_lower_is_the_estimate_and_the_other_is_told():
     x, w, noise = random.normal(size=(3, 400))
     # exactly so much worse is the other sign: noise and w are orthogonal
     noise -= w * (w @ noise) / (w @ w)
-    made = Residuals(
+    made = residuals_without_states(
+        lambda a: x * (a**2 - 1.0) + 0.02 * w * (a + 1.0) + noise,
         parameters=(signed("a"),),
-        residuals_of=lambda a: x * (a**2 - 1.0) + 0.02 * w * (a + 1.0) + noise,
         block=np.arange(400),
         block_log=np.zeros(400, dtype=np.int64),
     )

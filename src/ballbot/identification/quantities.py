@@ -150,10 +150,6 @@ class Quantity:
         return unit[:, None] * np.array(self.bounds)
 
 
-def _ones(robot: Robot) -> Sequence[float]:
-    return (1.0,) * robot.wheel_count
-
-
 def _of_robot(
     place: str,
     *,
@@ -195,10 +191,9 @@ QUANTITIES: tuple[Quantity, ...] = (
         "friction.coulomb",
         stands_for="dry friction less what slip of the rollers and play move to other parameters",
     ),
-    _of_robot("friction.stribeck", stands_for="play of the gears and the change from roller to roller"),
-    _of_robot("friction.stribeck_speed", stands_for="play of the gears and the change from roller to roller"),
-    _of_robot(
-        "friction.stribeck_exponent", stands_for="play of the gears and the change from roller to roller"
+    *(
+        _of_robot(f"friction.{name}", stands_for="play of the gears and the change from roller to roller")
+        for name in ("stribeck", "stribeck_speed", "stribeck_exponent")
     ),
     _of_robot("friction.rolling", stands_for="losses of the rollers on the ball, and play of the gears"),
     _of_robot("friction.stribeck_asymmetry"),
@@ -247,7 +242,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         each="wheels",
         scale="ratio",
         bounds=(0.5, 2.0),
-        nominal_of=_ones,
+        nominal_of=lambda robot: (1.0,) * robot.wheel_count,
     ),
     Quantity(
         name="torque_offset",
