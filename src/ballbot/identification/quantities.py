@@ -139,6 +139,18 @@ class Quantity:
             return tuple(f"{self.symbol}{i}" for i in range(1, wheel_count + 1))
         return tuple(f"{self.symbol}_{letter}" for letter in self.each) if self.each else (self.symbol,)
 
+    def parameter(self, label: str, bounds: Limits, default: float) -> Parameter:
+        """Return the one of its numbers with that label as a parameter of a fit."""
+        return Parameter(
+            name=self.name,
+            symbol=label,
+            unit=self.unit,
+            scale=self.scale,
+            bounds=bounds,
+            default=default,
+            meaning=self.meaning,
+        )
+
     def nominal(self, robot: Robot) -> NDArray[np.float64]:
         """Return its numbers as the robot has them, or the neutral ones."""
         count = len(self.labels(robot.wheel_count))
@@ -402,9 +414,7 @@ class Layout:
 
     def number(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a quantity of one number (...) out of rows of parameters (..., p) that have it."""
-        part = self.part(name, values)
-        assert part is not None, name
-        return part[..., 0]
+        return values[..., self._columns[name]][..., 0]
 
     def nominal(self, robot: Robot) -> NDArray[np.float64]:
         """Return the parameters (p,) before identification."""
@@ -463,13 +473,8 @@ class Layout:
 
     def by_symbol(self, values: NDArray[np.float64]) -> dict[str, list[float] | float]:
         """Return parameters (p,) as {"b": [..], "c": [..], "s": [..], "v_s": .., "delta": .., "C_rr": .., ..}."""
-        result: dict[str, list[float] | float] = {}
-        for name in self.names:
-            numbers = self.part(name, values)
-            assert numbers is not None
-            quantity = BY_NAME[name]
-            result[quantity.symbol] = numbers.tolist() if quantity.each else float(numbers[0])
-        return result
+        numbers = {BY_NAME[name]: values[columns].tolist() for name, columns in self._columns.items()}
+        return {one.symbol: own if one.each else own[0] for one, own in numbers.items()}
 
 
 def _shaped_like(value: Value, numbers: NDArray[np.float64]) -> Value:
@@ -587,14 +592,7 @@ def scale_between(
         limits = _limits(quantity, robot, estimated, bounds)
         values = zip(quantity.labels(robot.wheel_count), limits, quantity.nominal(robot), strict=True)
         parameters += [
-            Parameter(
-                name=name,
-                symbol=label,
-                unit=quantity.unit,
-                scale=quantity.scale,
-                bounds=(float(low), float(high)),
-                default=float(value),
-            )
+            quantity.parameter(label, (float(low), float(high)), float(value))
             for label, (low, high), value in values
         ]
     return Coordinates(layout=layout, parameters=tuple(parameters))

@@ -28,7 +28,6 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, note, warning
 from ballbot.fitting.experiment import Dependence, Residuals, residuals_without_states
 from ballbot.fitting.fit import fit
-from ballbot.fitting.parameter import Parameter
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import correlation, discrepancy
 from ballbot.identification.agreement import StageEstimate, file_findings
@@ -262,15 +261,7 @@ def momentum_balance(pieces: Pieces) -> Residuals:
     return residuals_without_states(
         pieces.residuals,
         parameters=tuple(
-            Parameter(
-                name=one.name,
-                symbol=label,
-                unit=one.unit,
-                scale=one.scale,
-                bounds=bounds.get(one.name, SHAPES),
-                default=0.0 if one.name in bounds else 1.0,
-                meaning=one.meaning,
-            )
+            one.parameter(label, bounds.get(one.name, SHAPES), 0.0 if one.name in bounds else 1.0)
             for one in QUANTITIES
             for label in one.labels(len(pieces.A))
         ),
