@@ -165,6 +165,7 @@ def test_damping_of_the_heading_is_not_taken_for_reversed_motors():
     driving = Driving(
         torque=need + 0.1 * sign + 0.05 * speed - 0.25 * turning + 0.05 * random.standard_normal((4000, 4)),
         needed=need,
+        pulled=need,
         friction=np.stack([sign, speed, sign * np.exp(-np.abs(speed))], axis=-1),
         turning=np.ones((4000, 4)),
         block=np.arange(4000) // 100,

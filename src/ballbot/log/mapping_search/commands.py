@@ -25,8 +25,8 @@ from scipy.optimize import nnls
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.checks.lean import Motion, motion_of, usable_rows
-from ballbot.log.checks.torque_balance import Driving, driving_of, gains_of, motor_sums
+from ballbot.log.checks.lean import motion_of
+from ballbot.log.checks.torque_balance import Driving, driving_of, gains_of
 from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
@@ -129,28 +129,23 @@ class CommandDrive:
         return self.ratios[self.kind][1] if self.kind in self.ratios else math.nan
 
 
-def needs_of(log: Log, robot: Robot) -> tuple[Driving, Motion] | None:
-    """Return the torques of a log with the needs of each wheel, and the motion; None if it shows none."""
-    rows = usable_rows(log, robot)
-    if rows is None:
-        return None
-    moved = motion_of(log, rows)
-    driving = driving_of(log, rows, moved, robot)
-    return None if driving is None else (driving, moved)
+def needs_of(log: Log, robot: Robot) -> Driving | None:
+    """Return the torques of a log with the needs of each wheel; None if it shows none."""
+    motion = motion_of(log, robot)
+    return None if motion is None else driving_of(log, motion, robot)
 
 
 def drive_of(
-    base: Columned, motion: SensedMotion, frame: SensorFrame, needs: tuple[Driving, Motion] | None
+    base: Columned, motion: SensedMotion, frame: SensorFrame, driving: Driving | None
 ) -> CommandDrive:
     """Return what the commands are, by what they are as torques in the frame's order of the wheels (`needs_of`)."""
     assigned, gain, error = None, math.nan, math.inf
     if not base.roles.attitude:
         assigned = turned_by(base, motion)
-    elif needs is not None:
-        driving, moved = needs
+    elif driving is not None:
         assigned = assign(driving, [frame.signs[place - 1] for place in frame.order])
         ordered = replace(driving, torque=by_wheel(driving.torque, (assigned.wheels, assigned.signs)))
-        gain, error = gains_of(motor_sums(ordered, moved, base.robot)).common()
+        gain, error = gains_of(ordered).common()
     delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
     kind, ratios, alike = _scale_of(base, gain if math.isfinite(error) else math.nan, error)
     return CommandDrive(
