@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot import InputError, Robot
-from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import check
+from ballbot.log.checks.kinematics import measured_wheel_speeds
 from ballbot.log.checks.physics import examine
 from ballbot.log.pose import with_odometry
 from ballbot.mechanics.model import Model

@@ -36,12 +36,11 @@ ALIKE, WRONG_GAIN, IMPOSSIBLE_GAIN = 1.12, 1.2, 3.0
 #: standard deviation of a heading that turns enough to show its sign [rad]: a heading that trembles about one value is
 #: late in the gyro
 TURNING_HEADING = 0.02
-#: rows of a block, the fewest blocks, and the rows that are used, at even intervals of the log
-BLOCK_ROWS, FEWEST_BLOCKS, ENOUGH_ROWS = 50, 10, 1500
-#: blocks with less squared wheel speed than this fraction of the mean are at rest
-MOVING = 0.02
-#: another reading of columns must leave at most this fraction unexplained, and fit better than other wheels by a factor
-UNEXPLAINED, AS_GOOD = 0.3, 1.1
+#: the fewest rows, and those that are used, at even intervals of the log
+FEWEST_ROWS, ENOUGH_ROWS = 500, 1500
+#: another reading of columns must leave at most this fraction unexplained, so many times less than the columns as
+#: logged, and at most so many times as much as other wheels do
+UNEXPLAINED, CLEARLY_LESS, AS_GOOD = 0.3, 1.8, 1.1
 _BALL, _HEADING = ("x", "y", "x_dot", "y_dot"), ("psi", "psi_dot")
 
 
@@ -70,6 +69,18 @@ def wheel_speeds_of_states(states: Floats, robot: Robot) -> Floats:
     z = np.einsum("nji,nj->ni", rotation(theta, phi, psi), Omega)
     w = np.einsum("nij,nj->ni", body_rates_matrix(theta, phi, psi), states[:, 7:10])
     return (z - w) @ transforms(robot).T_owb.T
+
+
+def measured_wheel_speeds(log: Log, robot: Robot) -> Floats:
+    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states where these are missing."""
+    names = wheel_speed_names(robot.wheel_count)
+    logged = set(names) <= set(log.names)
+    speeds = np.column_stack([log[name] if logged else np.full(len(log), np.nan) for name in names])
+    if np.isfinite(speeds).all():
+        return speeds
+    zero = np.zeros(len(log))  # the position does not matter
+    states = np.column_stack([zero, zero, *(log[name] for name in STATE_NAMES[2:])])
+    return np.where(np.isfinite(speeds), speeds, wheel_speeds_of_states(states, robot))
 
 
 def _rolling(log: Log, robot: Robot) -> tuple[Floats, Floats] | None:
@@ -114,26 +125,20 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
     tried with every exchange and sign; one that fits clearly better than the columns as logged is the right one, unless
     another order or other signs of the wheels fit as well.
     """
-    from ballbot.log.checks.lean import READINGS, is_clearly_better
+    from ballbot.log.checks.lean import READINGS
 
     rolling = _rolling(log, robot)
-    if rolling is None:
+    if rolling is None or len(rolling[0]) < FEWEST_ROWS or rolling[1].std(axis=0).min() < LEAST_MOTION:
         return []
     states, logged = (part[:: max(1, len(part) // ENOUGH_ROWS)] for part in rolling)
-    whole = len(states) // BLOCK_ROWS * BLOCK_ROWS
-    if whole < FEWEST_BLOCKS * BLOCK_ROWS or logged.std(axis=0).min() < LEAST_MOTION:
-        return []
 
-    def by_blocks(values: Floats) -> Floats:
-        return np.square(values[:whole]).reshape(-1, BLOCK_ROWS * values.shape[1]).sum(axis=1)
-
-    def left(states: Floats, logged: Floats) -> Floats:
-        """Return the squared wheel speed that the states leave unexplained, by blocks; a common gain is fitted."""
+    def left(states: Floats, logged: Floats) -> float:
+        """Return the fraction of the squared wheel speed that the states leave; a common gain is fitted."""
         expected = wheel_speeds_of_states(states, robot)
-        gain = max(float(np.sum(expected * logged) / max(np.sum(expected * expected), 1e-30)), 0.0)
-        return by_blocks(logged - gain * expected)
+        gain = max(float(np.vdot(expected, logged) / max(np.vdot(expected, expected), 1e-30)), 0.0)
+        return float(np.square(logged - gain * expected).sum() / np.square(logged).sum())
 
-    tried: list[tuple[Floats, tuple[str, ...], str]] = []
+    tried: list[tuple[float, tuple[str, ...], str]] = []
     for reading in READINGS[1:]:
         changed = states.copy()
         changed[:, 5:7] = states[:, [6, 5] if reading.swapped else [5, 6]] * reading.signs
@@ -141,19 +146,15 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
     if states[:, 4].std() >= TURNING_HEADING:
         changed = states * np.where(np.isin(np.arange(10), (4, 9)), -1.0, 1.0)
         tried.append((left(changed, logged), _HEADING, "psi has the opposite sign, with its rate"))
-    own, (best, columns, fault) = left(states, logged), min(tried, key=lambda one: one[0].sum())
-    power = by_blocks(logged)
-    moving = power > MOVING * power.mean()  # at rest there is only the states' noise
-    fits = moving.sum() >= FEWEST_BLOCKS and best.sum() <= UNEXPLAINED * power.sum()
-    if not fits or not is_clearly_better(best[moving], own[moving]):
-        return []
+    least, columns, fault = min(tried)
+    ordered, order = 1.0, ""
     if found and not found.own:
-        ordered = float(left(states, logged[:, [i - 1 for i in found.order]] * found.signs).sum())
-        if ordered < best.sum() / AS_GOOD:
-            return []
-        if ordered < AS_GOOD * best.sum():
-            fault += f", or the wheels are in the order {list(found.order)} with signs {list(found.signs)}"
-    return judged("heading-sign" if columns is _HEADING else "ball-axes", 1.0, columns, {"fault": fault})
+        ordered = left(states, logged[:, [i - 1 for i in found.order]] * found.signs)
+        order = f", or the wheels are in the order {list(found.order)} with signs {list(found.signs)}"
+    if least > min(UNEXPLAINED, left(states, logged) / CLEARLY_LESS, AS_GOOD * ordered):
+        return []
+    numbers = {"fault": fault + (order if ordered < AS_GOOD * least else "")}
+    return judged("heading-sign" if columns is _HEADING else "ball-axes", 1.0, columns, numbers)
 
 
 def other_wheels(log: Log, wheel_count: int) -> str:
@@ -231,14 +232,13 @@ def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
         counts: f"they are encoder counts; multiply by 2 pi / (counts per turn x gear ratio) = {1.0 / counts:.4g} rad",
     }
     unit = next((causes[size] for size in causes if alike and 1.0 / ALIKE < common / size < ALIKE), None)
-    wrong = unit or (alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN)
-    wrong = wrong or any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
     cause = unit or (
         "a radius, the tilt, the gear ratio or the encoder counts differ from the robot file or by wheel, x and y were "
         "computed with another radius, or the ball slips or pivots"
     )
+    off = max(max(gains), 1.0 / min(gains)) / (WRONG_GAIN if alike else IMPOSSIBLE_GAIN)
     numbers = {"gains": ", ".join(f"{gain:.4g}" for gain in gains), "cause": cause}
-    return judged("wheels: gain", 2.0 if wrong else 1.0, wheel_speed_names(len(gains)), numbers)
+    return judged("wheels: gain", 2.0 if unit else off, wheel_speed_names(len(gains)), numbers)
 
 
 def wheel_test(log: Log, robot: Robot) -> LeanTest | None:

@@ -63,15 +63,6 @@ def clarity(advantage: Floats) -> float:
     return mean / (spread / np.sqrt(len(advantage)))
 
 
-def is_clearly_better(left: Floats, own: Floats) -> bool:
-    """Return whether an explanation that leaves squares (B,) by blocks is the right one, and not the log's `own`.
-
-    It leaves 1.8 times less, and is better by four standard errors.
-    """
-    advantage = (own - left) / np.maximum(own + left, _TINY)
-    return own.sum() > 1.8 * left.sum() and clarity(advantage) > 4.0
-
-
 def _unexplained(columns: Complex, values: Complex) -> Complex:
     """Return values (N,) less their least-squares fit by columns (N, m)."""
     return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
@@ -161,8 +152,9 @@ def as_complex(vectors: Floats) -> Complex:
     return vectors[:, 0] + 1j * vectors[:, 1]
 
 
-#: readings within this factor of the best are indistinguishable
-AS_GOOD = 1.15
+#: readings within this factor of the best are indistinguishable; one that is clearly better than the columns as logged
+#: leaves so many times less unexplained, and is better by so many standard errors
+AS_GOOD, CLEARLY_LESS, CLEARLY_BETTER = 1.15, 1.8, 4.0
 #: fraction of the ball's acceleration that the best reading must explain for a conclusion, and relative standard error
 #: of gravity's gain above which nothing is concluded
 EXPLAINED, KNOWN = 0.5, 0.15
@@ -240,7 +232,8 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     usual = USUAL[0] < size < USUAL[1] and abs(turn) < BETWEEN
     if explained < (EXPLAINED if usual else MOSTLY) or error >= KNOWN * size:
         return judged("physics", 1.0, [], {}), None
-    if good[0] != 0 and is_clearly_better(left[best], left[0]):
+    advantage = (left[0] - left[best]) / np.maximum(left[0] + left[best], _TINY)
+    if good[0] != 0 and total[0] > CLEARLY_LESS * total[best] and clarity(advantage) > CLEARLY_BETTER:
         return _misread([pairs[k] for k in good]), None
     # a disturbance with the correlation has so large a part along the lean for the part that is left; if the law
     # explains nearly everything, nothing else moves the ball

@@ -130,7 +130,7 @@ CHECKS: Mapping[str, Check] = {
         "The wheel columns do not fit this robot; a mapping with [wheels] order = {order} and sign = {signs} would fit "
         "(correlations {correlations}).", error=0,
     ),
-    "wheels: gain": Check(  # 2 if slip cannot explain it
+    "wheels: gain": Check(  # factor, or its inverse, over the largest that slip and play explain
         "The wheels turn {gains} times as fast as the states imply for this robot: {cause}.", error=1, warning=0,
     ),
     "stuck: encoder": Check(

@@ -30,10 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding
-from ballbot.log.checks.kinematics import wheel_speeds_of_states
+from ballbot.log.checks.kinematics import measured_wheel_speeds
 from ballbot.log.checks.lean import EVERY, Motion, as_complex, as_plane
 from ballbot.log.checks.table import judged
-from ballbot.log.columns import Floats, torque_names, wheel_speed_names
+from ballbot.log.columns import Floats, torque_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, local_fit
 from ballbot.mechanics.geometry import transforms
@@ -107,13 +107,7 @@ def smoothed_wheel_speeds(log: Log, robot: Robot) -> Floats:
 
     It is missing in rows that lack the states as well.
     """
-    names = wheel_speed_names(robot.wheel_count)
-    logged = set(names) <= set(log.names)
-    speeds = np.column_stack([log[name] if logged else np.full(len(log), np.nan) for name in names])
-    if not np.isfinite(speeds).all():
-        rates, zero = ("x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot"), np.zeros(len(log))
-        states = np.column_stack([zero, zero, *(log[name] for name in ("theta", "phi", "psi", *rates))])
-        speeds = np.where(np.isfinite(speeds), speeds, wheel_speeds_of_states(states, robot))
+    speeds = measured_wheel_speeds(log, robot)
     known = np.isfinite(speeds).all(axis=1)
     smooth = np.full_like(speeds, np.nan)
     smooth[known] = local_fit(log.t[known], speeds[known], rows=max(2, round(0.015 / log.sample_time)))[0]
@@ -154,26 +148,25 @@ class Gains:
             return 1.0, float("inf")
         return float(np.exp(weights @ np.log(self.factors[known]) / precision)), precision**-0.5
 
-    def unlike(self, i: int) -> tuple[float, float]:
-        """Return the factor of a torque over that of the others, and its relative standard error.
+    def unlike(self) -> tuple[Floats, Floats]:
+        """Return the factor (n,) of each torque over that of the others, and its relative standard error.
 
         The others' is known by what is usual, too, unless the log contradicts that.
         """
-        others, error = self.common(i)
-        if abs(np.log(others)) < 3.0 * np.hypot(error, USUAL):
-            precision = error**-2 + USUAL**-2
-            others, error = others ** (error**-2 / precision), precision**-0.5
-        return max(float(self.factors[i]) / others, ZERO), float(np.hypot(self.errors[i], error))
+        others, errors = np.array([self.common(i) for i in range(len(self.factors))]).T
+        precision = errors**-2 + USUAL**-2
+        usual = np.abs(np.log(others)) < 3.0 * np.hypot(errors, USUAL)
+        others = np.where(usual, others ** (errors**-2 / precision), others)
+        errors = np.where(usual, precision**-0.5, errors)
+        return np.maximum(self.factors / others, ZERO), np.hypot(self.errors, errors)
 
     def unbounded(self) -> dict[int, tuple[float, float]]:
         """Return bounds (95 %) of the factor over the others' of each torque (from 0) that may be `MUST_SHOW` off."""
-        found = {}
-        for i in range(len(self.factors)):
-            factor, error = self.unlike(i)
-            off = abs(np.log(factor)) if np.isfinite(factor) else 0.0
-            if not np.exp(off + 1.96 * error) < MUST_SHOW:
-                found[i] = (factor * float(np.exp(-1.96 * error)), factor * float(np.exp(1.96 * error)))
-        return found
+        factors, errors = self.unlike()
+        with np.errstate(over="ignore"):
+            reach = np.exp(1.96 * errors)
+        wide = ~(np.exp(np.abs(np.nan_to_num(np.log(factors)))) * reach < MUST_SHOW)
+        return {i: (float(factors[i] / reach[i]), float(factors[i] * reach[i])) for i in np.flatnonzero(wide)}
 
     def scale_errors(self) -> Floats:
         """Return the relative standard error (n,) of each torque's scale that its motor's friction has besides its own.
@@ -225,19 +218,15 @@ def together(gains: Sequence[Gains]) -> Gains:
 
 def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
     """Return the error of a torque that is scaled unlike the others, or of all that are scaled."""
-    found = [gains.unlike(i) for i in range(len(names))]
-    unlike = {
-        i: abs(np.log(factor)) / uncertain
-        for i, (factor, uncertain) in enumerate(found)
-        if abs(np.log(factor)) > max(SURE * uncertain, np.log(UNLIKE))
-    }
-    if unlike:
-        i = max(unlike, key=lambda one: unlike[one])
-        return judged("torque-scale: one", 1.0, [names[i]], {"name": names[i], "factor": found[i][0]})
+    factors, errors = gains.unlike()
+    off = np.nan_to_num(np.abs(np.log(factors)))
+    i = int(np.argmax(np.where(off > np.maximum(SURE * errors, np.log(UNLIKE)), off / errors, 0.0)))
+    if off[i] > max(SURE * errors[i], np.log(UNLIKE)):
+        return judged("torque-scale: one", 1.0, [names[i]], {"name": names[i], "factor": factors[i]})
     factor, uncertain = gains.common()
     heavier = "heavier" if factor > 1.0 else "lighter"
-    off = abs(np.log(factor)) - SURE * uncertain
-    return judged("torque-scale", off, names, {"factor": factor, "heavier": heavier})
+    sure = abs(np.log(factor)) - SURE * uncertain
+    return judged("torque-scale", sure, names, {"factor": factor, "heavier": heavier})
 
 
 def bound_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
