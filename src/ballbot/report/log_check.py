@@ -12,7 +12,7 @@ import numpy as np
 from ballbot.errors import InputError, every
 from ballbot.findings import Finding, note
 from ballbot.log import Log
-from ballbot.log.checks import check, check_uses, uses_of
+from ballbot.log.checks import check, check_uses, missing_columns
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.placement import Placement
@@ -60,9 +60,8 @@ class CheckedLog:
 
     file: Path
     log: Log
-    columns: tuple[ColumnSummary, ...]
     findings: tuple[Finding, ...]
-    wheels: WheelAgreement | None  #: compared with the robot's kinematics, if the robot is given
+    wheels: WheelAgreement | None = None  #: compared with the robot's kinematics, if the robot is given
     uses: Sequence[str] = ()  #: that the log has the columns for, if the robot is given
 
     @staticmethod
@@ -73,7 +72,7 @@ class CheckedLog:
         one that lacks rates are checked with the rates of its angles.
         """
         if robot is None:
-            return CheckedLog(file=file, log=log, columns=summarize(log), findings=check(log), wheels=None)
+            return CheckedLog(file=file, log=log, findings=check(log))
         placed = _placed(log, robot)
         completed = _placed(with_rates(placed, robot), robot)
         computed = [name for name in completed.names if name not in log]
@@ -82,13 +81,13 @@ class CheckedLog:
         if computed:
             text = f"By angles and wheels: {', '.join(computed)}, which the file does not have."
             findings.append(note("use", text, *computed))
+        missing = missing_columns(placed, wheel_count=robot.wheel_count)
         return CheckedLog(
             file=file,
             log=completed,
-            columns=summarize(completed),
             findings=tuple(findings),
             wheels=wheel_agreement(completed, robot),
-            uses=uses_of(placed, wheel_count=robot.wheel_count),
+            uses=[use for use, columns in missing.items() if not columns],
         )
 
     def to_dict(self) -> dict[str, object]:
@@ -100,7 +99,7 @@ class CheckedLog:
             "start": float(log.t[0]),
             "end": float(log.t[-1]),
             "sample_time": log.sample_time if len(log) > 1 else None,
-            "columns": self.columns,
+            "columns": summarize(log),
             "findings": self.findings,
             "wheels": self.wheels,
         }
@@ -149,7 +148,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
         verdict=[("", _log_verdict(findings, checked.uses))],
         sections=[
-            section("Columns", sheet_of(checked.columns, _COLUMNS), wheels),
+            section("Columns", sheet_of(summarize(log), _COLUMNS), wheels),
             section("Over time", *over_time(log, robot)),
         ],
         undecided=[

@@ -166,7 +166,10 @@ class Gains:
         with np.errstate(over="ignore"):
             reach = np.exp(1.96 * errors)
         wide = ~(np.exp(np.abs(np.nan_to_num(np.log(factors)))) * reach < MUST_SHOW)
-        return {i: (float(factors[i] / reach[i]), float(factors[i] * reach[i])) for i in np.flatnonzero(wide)}
+        return {
+            i: (float(factors[i] / reach[i]), float(factors[i] * reach[i]))
+            for i in np.flatnonzero(wide).tolist()
+        }
 
     def scale_errors(self) -> Floats:
         """Return the relative standard error (n,) of each torque's scale that its motor's friction has besides its own.

@@ -198,11 +198,6 @@ def check_rows(log: Log, robot: Robot | None) -> Iterator[Finding]:
                 yield finding(code, severity, sentence, name, time=time)
 
 
-def check_intervals(log: Log) -> list[Finding]:
-    """Return a warning if rows are missing, and one if the other intervals vary."""
-    return [*check_rows(Log({"t": log.t}), None), *check_jitter(log)]
-
-
 def check_jitter(log: Log) -> list[Finding]:
     """Return a warning if the intervals without gaps vary."""
     if len(log) < 4:
@@ -326,24 +321,21 @@ def check_stuck(log: Log) -> Iterator[Finding]:
         else:
             together.append((*ends, [name]))
     for start, end, names in together:
-        yield from _stuck(log, names, slice(start, end), torques)
-
-
-def _stuck(log: Log, names: list[str], rows: slice, torques: Sequence[str]) -> list[Finding]:
-    """Return the finding on columns that stand still together."""
-    of_motors, parts = set(names) <= set(torques), {name: log[name][rows] for name in log.names}
-    others = [name for name in STATE_NAMES[2:] if name in log and name not in names]
-    moved = any(np.nanstd(parts[name]) > MOVING * np.nanstd(log[name]) for name in others)
-    moved |= any(abs(parts[n][0]) > MOVING * np.nanstd(log[n]) for n in _RATES if n in names)
-    off, half = of_motors and not any(parts[name].any() for name in torques), (rows.stop - rows.start) / 2
-    moved |= of_motors and any(runs_of(parts[n])[1].max() < half for n in torques if n not in names)
-    if of_motors and not moved:
-        return []
-    lost = f"messages were lost, or {'a motor is dead' if of_motors else 'the sensor or the logger froze'}"
-    cause = ("the motors were off" if off else lost) + ("" if moved else ", or everything was at rest")
-    t, last = log.t[[rows.start, rows.stop - 1]].tolist()
-    numbers = {"names": ", ".join(names), "lasting": last - t, "row": rows.start + 1, "t": t, "cause": cause}
-    return judged("stuck", last - t if moved and not off else 0.0, names, numbers, time=t)
+        of_motors, parts = set(names) <= set(torques), {name: log[name][start:end] for name in log.names}
+        others = [name for name in STATE_NAMES[2:] if name in log and name not in names]
+        moved = any(np.nanstd(parts[name]) > MOVING * np.nanstd(log[name]) for name in others)
+        moved |= any(abs(parts[n][0]) > MOVING * np.nanstd(log[n]) for n in _RATES if n in names)
+        off, half = of_motors and not any(parts[name].any() for name in torques), (end - start) / 2
+        moved |= of_motors and any(runs_of(parts[n])[1].max() < half for n in torques if n not in names)
+        if of_motors and not moved:
+            continue
+        lost = (
+            f"messages were lost, or {'a motor is dead' if of_motors else 'the sensor or the logger froze'}"
+        )
+        cause = ("the motors were off" if off else lost) + ("" if moved else ", or everything was at rest")
+        t, last = log.t[[start, end - 1]].tolist()
+        numbers = {"names": ", ".join(names), "lasting": last - t, "row": start + 1, "t": t, "cause": cause}
+        yield from judged("stuck", last - t if moved and not off else 0.0, names, numbers, time=t)
 
 
 def check_held(log: Log) -> list[Finding]:
