@@ -125,7 +125,7 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
     tried with every exchange and sign; one that fits clearly better than the columns as logged is the right one, unless
     another order or other signs of the wheels fit as well.
     """
-    from ballbot.log.checks.lean import READINGS
+    from ballbot.log.checks.lean import READINGS, fault
 
     rolling = _rolling(log, robot)
     if rolling is None or len(rolling[0]) < FEWEST_ROWS or rolling[1].std(axis=0).min() < LEAST_MOTION:
@@ -141,19 +141,19 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
     tried: list[tuple[float, tuple[str, ...], str]] = []
     for reading in READINGS[1:]:
         changed = states.copy()
-        changed[:, 5:7] = states[:, [6, 5] if reading.swapped else [5, 6]] * reading.signs
-        tried.append((left(changed, logged), _BALL, reading.fault(_BALL[:2], with_rates=True)))
+        changed[:, 5:7] = states[:, 5:7] @ reading.T
+        tried.append((left(changed, logged), _BALL, fault(reading, _BALL[:2], with_rates=True)))
     if states[:, 4].std() >= TURNING_HEADING:
         changed = states * np.where(np.isin(np.arange(10), (4, 9)), -1.0, 1.0)
         tried.append((left(changed, logged), _HEADING, "psi has the opposite sign, with its rate"))
-    least, columns, fault = min(tried)
+    least, columns, words = min(tried)
     ordered, order = 1.0, ""
     if found and not found.own:
         ordered = left(states, logged[:, [i - 1 for i in found.order]] * found.signs)
         order = f", or the wheels are in the order {list(found.order)} with signs {list(found.signs)}"
     if least > min(UNEXPLAINED, left(states, logged) / CLEARLY_LESS, AS_GOOD * ordered):
         return []
-    numbers = {"fault": fault + (order if ordered < AS_GOOD * least else "")}
+    numbers = {"fault": words + (order if ordered < AS_GOOD * least else "")}
     return judged("heading-sign" if columns is _HEADING else "ball-axes", 1.0, columns, numbers)
 
 

@@ -31,7 +31,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,32 +173,26 @@ ROLLING = 0.005
 _LEAN, _RATES = ("theta", "phi"), ("theta_dot", "phi_dot")
 
 
-class Reading(NamedTuple):
-    """One reading of two columns: the logged first and second, exchanged or not, with signs."""
-
-    swapped: bool = False
-    signs: tuple[int, int] = (1, 1)  #: of the first and the second quantity, after the exchange
-
-    def fault(self, names: Sequence[str], *, with_rates: bool = False) -> str:
-        """Return the fault of the columns of two names, and of their rates if they have the same."""
-        # after an exchange the first quantity is logged in the second column
-        signs = self.signs[::-1] if self.swapped else self.signs
-        wrong = [name for name, sign in zip(names, signs, strict=True) if sign < 0]
-        parts = [f"{' and '.join(names)} are swapped"] if self.swapped else []
-        if wrong:
-            parts.append(f"{' and '.join(wrong)} {'have' if len(wrong) > 1 else 'has'} the opposite sign")
-        rates = "rate" if len(wrong) == 1 and not self.swapped else "rates"
-        whose = "its" if rates == "rate" else "their"
-        return " and ".join(parts) + (f", with {whose} {rates}" if with_rates else "")
-
-    @property
-    def weights(self) -> list[int]:
-        """Factors of the first column as first and as second quantity, and of the second column likewise."""
-        first, second = self.signs
-        return [0, second, first, 0] if self.swapped else [first, 0, 0, second]
+#: readings of two columns, the first as logged: rows are quantities, columns the logged ones, exchanged or not, with
+#: signs
+READINGS = [
+    np.array([a, b])[:, None] * way
+    for way in (np.eye(2), np.eye(2)[::-1])
+    for a, b in product((1, -1), repeat=2)
+]
 
 
-READINGS = tuple(Reading(swapped, (a, b)) for swapped, a, b in product((False, True), (1, -1), (1, -1)))
+def fault(reading: Floats, names: Sequence[str], *, with_rates: bool = False) -> str:
+    """Return the fault of the columns of two names by a reading, and of their rates if they have the same."""
+    swapped, wrong = (
+        reading[0, 0] == 0.0,
+        [name for name, of in zip(names, reading.T, strict=True) if of.min() < 0.0],
+    )
+    parts = [f"{' and '.join(names)} are swapped"] if swapped else []
+    if wrong:
+        parts.append(f"{' and '.join(wrong)} {'have' if len(wrong) > 1 else 'has'} the opposite sign")
+    rates = ", with its rate" if len(wrong) == 1 and not swapped else ", with their rates"
+    return " and ".join(parts) + (rates if with_rates else "")
 
 
 def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[float, float] | None]:
@@ -211,7 +204,8 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     terms, block = _terms(motion, robot), motion.block
     gram = np.array([[block_sums((a.conj() * b).real, block) for b in terms] for a in terms])
     pairs = list(product(READINGS, READINGS))  # of the angles and of their rates
-    weights = np.array([[1, *rates.weights, *angles.weights] for angles, rates in pairs], dtype=np.float64)
+    # factors of the first column as first and as second quantity, and of the second column likewise
+    weights = np.array([[1.0, *rates.T.ravel(), *angles.T.ravel()] for angles, rates in pairs])
     left = np.einsum("hi,ijb,hj->hb", weights, gram, weights)
     total = left.sum(axis=1)
     best = int(np.argmin(total))
@@ -252,9 +246,9 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     return findings, (float(np.sqrt(size * reverse)), uncertain) if reverse < WIDEST * size else None
 
 
-def _changes(readings: tuple[Reading, Reading]) -> int:
+def _changes(readings: Sequence[Floats]) -> int:
     """Return the number of separate faults."""
-    return sum(one.swapped + (-1 in one.signs) for one in readings)
+    return sum(int(one[0, 0] == 0.0) + int(one.min() < 0.0) for one in readings)
 
 
 def _terms(motion: Motion, robot: Robot) -> Complex:
@@ -278,11 +272,12 @@ def _terms(motion: Motion, robot: Robot) -> Complex:
     return _unexplained(removed, terms).T
 
 
-def _misread(readings: Sequence[tuple[Reading, Reading]]) -> list[Finding]:
+def _misread(readings: Sequence[tuple[Floats, Floats]]) -> list[Finding]:
     """Return the finding that names every simplest reading, of those that explain the motion best, simplest first."""
     causes, columns = [], set[str]()
     for angles, rates in (one for one in readings if _changes(one) == _changes(readings[0])):
-        parts = [one for one in (angles.fault(_LEAN), rates.fault(_RATES)) if one]
-        causes.append(angles.fault(_LEAN, with_rates=True) if angles == rates else " and ".join(parts))
+        parts = [one for one in (fault(angles, _LEAN), fault(rates, _RATES)) if one]
+        alike = np.array_equal(angles, rates)
+        causes.append(fault(angles, _LEAN, with_rates=True) if alike else " and ".join(parts))
         columns |= {name for name in (*_LEAN, *_RATES) if any(name in part.split() for part in parts)}
     return judged("lean-axes", 1.0, sorted(columns), {"causes": ", or ".join(causes)})
