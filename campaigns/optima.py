@@ -18,11 +18,13 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.fitting.fit import FitOptions, descend, search
 from ballbot.fitting.run import Run, Threads
+from ballbot.fitting.uncertainty import covariance
 from ballbot.identification.identify import (
     IdentificationOptions,
     Prepared,
@@ -65,6 +67,8 @@ class End:
     """Where a descent ended."""
 
     cost: float
+    point: NDArray[np.float64]  #: (p,), scaled
+    errors: NDArray[np.float64]  #: standard errors (p,) there
     seconds: float  #: of processor time
 
 
@@ -89,7 +93,9 @@ def fitted(task: Task, start: int | None) -> End:
         points = [point]
     steps = task.options.gauss_newton_steps
     fits = [descend(prepared.experiment, one, free=free, most_steps=steps, run=_RUN) for one in points]
-    return End(cost=min(one.cost for one in fits), seconds=process_time() - begun)
+    seconds, best = process_time() - begun, min(fits, key=lambda one: one.cost)
+    errors = np.sqrt(covariance(best.equations.normal, free).diagonal())
+    return End(cost=best.cost, point=best.point, errors=errors, seconds=seconds)
 
 
 def twin_log(reference: str, *, duration: float, seed: int) -> Log:
@@ -140,13 +146,17 @@ def ends_of(task: Task, *, starts: int, processes: int) -> Ends:
 COLUMNS = (
     *("log", "cost", "genetic", "cost - genetic", "s", "s, genetic", "lowest of the random starts - cost"),
     *("random starts within 1e-6 of the lowest", "1e-5", "1e-4", "1e-3"),
+    "largest distance of those within 1e-4, in standard errors",
 )
 
 
 def row(name: str, ends: Ends) -> list[str]:
     """Return a row of the table."""
     costs = np.array([one.cost for one in ends.drawn])
-    ours, lowest = ends.searched, min(float(costs.min()), ends.searched.cost, ends.genetic.cost)
+    ours, best = ends.searched, min((ends.searched, ends.genetic, *ends.drawn), key=lambda end: end.cost)
+    near = [end.point - best.point for end in ends.drawn if end.cost < best.cost + 1e-4]
+    with np.errstate(invalid="ignore"):
+        apart = np.nanmax(np.abs([np.zeros(len(best.point)), *near]) / best.errors)
     return [
         name,
         f"{ours.cost:.6f}",
@@ -155,7 +165,8 @@ def row(name: str, ends: Ends) -> list[str]:
         f"{ours.seconds:.1f}",
         f"{ends.genetic.seconds:.1f}",
         f"{costs.min() - ours.cost:.1e}",
-        *(str(int((costs - lowest < near).sum())) for near in (1e-6, 1e-5, 1e-4, 1e-3)),
+        *(str(int((costs - best.cost < within).sum())) for within in (1e-6, 1e-5, 1e-4, 1e-3)),
+        f"{apart:.2f}",
     ]
 
 

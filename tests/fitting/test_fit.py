@@ -51,3 +51,25 @@ def test_part_of_an_experiment_is_the_experiment_of_these_blocks():
     np.testing.assert_allclose(
         found.values, np.linalg.lstsq(X[150:250], values[150:250], rcond=None)[0], atol=1e-9
     )
+
+
+def test_of_two_optima_the_lower_is_the_estimate_and_the_other_is_told():
+    random = np.random.default_rng(14)
+    x, w, noise = random.normal(size=(3, 400))
+    # exactly so much worse is the other sign: noise and w are orthogonal
+    noise -= w * (w @ noise) / (w @ w)
+    made = Residuals(
+        parameters=(signed("a"),),
+        residuals_of=lambda a: x * (a**2 - 1.0) + 0.02 * w * (a + 1.0) + noise,
+        block=np.arange(400),
+        block_log=np.zeros(400, dtype=np.int64),
+    )
+    # three of four starts lie nearer to the worse one
+    starts = made.coordinates.scaled(np.array([[0.8], [1.2], [2.0], [-3.0]]))
+    found = fit(made, starts)
+    np.testing.assert_allclose(found.values, [-1.0], atol=0.1)
+    assert found.other is not None
+    np.testing.assert_allclose(found.other.values, [1.0], atol=0.1)
+    at_one = np.log(np.mean((0.04 * w + noise) ** 2) / np.mean(noise**2)) / 2.0
+    # the optima lie a little beside 1 and -1, where x and w or noise are not orthogonal
+    np.testing.assert_allclose(found.other.rise, at_one, rtol=0.1)

@@ -121,7 +121,7 @@ def test_active_bounds_are_kept_and_reported():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("search", "stage", "steps"), [("genetic", "evolution", 5), ("multistart", "search", 12)]
+    ("search", "stage", "steps"), [("genetic", "evolution", 5), ("multistart", "search", 8)]
 )
 def test_progress_rises_and_the_cost_falls(search, stage, steps):
     reported: list[Progress] = []

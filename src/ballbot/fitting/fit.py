@@ -204,8 +204,11 @@ def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 #: how the basin is found: by descents from fixed starts, or by a genetic algorithm, as in the thesis
 Search = Literal["multistart", "genetic"]
-#: from so many starts so many steps, side by side; the best go on
-_ROUNDS = ((4, 3), (2, 6))
+#: an end of the search so many standard errors from the best one in some parameter may be in another basin
+_BEYOND = 3.0
+#: steps from each start. Fewer from the starts that look worse lost the lower optimum of one log in four: it is reached
+#: late, and on part of the blocks it may be the higher one
+_SEARCH_STEPS = 9
 #: a genetic search ends early where this many generations together gain less than that; a descent follows
 _SEARCH_PATIENCE, _LEAST_SEARCH_GAIN = 25, 1e-3
 
@@ -255,10 +258,10 @@ def search(
 def multistart(
     experiment: Experiment[At], starts: Sequence[NDArray[np.float64]], *, most_steps: int, run: Run
 ) -> SearchResult:
-    """Descend from scaled starts (p,), from the best ones farther, and return the best end; the stage is "search"."""
-    rounds = [(count, min(steps, most_steps)) for count, steps in _ROUNDS]
-    total, done, least = sum(count * steps for count, steps in rounds), 0, np.inf
-    reporting = Lock()  # descents go side by side
+    """Descend from scaled starts (p,) side by side, and return the best end; the stage is "search"."""
+    steps = min(_SEARCH_STEPS, most_steps)
+    total, done, least = len(starts) * steps, 0, np.inf
+    reporting = Lock()
 
     def report(step: Progress) -> None:
         nonlocal done, least
@@ -266,22 +269,18 @@ def multistart(
             done, least = done + 1, min(least, step.cost)
             run.progress(Progress(stage="search", done=min(done, total), total=total, cost=least))
 
-    def descent(steps: int, begin: NDArray[np.float64] | At) -> At:
+    def descent(experiment: Experiment[At], begin: NDArray[np.float64]) -> Descended[At]:
         reported = replace(run, progress=report)
-        return descend(
-            experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported
-        ).end
+        return descend(experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported)
 
     # a cluster works on the pieces of each descent
     threads = run.executor if isinstance(run.executor, Threads) else Threads()
-    begins: Sequence[NDArray[np.float64] | At] = starts
-    found: list[At] = []
-    for count, steps in rounds:
-        found = sorted(threads(descent, steps, begins[:count]), key=lambda one: one.cost)
-        begins = found
-    best = found[0].point
-    others = (one.point for one in found[1:] if elsewhere(best, one.point))
-    return SearchResult(best=best, other=next(others, None))
+    best, *ends = sorted(threads(descent, experiment, starts), key=lambda end: end.cost)
+    normal = best.equations.normal
+    varied = experiment.coordinates.free & (normal.matrix.diagonal() > 0.0)
+    errors = np.sqrt(covariance(normal, varied).diagonal())
+    others = (end.point for end in ends if (np.abs(end.point - best.point) > _BEYOND * errors).any())
+    return SearchResult(best=best.point, other=next(others, None))
 
 
 def genetic(experiment: Experiment[At], *, generations: int, population: int, run: Run) -> SearchResult:
@@ -518,11 +517,10 @@ def fit(
         start = points[experiment.costs(points).argmin()]
     coordinates = experiment.coordinates
     free = coordinates.free
-    finished = descend(experiment, start, free=free, most_steps=most_steps, run=run)
-    other = None if also is None else _second_optimum(finished, also, most_steps=most_steps, run=run)
-    if other is not None and other.cost < finished.cost:
-        finished, other = other, finished
-    rise = 0.0 if other is None else other.cost - finished.cost
+    finished, *others = _optima(experiment, start, also, most_steps=most_steps, run=run)
+    alternatives = [
+        OtherOptimum(values=coordinates.physical(one.point), rise=one.cost - finished.cost) for one in others
+    ]
     dependent, through = unidentifiable(finished, most_steps=most_steps, run=run)
     no_influence = free & (dependent | without_influence(finished.equations.normal))
     if no_influence.any():
@@ -535,7 +533,7 @@ def fit(
         finished=finished,
         no_influence=no_influence,
         refused=~no_influence & (False if refused is None else refused),
-        other=other and OtherOptimum(values=coordinates.physical(other.point), rise=rise),
+        other=next(iter(alternatives), None),
         searched=found.history,
         groups=groups,
         most_profiles=options.most_profiles,
@@ -543,19 +541,41 @@ def fit(
     )
 
 
-def _second_optimum(
-    finished: Descended[At], point: NDArray[np.float64], *, most_steps: int, run: Run
-) -> Descended[At] | None:
-    """Return where a descent from a point (p,) ends; None if at the same optimum or far above it."""
-    experiment, free = finished.experiment, finished.experiment.coordinates.free
-    target = finished.cost + _NEAR
-    other = descend(
-        experiment, point, free=free, most_steps=most_steps, most_renewals=0, target=target, run=run
+def _optima(
+    experiment: Experiment[At],
+    start: NDArray[np.float64],
+    also: NDArray[np.float64] | None,
+    *,
+    most_steps: int,
+    run: Run,
+) -> list[Descended[At]]:
+    """Return where the descent from a start (p,) ends, and where that from the other one if that is an alternative.
+
+    The lowest comes first. Costs are compared before blocks are begun again, which gains more than optima differ by.
+    """
+    free = experiment.coordinates.free
+    if also is None:
+        return [descend(experiment, start, free=free, most_steps=most_steps, run=run)]
+    ends, target = list[Descended[At]](), np.inf
+    for point in (start, also):
+        end = descend(
+            experiment, point, free=free, most_steps=most_steps, most_renewals=0, target=target, run=run
+        )
+        ends, target = [*ends, end], end.cost + _NEAR
+    low, high = sorted(ends, key=lambda end: end.cost)
+    alternative = elsewhere(low.point, high.point) and high.cost < low.cost + _NEAR
+    renewed = sorted(
+        (_renewed(end, most_steps, run) for end in ((low, high) if alternative else (low,))),
+        key=lambda end: end.cost,
     )
-    if not elsewhere(finished.point, other.point) or other.cost > target:
-        return None
-    other = descend(experiment, other.end, free=free, most_steps=most_steps, run=run)
-    return other if elsewhere(finished.point, other.point) else None
+    return renewed if elsewhere(renewed[0].point, renewed[-1].point) else renewed[:1]
+
+
+def _renewed(end: Descended[At], most_steps: int, run: Run) -> Descended[At]:
+    """Return where the descent goes on to, blocks begun again."""
+    free = end.experiment.coordinates.free
+    after = descend(end.experiment, end.end, free=free, most_steps=most_steps, run=run)
+    return replace(after, history=(*end.history, *after.history))
 
 
 def _as_before(
