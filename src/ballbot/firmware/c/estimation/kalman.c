@@ -226,7 +226,6 @@ static void start(const struct ballbot_kalman_record *record, struct ballbot_kal
     memory->x[SHOWN_PSI] = attitude[2];
     memory->pivoting = 0.0f;
     memory->missed = 0;
-    memory->started = RUNNING;
 }
 
 /* Give the ball's mean turning relative to the body (3) [rad/s] since the encoders last had all counts. */
@@ -281,6 +280,9 @@ static void see(const struct ballbot_kalman_record *record, struct ballbot_kalma
     }
     fix_of(memory, reading, fix, &seen.variance[FIX]);
     expected(record, memory->x, gyro, velocity, reading, wheels, attitude, fix, seen.residual, seen.h);
+    for (int32_t k = 0; (memory->started != RUNNING) && (k < FIX); ++k) {
+        seen.residual[k] = ballbot_not_a_number(); /* the start is made of the first reading; only a fix corrects it */
+    }
     absorb(record, memory, &seen);
     if (ballbot_known(seen.residual[PIVOTING_SEEN]) != 0) {
         memory->pivoting += record->pivoting_share * (seen.residual[PIVOTING_SEEN] - memory->pivoting);
@@ -375,9 +377,9 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
             }
             sample(record, memory, reading, wheels, attitude, gyro);
         } else {
-            const float nothing[3] = {unknown, unknown, unknown};
             start(record, memory, gyro, attitude);
-            see(record, memory, reading, nothing, nothing, nothing, nothing); /* a fix, if there is one */
+            see(record, memory, reading, wheels, attitude, gyro, wheels);
+            memory->started = RUNNING;
         }
         memory->missed = (turned != 0) ? 0 : (memory->missed + ((memory->missed < MOST_MISSED) ? 1 : 0));
         for (int32_t k = 0; k < 3; ++k) {
