@@ -27,7 +27,7 @@ from scipy.optimize import nnls
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.checks.lean import Motion, motion_of, usable_rows
+from ballbot.log.checks.lean import Motion, Rows, motion_of, usable_rows
 from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, driving_of, gains_of, motor_sums
 from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping import DutyTable
@@ -136,25 +136,26 @@ class CommandDrive:
         return self.ratios[self.kind][1] if self.kind in self.ratios else math.nan
 
 
-def needs_of(log: Log, robot: Robot) -> tuple[Driving, Motion] | None:
-    """Return the torques of a log with the needs of each wheel, and the motion; None if it shows none."""
+_Needs = tuple[Rows, Motion, Driving]
+
+
+def needs_of(log: Log, robot: Robot) -> _Needs | None:
+    """Return usable rows of a log, their motion, and their torques with the needs of each wheel; None without any."""
     rows = usable_rows(log, robot)
     if rows is None:
         return None
     moved = motion_of(log, rows)
     driving = driving_of(log, rows, moved, robot)
-    return None if driving is None else (driving, moved)
+    return None if driving is None else (rows, moved, driving)
 
 
-def drive_of(
-    base: Columned, motion: SensedMotion, frame: SensorFrame, needs: tuple[Driving, Motion] | None
-) -> CommandDrive:
+def drive_of(base: Columned, motion: SensedMotion, frame: SensorFrame, needs: _Needs | None) -> CommandDrive:
     """Return what the commands are, by what they are as torques in the frame's order of the wheels (`needs_of`)."""
     assigned, gain, error = None, math.nan, math.inf
     if not base.roles.attitude:
         assigned = turned_by(base, motion)
     elif needs is not None:
-        driving, moved = needs
+        _, moved, driving = needs
         assigned = assign(driving, [frame.signs[place - 1] for place in frame.order])
         ordered = replace(driving, torque=by_wheel(driving.torque, (assigned.wheels, assigned.signs)))
         gain, error = gains_of(motor_sums(ordered, moved, base.robot)).common()
@@ -350,10 +351,10 @@ class DeadBand:
 
 def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> DeadBand | None:
     """Return a dead band of a likely size if none is stated; None if one is, or the log shows no motion."""
-    rows = usable_rows(log, robot) if drive.dead_band is None else None
-    driving = None if rows is None else driving_of(log, rows, motion_of(log, rows), robot)
-    if rows is None or driving is None:
+    needs = needs_of(log, robot) if drive.dead_band is None else None
+    if needs is None:
         return None
+    rows, _, driving = needs
     full, torque = float(drive.torque(np.ones(1), np.zeros(1))[0]), driving.torque
     duty_sign = np.sign(log.torques + drive.back_emf * log.wheel_speeds)
     against = rows.filtered(log, duty_sign, late=0.5 * log.sample_time).value - driving.friction[:, :, 0]
