@@ -24,7 +24,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 from ballbot.errors import InputError
 from ballbot.fitting.sweep import Processes
@@ -36,7 +35,7 @@ from ballbot.log.mapping_search.proposal import Evaluation, evaluate, propose
 from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
 from campaigns.mapping_recordings import MOTIONS, ROBOTS, dead_band, recording, robot_named
-from campaigns.section import Section, finished
+from campaigns.section import Section, finished, share_words
 
 Floats = NDArray[np.float64]
 
@@ -249,7 +248,7 @@ def campaign() -> Section:
     found, rows = list(judged.values()), []
     for shortest, longest in DURATIONS:
         counts = Counter(one.result for one in found if shortest <= one.duration <= longest)
-        shares = [_share(counts[result], counts.total()) for result in RESULTS]
+        shares = [f"{counts[one]}: {share_words(counts[one], counts.total())}" for one in RESULTS]
         rows.append([f"{shortest:.0f} to {longest:.0f} s", f"{counts.total()}", *shares])
     wrong = [
         f"{one.seed} ({one.robot}, {one.motion}): {one.reason}" for one in found if one.result == "wrong"
@@ -268,10 +267,3 @@ def campaign() -> Section:
         + "; ".join(f"{reason} ({count})" for reason, count in asked.most_common(6))
         + f". {COUNT} limits the number of variants.",
     )
-
-
-def _share(count: int, total: int) -> str:
-    if not total:
-        return "-"
-    share = binomtest(count, total).proportion_ci()
-    return f"{count} ({100 * count / total:.1f} %, {100 * share.low:.1f} to {100 * share.high:.1f} %)"

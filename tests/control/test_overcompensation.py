@@ -176,10 +176,7 @@ def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_pa
         "friction.coulomb": (0.01,) * 3,
         "friction.rolling": 0.001,
     }
-    known = ROBOT.annotated(
-        standard_deviations=deviations,
-        correlation=Correlation.of_matrix(labels, near),
-    )
+    known = ROBOT.annotated(standard_deviations=deviations, correlation=Correlation.of_matrix(labels, near))
     write_robot(known, tmp_path / "robot.toml")
     robot, out = str(tmp_path / "robot.toml"), str(tmp_path / "out")
     assert main(["design", robot, "--kind", "precise", "--out", out]) == 0

@@ -12,11 +12,7 @@ from ballbot.fitting.uncertainty import covariance
 from ballbot.identification import Bounds, Identification, identify, select_law
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters
-from ballbot.identification.laws import (
-    LawName,
-    bounds_of,
-    law_named,
-)
+from ballbot.identification.laws import LawName, bounds_of, law_named
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.verdict import BLOCK, window_blocks
 from ballbot.identification.windows import Span, cut_windows

@@ -123,8 +123,7 @@ def test_a_log_and_a_sweep_of_the_same_robot_together():
     true = np.stack([DRY.viscous, DRY.coulomb], axis=1)
     errors = np.array([3e-4, 2e-3])
     sweep = SweepFriction(
-        values=true + errors * random.standard_normal((3, 2)),
-        covariances=np.stack([np.diag(errors**2)] * 3),
+        values=true + errors * random.standard_normal((3, 2)), covariances=np.stack([np.diag(errors**2)] * 3)
     )
     options = IdentificationOptions(
         generations=4, population=8, evolution_windows=16, gauss_newton_steps=5, step=2.5e-3, most_profiles=0

@@ -9,11 +9,7 @@ from ballbot import Model, Robot
 from ballbot.errors import InputError
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import found_robot
-from ballbot.mechanics.friction import (
-    friction_terms,
-    stribeck_curve,
-    wheel_friction,
-)
+from ballbot.mechanics.friction import friction_terms, stribeck_curve, wheel_friction
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.file import robot_text, write_robot

@@ -105,11 +105,7 @@ MISTAKES = [
         r"'ball\.raduis' is not a parameter.*did you mean 'radius'",
     ),
     ("[ball]", "[bal]", r"'bal' is not a parameter of a robot; did you mean 'ball'"),
-    (
-        RADIUS,
-        RADIUS.replace("}", ', note = "x" }'),
-        r"note is not a key of a parameter; the keys there are",
-    ),
+    (RADIUS, RADIUS.replace("}", ', note = "x" }'), r"note is not a key of a parameter; the keys there are"),
     (
         RADIUS,
         RADIUS.replace("0.11", '"0.11"'),

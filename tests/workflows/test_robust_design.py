@@ -79,9 +79,7 @@ def test_perturbed_robots_follow_the_given_ranges():
 
 def test_cost_equals_hand_calculation():
     marks = RunMeasures(
-        error=np.array([[0.02, np.nan]]),
-        roughness=np.array([[0.1, 0.5]]),
-        ended=np.array([[np.inf, 2.0]]),
+        error=np.array([[0.02, np.nan]]), roughness=np.array([[0.1, 0.5]]), ended=np.array([[np.inf, 2.0]])
     )
     # 2 + 0.5 of the first; the second fell a quarter of the way: 10 (2 - 1/4)
     np.testing.assert_allclose(CostUnits(error=0.01, roughness=0.2).costs(marks), [[2.5, 17.5]])

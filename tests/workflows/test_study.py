@@ -32,12 +32,7 @@ from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.workflows import controller_choice
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import (
-    NamedCourse,
-    compensated_robot,
-    confirm,
-    draw_plants,
-)
+from ballbot.workflows.controller_choice import NamedCourse, compensated_robot, confirm, draw_plants
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     Prediction,

@@ -185,14 +185,18 @@ def _step(
     return np.clip(point + step, 0.0, 1.0) - point
 
 
-#: ends that differ by more in some scaled parameter are not of one optimum
-_ELSEWHERE = 0.05
+#: ends that differ by more standard errors in some parameter are not of one optimum; those of a search, which are not
+#: settled, not of one basin
+_ELSEWHERE, _ANOTHER_BASIN = 2.0, 3.0
 _AT_BOUND = 1e-9
 
 
-def elsewhere(point: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    """Return whether two scaled ends (p,) of a fit are different optima."""
-    return bool(np.abs(point - other).max() > _ELSEWHERE)
+def elsewhere(best: Descended[At], other: Descended[At], *, errors: float = _ELSEWHERE) -> bool:
+    """Return whether two ends of a fit lie so many standard errors of the best one apart in some parameter."""
+    normal = best.equations.normal
+    varied = best.experiment.coordinates.free & (normal.matrix.diagonal() > 0.0)
+    deviations = np.sqrt(covariance(normal, varied).diagonal())
+    return bool((np.abs(best.point - other.point) > errors * deviations).any())
 
 
 def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -204,8 +208,6 @@ def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 #: how the basin is found: by descents from fixed starts, or by a genetic algorithm, as in the thesis
 Search = Literal["multistart", "genetic"]
-#: an end of the search so many standard errors from the best one in some parameter may be in another basin
-_BEYOND = 3.0
 #: steps from each start. Fewer from the starts that look worse lost the lower optimum of one log in four: it is reached
 #: late, and on part of the blocks it may be the higher one
 _SEARCH_STEPS = 9
@@ -276,10 +278,7 @@ def multistart(
     # a cluster works on the pieces of each descent
     threads = run.executor if isinstance(run.executor, Threads) else Threads()
     best, *ends = sorted(threads(descent, experiment, starts), key=lambda end: end.cost)
-    normal = best.equations.normal
-    varied = experiment.coordinates.free & (normal.matrix.diagonal() > 0.0)
-    errors = np.sqrt(covariance(normal, varied).diagonal())
-    others = (end.point for end in ends if (np.abs(end.point - best.point) > _BEYOND * errors).any())
+    others = (end.point for end in ends if elsewhere(best, end, errors=_ANOTHER_BASIN))
     return SearchResult(best=best.point, other=next(others, None))
 
 
@@ -354,6 +353,8 @@ def evolve(
 LARGEST_LOSS = 1e-3
 #: a second optimum that costs more than the first by this, 30 in 2 ln(likelihood) of a log of 48 s, is no alternative
 _NEAR = 1e-3
+#: steps on all blocks after which two descents are compared; the search's have gone before
+_COMPARED_STEPS = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -361,7 +362,7 @@ class OtherOptimum:
     """Where another descent from the same logs ended."""
 
     values: NDArray[np.float64]  #: (p,), SI units
-    rise: float  #: of the cost there, over that of the estimate
+    rise: float  #: of the cost there, over that of the estimate, before blocks were begun again
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -517,10 +518,7 @@ def fit(
         start = points[experiment.costs(points).argmin()]
     coordinates = experiment.coordinates
     free = coordinates.free
-    finished, *others = _optima(experiment, start, also, most_steps=most_steps, run=run)
-    alternatives = [
-        OtherOptimum(values=coordinates.physical(one.point), rise=one.cost - finished.cost) for one in others
-    ]
+    finished, other = _optima(experiment, start, also, most_steps=most_steps, run=run)
     dependent, through = unidentifiable(finished, most_steps=most_steps, run=run)
     no_influence = free & (dependent | without_influence(finished.equations.normal))
     if no_influence.any():
@@ -533,7 +531,7 @@ def fit(
         finished=finished,
         no_influence=no_influence,
         refused=~no_influence & (False if refused is None else refused),
-        other=next(iter(alternatives), None),
+        other=other,
         searched=found.history,
         groups=groups,
         most_profiles=options.most_profiles,
@@ -548,34 +546,24 @@ def _optima(
     *,
     most_steps: int,
     run: Run,
-) -> list[Descended[At]]:
-    """Return where the descent from a start (p,) ends, and where that from the other one if that is an alternative.
+) -> tuple[Descended[At], OtherOptimum | None]:
+    """Return where the descent from the better of two points (p,) ends, and another optimum near the other one.
 
-    The lowest comes first. Costs are compared before blocks are begun again, which gains more than optima differ by.
+    They are compared before blocks are begun again: that gains more than optima differ by, and takes longest.
     """
     free = experiment.coordinates.free
     if also is None:
-        return [descend(experiment, start, free=free, most_steps=most_steps, run=run)]
-    ends, target = list[Descended[At]](), np.inf
+        return descend(experiment, start, free=free, most_steps=most_steps, run=run), None
+    steps, ends, target = min(_COMPARED_STEPS, most_steps), list[Descended[At]](), np.inf
     for point in (start, also):
-        end = descend(
-            experiment, point, free=free, most_steps=most_steps, most_renewals=0, target=target, run=run
-        )
+        end = descend(experiment, point, free=free, most_steps=steps, most_renewals=0, target=target, run=run)
         ends, target = [*ends, end], end.cost + _NEAR
     low, high = sorted(ends, key=lambda end: end.cost)
-    alternative = elsewhere(low.point, high.point) and high.cost < low.cost + _NEAR
-    renewed = sorted(
-        (_renewed(end, most_steps, run) for end in ((low, high) if alternative else (low,))),
-        key=lambda end: end.cost,
-    )
-    return renewed if elsewhere(renewed[0].point, renewed[-1].point) else renewed[:1]
-
-
-def _renewed(end: Descended[At], most_steps: int, run: Run) -> Descended[At]:
-    """Return where the descent goes on to, blocks begun again."""
-    free = end.experiment.coordinates.free
-    after = descend(end.experiment, end.end, free=free, most_steps=most_steps, run=run)
-    return replace(after, history=(*end.history, *after.history))
+    after = descend(experiment, low.end, free=free, most_steps=most_steps, run=run)
+    rise, finished = high.cost - low.cost, replace(after, history=(*low.history, *after.history))
+    if rise > _NEAR or not elsewhere(finished, high):
+        return finished, None
+    return finished, OtherOptimum(values=experiment.coordinates.physical(high.point), rise=rise)
 
 
 def _as_before(

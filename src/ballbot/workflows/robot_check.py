@@ -21,12 +21,7 @@ from ballbot.control.references import as_reference, is_reference_file
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, finding_results, stop_on_errors
-from ballbot.identification.swing import (
-    SwingInertia,
-    fit_swing,
-    inertia_of_swing,
-    swing_in_log,
-)
+from ballbot.identification.swing import SwingInertia, fit_swing, inertia_of_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.checks.values import check_intervals
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
