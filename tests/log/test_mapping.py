@@ -169,6 +169,7 @@ def test_missing_file_column_is_reported_with_the_nearest_name(tmp_path):
         ('t = "t"\n[wheels]\nangle = { from = ["a", "b"] }\norder = [1, 1]', "order is [1, 1]"),
         ('t = "t"\n[wheels]\nangle = { from = ["a", "b"] }\nsign = [1]', "one for each of 2 columns"),
         ('t = "t"\n[wheels]\nspeed = { unit = "rpm" }', "[wheels] speed needs from"),
+        ('t = "t"\n[wheels]\nspeed = { derivative_of = "angle" }', "[wheels] speed needs from"),
         ('t = "t"\n[wheels]\nspeed = { from = ["a"], wrap = 4096 }', "speed cannot have wrap"),
         ('t = "t"\ntheta = "a"\n[attitude]\nfrom = ["a", "a"]', "has theta, which [attitude] provides"),
         ('t = "t"\n[file]\nheader_lines = 0', "header_lines = 0 and therefore needs names"),
