@@ -122,7 +122,7 @@ WRONG_LOGS: list[tuple[str, str, Spoil]] = [
     ("lean-axes", "degrees to the right", with_turned_imu),
     ("degrees", "theta is in degrees", scaled(DEGREES, *LEAN)),
     ("degrees", "theta_dot is in degrees", scaled(DEGREES, *LEAN_RATES)),
-    ("lean-offset", "(5, ", each(lambda _, values: values + np.radians(5.0), "theta")),
+    ("lean-offset", "IMU is mounted at an angle", each(lambda _, values: values + np.radians(5.0), "theta")),
     ("constant", "theta is 0", constant(0.0, "theta")),
     ("sign", "psi and psi_dot", scaled(-1.0, "psi")),
     ("sign", "gyro_x", scaled(-1.0, *GYRO)),
