@@ -130,7 +130,7 @@ WRONG_LOGS: list[tuple[str, str, Spoil]] = [
     ("heading-sign", "psi has the opposite sign, with its rate", scaled(-1.0, "psi", "psi_dot", "gyro_z")),
     ("ball-axes", "x and y are swapped, with their rates", exchanged(("x", "y"), ("x_dot", "y_dot"))),
     ("scale", "x is in mm", scaled(1000.0, "x", "y")),
-    ("lean-scale", "1.2", scaled(1.25, *PLACE)),
+    ("lean-scale", "wheel radius, ball radius", scaled(1.25, *PLACE)),
     ("wheels", "1.25", scaled(1.25, *WHEELS, *SPEEDS)),
     ("wheels", "in rpm", scaled(60.0 / (2.0 * np.pi), *SPEEDS)),
     ("wheels", "encoder counts", scaled(COUNTS, *WHEELS, *SPEEDS)),
