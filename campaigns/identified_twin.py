@@ -16,7 +16,7 @@ from ballbot.identification import identify
 from ballbot.identification.driveline import fit_driveline, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.twin.bench import multisine_torques, run_bench, sweep_torques
+from ballbot.twin.bench import bench_torques, run_bench
 from campaigns.section import Section
 from campaigns.twin_logs import NOMINAL, ROBOT, twin_log
 
@@ -31,11 +31,11 @@ SPEEDS = (0.2, 0.5, 1.0, 2.0, 5.0)  # [rad/s]
 
 def identified_friction() -> Section:
     """Identify by all three stages and return the section of docs/generated/evidence.md."""
-    torques = sweep_torques(ROBOT, NOMINAL, duration=62.83)
-    stand = run_bench(ROBOT, NOMINAL, torques, bench="stand", seed=SEED).log
+    torques = bench_torques(ROBOT, NOMINAL, bench="stand", duration=62.83)
+    stand, _ = run_bench(ROBOT, NOMINAL, torques, bench="stand", seed=SEED)
     fits = [fit_driveline(sweep) for sweep in sweeps_of(ROBOT, stand)]
-    torques = multisine_torques(ROBOT, NOMINAL, duration=60.0, seed=SEED)
-    ball = run_bench(ROBOT, NOMINAL, torques, bench="upside_down", seed=SEED).log
+    torques = bench_torques(ROBOT, NOMINAL, bench="upside_down", duration=60.0, seed=SEED)
+    ball, _ = run_bench(ROBOT, NOMINAL, torques, bench="upside_down", seed=SEED)
     upside_down = identify_upside_down(ROBOT, ball).robot.friction
     balancing = [twin_log(name, duration=DURATION, seed=seed) for name, seed in BALANCING.items()]
     stages = {

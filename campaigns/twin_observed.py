@@ -56,7 +56,7 @@ class Ripple:
 
 def roller_ripple(scenario: Scenario, *, seed: int) -> Ripple:
     """Return the ripple of a wheel upside down, all wheels driven alike, so that the ball turns evenly on them."""
-    log = run_bench(ROBOT, scenario, np.full((6000, 3), 0.25), bench="upside_down", seed=seed).log
+    log, _ = run_bench(ROBOT, scenario, np.full((6000, 3), 0.25), bench="upside_down", seed=seed)
     even = log.t > RUNNING_IN
     angle, speed = log["wheel1"][even], log["wheel1_dot"][even]
     places = np.arange(angle[0], angle[-1], 2 * np.pi / POINTS)

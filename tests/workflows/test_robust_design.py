@@ -8,7 +8,6 @@ import pytest
 from ballbot import InputError
 from ballbot.cli.main import main
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, nominal_controller
-from ballbot.robot.file import write_robot
 from ballbot.twin import Scenario
 from ballbot.workflows.robust_design import (
     CostUnits,
@@ -28,7 +27,7 @@ OPTIONS = ["--robots", "12", "--generations", "3", "--population", "6", "--fresh
 @pytest.fixture(scope="module")
 def robot_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("robust") / "robot.toml"
-    write_robot(alten(FRICTION), path)
+    alten(FRICTION).write(path)
     return path
 
 

@@ -89,7 +89,7 @@ _NOT_A_ROBOT = (
 
 def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Finding]) -> Result:
     """Return the page of a recorded run of the twin."""
-    held, log = job.experiment != "balance", recording.with_truth()
+    held, log = job.experiment != "balance", recording.run
     compensation = job.controller.compensation
     lead = (
         f"The robot held, {_HELD[job.experiment]}"
