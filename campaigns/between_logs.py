@@ -26,7 +26,6 @@ from ballbot.fitting.fit import FitOptions, fit
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters, prepare
-from ballbot.identification.laws import LawName
 from ballbot.identification.quantities import FRICTION, Bounds, Coordinates, Layout
 from ballbot.identification.variation import PRIOR_FILE, Priors, scaled_units, shipped_priors, widened
 from ballbot.log import Log
@@ -143,7 +142,7 @@ class Fit:
     by_log: LogEstimates
 
 
-def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
+def fit_of(log: Log, name: str, *, law: str = "stribeck") -> Fit:
     """Return a log's fit, in one thread, from file if it is there.
 
     As `identify` does, without its evolution, from a start far from the truth, and without profiles.

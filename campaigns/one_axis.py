@@ -72,7 +72,7 @@ def _row(name: str, one: AxisEstimate) -> list[str]:
         if parameter == "viscous" and "asymmetry" in one.values:
             change = one.values["asymmetry"]
             texts[-1] = f"{value + change:.4g} / {value - change:.4g}"
-    return [name, *texts, f"{1e3 * one.errors[0].open_loop_rmse:.2f}"]
+    return [name, *texts, f"{1e3 * one.errors[one.motions[0].record.name].open_loop_rmse:.2f}"]
 
 
 def _after(found: AxisIdentification) -> str:

@@ -42,7 +42,7 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     speed = np.concatenate([-side[::-1], [np.nan], side])
     for estimate, color, dash, _ in _drawn_laws(found):
         curve = estimate.axis().friction(speed)
-        axes.plot(speed, curve, color=color, linestyle=dash, linewidth=1.4, label=estimate.law)
+        axes.plot(speed, curve, color=color, linestyle=dash, linewidth=1.4, label=estimate.model.law)
     middle = float(np.quantile(np.abs(friction[moving]), 0.99))
     axes.set_ylim(-1.3 * middle, 1.3 * middle)
     axes.legend(loc="upper left", markerscale=5.0)
@@ -52,7 +52,7 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
 def _drawn_laws(found: AxisIdentification) -> list[tuple[AxisEstimate, str, str, Look]]:
     """Return the estimates that are drawn, each with its color and dash, and with the same look in time series."""
     drawn: list[tuple[AxisEstimate, str, str, Look]] = [(found.best, BLUE, "-", "first")]
-    if found.best.law != "asymmetric" and "asymmetric" in found.by_law:
+    if found.law != "asymmetric" and "asymmetric" in found.by_law:
         drawn.append((found.by_law["asymmetric"], GREEN, "-.", "third"))
     return drawn
 
@@ -61,7 +61,7 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
     """Return the position, and the errors of its simulation from the recorded force alone."""
     errors = [
         Line(
-            f"{one.law}: {1e3 * one.errors[0].open_loop_rmse:.3g} m{found.unit} RMS",
+            f"{one.model.law}: {1e3 * one.errors[record.name].open_loop_rmse:.3g} m{found.unit} RMS",
             1e3 * np.append(0.0, open_loop_error(one.axis(), record)),
             look,
         )
@@ -111,9 +111,9 @@ def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequenc
     return Result(
         title=f"{', '.join(found.records)}: mass and friction",
         lead=f"{records}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
-        f"{found.best.law}, fitted over windows of {found.window:.3g} s.",
+        f"{found.law}, fitted over windows of {found.window:.3g} s.",
         verdict=[
-            ("Mass and friction", f"{mass}; by the law {found.best.law}: {', '.join(words.values())}."),
+            ("Mass and friction", f"{mass}; by the law {found.law}: {', '.join(words.values())}."),
             ("Prediction", expected_sentence(found)),
             *((_VERDICT_WORDS.get(one.code, ""), one.text) for one in shown),
         ],
@@ -152,9 +152,9 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         drawn_picture("friction", friction, axis_friction_figure, found, record),
     )
     errors = [
-        (name, one.record, *(f"{digits(1e3 * e)} m{found.unit}" if np.isfinite(e) else DASH for e in numbers))
+        (name, of, *(f"{digits(1e3 * e)} m{found.unit}" if np.isfinite(e) else DASH for e in numbers))
         for name, estimate in found.by_law.items()
-        for one in estimate.errors
+        for of, one in estimate.errors.items()
         for numbers in [(one.window_rmse, one.open_loop_rmse)]
     ]
     laws = (

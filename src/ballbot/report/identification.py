@@ -26,8 +26,8 @@ from ballbot.identification.holdout import FrictionAtHorizon
 from ballbot.identification.laws import law_named, law_results
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
-from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import Log
+from ballbot.log.checks.kinematics import measured_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, details, section, sheet_of
 from ballbot.report.palette import BLUE, MUTED

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, every
 from ballbot.findings import Finding, note
 from ballbot.log import Log
-from ballbot.log.checks import check, check_uses, uses_of
+from ballbot.log.checks import check, check_uses, missing_columns
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.placement import Placement
@@ -62,7 +62,7 @@ class CheckedLog:
     file: Path
     log: Log
     findings: tuple[Finding, ...]
-    wheels: WheelAgreement | None  #: compared with the robot's kinematics, if the robot is given
+    wheels: WheelAgreement | None = None  #: compared with the robot's kinematics, if the robot is given
     uses: Sequence[str] = ()  #: that the log has the columns for, if the robot is given
 
     @staticmethod
@@ -73,7 +73,7 @@ class CheckedLog:
         one that lacks rates are checked with the rates of its angles.
         """
         if robot is None:
-            return CheckedLog(file=file, log=log, findings=check(log), wheels=None)
+            return CheckedLog(file=file, log=log, findings=check(log))
         placed = _placed(log, robot)
         completed = _placed(with_rates(placed, robot), robot)
         computed = [name for name in completed.names if name not in log]
@@ -82,12 +82,13 @@ class CheckedLog:
         if computed:
             text = f"By angles and wheels: {', '.join(computed)}, which the file does not have."
             findings.append(note("use", text, *computed))
+        missing = missing_columns(placed, wheel_count=robot.wheel_count)
         return CheckedLog(
             file=file,
             log=completed,
             findings=tuple(findings),
             wheels=wheel_agreement(completed, robot),
-            uses=uses_of(placed, wheel_count=robot.wheel_count),
+            uses=[use for use, columns in missing.items() if not columns],
         )
 
     def to_dict(self) -> dict[str, object]:

@@ -196,22 +196,20 @@ def _whole_rows(
     for number, line in enumerate(lines[layout.header_lines :], start=layout.header_lines + 1):
         if not line.strip():
             continue
-        cells = split_cells(line, mark) if '"' in line else line.split(mark)
-        if len(cells) == width + 1 and not cells[-1].strip() and mark:  # a separator at the row's end
+        cells = line.count(mark) + 1 if mark and '"' not in line else len(split_cells(line, mark))
+        if mark and cells == width + 1 and line.rstrip(" ").endswith(mark):
             line = line.rstrip(" ").removesuffix(mark)
-            cells.pop()
-        if len(cells) == width:
+            cells = width
+        if cells == width:
             rows[number] = line
         elif not cells:
             raise InputError(f"{path}, line {number}: {_TOO_LONG}")
-        elif number == last and len(cells) < width:
+        elif number == last and cells < width:
             cut = number
         elif layout.damaged_rows == "drop":
             damaged += 1
         else:
-            raise InputError(
-                f"{path}, line {number}: the row has {len(cells)} cells, but the header has {width}."
-            )
+            raise InputError(f"{path}, line {number}: the row has {cells} cells, but the header has {width}.")
     return rows, cut, damaged
 
 
